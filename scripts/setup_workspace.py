@@ -30,6 +30,7 @@ PYTHON = VENV / "bin" / "python"
 BASE_PYTHON = os.path.realpath(sys.executable)  # as .venv/pyvenv.cfg names it, whatever link was called
 VENV_STAMP = VENV / "stamp.json"
 LOG = VENV / "setup.log"
+_NEWS = 20.0  # s between two lines while pip installs
 WHEELS = "wheels"
 REQUIREMENTS = ("ros", "build", "runtime", "offline", "view", "plan", "test", "lint")
 TF = "tf2_msgs"
@@ -168,7 +169,13 @@ def pip(entries: list[str], options: list[str], log: IO[str]) -> None:
     options = ["--require-hashes", "--no-deps", *options, "--requirement", str(requirements)]
     command = [str(PYTHON), "-m", "pip", "install", "--no-input", "--disable-pip-version-check", *options]
     environment = {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
-    done = subprocess.run(command, stdout=log, stderr=log, env=environment | MARK, check=False)
+    start = time.monotonic()
+    with subprocess.Popen(command, stdout=log, stderr=log, env=environment | MARK) as done:
+        while done.poll() is None:
+            try:
+                done.wait(_NEWS)
+            except subprocess.TimeoutExpired:
+                say(f"pip is still installing after {time.monotonic() - start:.0f} s")
     if done.returncode:
         errors = re.findall(r"^(?:ERROR|error): (.*)$", LOG.read_text(encoding="utf-8"), flags=re.MULTILINE)
         reason = re.sub(r"https?://\S+", "(address)", errors[-1] if errors else "no reason given")

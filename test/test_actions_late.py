@@ -56,6 +56,27 @@ def test_a_state_that_is_missed_at_the_start_costs_its_time_and_the_ball_stays(l
     assert moved < 0.02
 
 
+@pytest.mark.parametrize("goal", [Pose(2.0, 1.0, 0.0), Pose(-1.0, 1.0, 2.0), Pose(0.0, 0.0, 3.0)])
+def test_odometry_at_5_hz_is_enough_for_a_base_that_keeps_its_commands(goal: Pose) -> None:
+    durations = []
+    for apart in (1, 4):  # ticks between two states
+        with Simulation(ROBOT) as simulation:
+            simulation.place_robot(Pose(-2.0, 0.0, 0.0))
+            action = GoToPose(ROBOT)
+            action.start(simulation.world(), Goal(goal, 0.0, Point.AXLE))
+            for tick in range(400):
+                world = simulation.world()
+                if tick % apart == 0:
+                    step = action.step(world)
+                if step.status is not Status.RUNNING:
+                    break
+                simulation.command(step.command)
+                simulation.tick()
+            assert step.status is Status.SUCCEEDED, step.message
+            durations.append(world.time)
+    assert durations[1] <= 1.25 * durations[0]
+
+
 def test_a_robot_that_never_starts_does_not_make_the_plan_wait_for_ever() -> None:
     with Simulation(ROBOT) as simulation:
         simulation.place_robot(Pose(-2.0, 0.0, 0.0))

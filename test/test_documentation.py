@@ -83,7 +83,7 @@ BY_TEST = {
     r"ros2 run ator_ros learning": "nodes/test_learning_node.py::test_learning_can_be_frozen_and_",
     r"scripts/run pip install .* \./my_package": "nodes/test_outside_domain.py::test_a_domain_from_another_",
     r"\. scripts/env\.sh && python .*": "nodes/test_client_example.py::test_it_drives_the_simulated_robot",
-    r"make run EXE=(collect|train|demo) ARGS='.*~/ws/my_domain.*'": "nodes/test_own_server.py::test_own_",
+    r"make run EXE=(collect|train|demo) ARGS='.*~/ws/src/shuttle/.*'": "nodes/test_own_server.py::test_own_",
     r"ros2 run ator_ros train rosbag2_.*": "nodes/test_recording_node.py::test_the_installed_train_learns_",
 }
 """Commands, as regular expressions, and the test that executes them, shrunk or at another place."""
@@ -96,7 +96,7 @@ NOT_HERE = {
     r"python3 -m pip install --user .*|pip install distributed": "changes the user's packages",
     r"python3 scripts/lock\.py": "asks the package registry for every version anew",
     r"make run EXE=evaluate ARGS='…'": "shows the form; others of this form are executed",
-    r"cd ~/ws && ~/ator_ros/scripts/run .*|\. ~/ws/install/.*": "see test_environment.py",
+    r"mkdir -p ~/ws/src .*|cd ~/ws && ~/ator_ros/.*|\. ~/ws/install/.*": "see test_environment.py",
     r"ros2 action info -t": "ros2cli is not among the wheels",
     r"ros2 bag record( .*)?": "rosbag2 is not among the wheels; nodes/recorder.py writes the same format",
     r"(ros2 security .*|ros2 security|keystore=.*|policy=.*|for node in .*|done)": "needs SROS2",

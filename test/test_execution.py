@@ -53,7 +53,7 @@ def test_a_robot_that_drives_is_not_stopped_by_a_new_goal() -> None:
 def test_a_robot_that_never_stands_does_not_hold_the_goal_for_ever() -> None:
     run = execution(FORWARD)
     run.end(Ending.CANCELED, "canceled by the client")
-    for tick in range(60):
+    for tick in range(102):
         run.tick(world(1.0 + 0.05 * tick, v=0.5), 100.0)
     assert run.phase is Phase.ENDED
 
@@ -140,7 +140,9 @@ def test_a_refined_chain_is_executed_if_it_is_valid() -> None:
     )
     run = execution(forward, refine=True)
     run.tick(world(), 100.0)
+    assert run.reason == "waiting for refinement"
     run.refined_to(forward_left, True, "0.5 s faster")
+    assert run.reason == "executing"
     run.tick(world(1.05), 100.1)
     assert (run.chain, run.refined, run.refinement) == (forward_left, True, "0.5 s faster")
     other = execution(FORWARD, refine=True)

@@ -50,6 +50,17 @@ def test_a_ball_that_is_newer_is_carried_back_where_there_is_no_older_one() -> N
     assert (ball_of(joined).x, ball_of(joined).y) == pytest.approx((4.95, 5.1))
 
 
+@pytest.mark.parametrize("factor", [1.0, 5.0])
+def test_a_stamp_may_be_ahead_of_odometry_by_a_real_time(factor: float) -> None:
+    both = inputs()
+    for tick in range(100):
+        both.robot(factor * 0.02 * tick, RobotState(Pose(0.0, 0.0, 0.0)), 0.02 * tick)
+    newest = factor * 1.98
+    both.object(BALL, newest + 0.5 * factor, ObjectState(0.0, 0.0))
+    with pytest.raises(StampError, match="ahead"):
+        both.object(BALL, newest + 0.7 * factor, ObjectState(0.0, 0.0))
+
+
 def test_an_old_ball_is_unknown() -> None:
     both = inputs()
     both.object(BALL, 1.0, ObjectState(0.0, 0.0))

@@ -48,6 +48,11 @@ def test_the_page_prints_files() -> None:
     assert [re.search(r"^name: (\w+)", text).group(1) for text in FILES] == ["stations", "shuttle", "errands"]
 
 
+def test_the_example_is_declared_as_printed() -> None:
+    assert (ROOT / "docs" / "shuttle" / "my_domain.yaml").read_text(encoding="utf-8") == FILES[1]
+    assert find_domain(str(ROOT / "docs" / "shuttle" / "my_domain.yaml")).robot(None).name == "my_robot"
+
+
 @pytest.mark.parametrize("text", FILES, ids=["stations", "shuttle", "errands"])
 def test_each_file_is_a_domain(tmp_path: Path, text: str) -> None:
     domain = domain_in(tmp_path, text)

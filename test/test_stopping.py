@@ -101,6 +101,14 @@ def test_signals_stop_a_command_as_ctrl_c_does(
     assert signal.getsignal(number) is before
 
 
+def test_an_error_of_several_lines_is_reported_in_one(capsys: pytest.CaptureFixture[str]) -> None:
+    def work() -> int:
+        raise OSError("expected a file\n  got none\n\n  start again")
+
+    assert guarded("tool", work) == 1
+    assert capsys.readouterr().err == "tool: expected a file; got none; start again\n"
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
 def test_what_goes_on_until_it_is_stopped_ends_in_order(number: signal.Signals) -> None:
     ended = []

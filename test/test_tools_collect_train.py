@@ -48,6 +48,15 @@ def learned(tmp_path: Path) -> Path:
     return tmp_path / "models"
 
 
+def test_without_fresh_episodes_the_accuracy_is_by_cross_validation(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [str(table(tmp_path / "a.parquet", 1)), "--models", str(tmp_path / "models"), "--no-gate"]
+    assert train.main(words) == 0
+    drives = made_up_experience("goToPose", seed=1).query("t == 0 and success")["episode"].nunique()
+    assert f" s by cross-validation on {drives} drives\n" in capsys.readouterr().out
+
+
 def test_collect_writes_the_same_table_for_any_number_of_workers(tmp_path: Path) -> None:
     files = [tmp_path / "one.parquet", tmp_path / "two.parquet"]
     for jobs, file in enumerate(files, start=1):

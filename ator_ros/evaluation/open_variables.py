@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 from ator_ros.evaluation.policies import Toolset
 from ator_ros.evaluation.trials import Trial, open_speeds
+from ator_ros.refinement.free_variables import Cause, NotFree
 from ator_ros.tops.chain import TopChain
 
 NO_EFFECT = 0.02
@@ -70,7 +71,7 @@ def open_variables(tools: Toolset, trials: Iterable[Trial]) -> tuple[OpenVariabl
             for name in sorted(call.open):
                 found = findings[index + 1, call.top.name, name]
                 result = refiner.refine(trial.world, _opening(naive, index, name))
-                found.closed.update(_kind(each.reason) for each in result.not_free)
+                found.closed.update(_explained(each) for each in result.not_free)
                 if result.free:
                     found.gains.append(max(0.0, result.before.cost - result.after.cost))
                     found.accepted += result.refined
@@ -87,19 +88,10 @@ def _opening(chain: TopChain, index: int, name: str) -> TopChain:
     return TopChain(tuple(calls))
 
 
-def _kind(reason: str) -> str:
+def _explained(variable: NotFree) -> str:
     """Return why a variable was not free, with the kind of cause first."""
-    for begins, kind in (
-        ("beyond the experience", "no experience"),
-        ("of unknown effect", "no experience"),
-        ("next to step", "no experience"),
-        ("without an allowed value", "outside the region"),
-        ("used by no performance model", "no effect"),
-        ("without a range", "not among the `variables` of the domain"),
-    ):
-        if reason.startswith(begins):
-            return f"{kind}: {reason}"
-    return reason
+    bound = variable.cause is Cause.BOUND
+    return variable.reason if bound else f"{variable.cause.value}: {variable.reason}"
 
 
 def _summary(step: int, top: str, name: str, found: _Findings) -> OpenVariable:

@@ -24,7 +24,7 @@ from ator_ros.tops.objects import at_rest, missing_in, missing_object
 from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, Command, World
 
-_LONGEST_STOP = 2.0  # s for which a robot that still moves is commanded to stop
+LONGEST_STOP = 5.0  # s for which a robot that still moves is commanded to stop
 _FIRST_GAP = 1.0
 """Real s in which a robot that does not drive yet may lack odometry, whose rate may not be known."""
 
@@ -198,11 +198,11 @@ class Execution:
             return self._execute(world, now, overdue=overdue)
         if self.phase is Phase.STOPPING:
             self._stopped_at = min(self._stopped_at, world.time)
-            late = world.time - self._stopped_at > _LONGEST_STOP
+            late = world.time - self._stopped_at > LONGEST_STOP
             if late and not world.robot.is_standing:
                 self.explain(
                     f"the robot still moves at {world.robot.v:.2f} m/s and {world.robot.w:.2f} rad/s, "
-                    f"{_LONGEST_STOP:g} s after it was commanded to stop"
+                    f"{LONGEST_STOP:g} s after it was commanded to stop"
                 )
             if late or world.robot.is_standing:
                 self._course.take(Signal.STOOD)
@@ -234,10 +234,17 @@ class Execution:
     def refined_to(self, chain: TopChain, refined: bool, reason: str, *, chosen: int = 0) -> None:
         """Accept the answer to `question`; see `Answers.take`."""
         self._answers.take(chain, refined, reason, chosen=chosen)
+        self._start_answered()
 
     def unrefined(self, why: str) -> None:
         """Continue with the unchanged chain because `question` has no valid answer."""
         self._answers.refuse(why)
+        self._start_answered()
+
+    def _start_answered(self) -> None:
+        """Replace the reason "waiting for refinement" at once: feedback may be sent before the next tick."""
+        if self.phase is Phase.EXECUTING and self.reason == Phase.REFINING.value:
+            self.reason = self.phase.value
 
     def end(self, ending: Ending, reason: str) -> None:
         """End the goal, once: later reasons are ignored. An action under way is recorded as broken off."""

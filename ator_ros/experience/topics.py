@@ -138,11 +138,18 @@ def select(
     home = names.odom.rpartition("/")[0] + "/"
     spaces = sorted({*found[ODOM], *found[RECORDS], *found[CHAINS]})
     selection.robots = [home] if named else spaces
-    alone = named or len(found[ODOM]) == 1
+
+    def shares(robot: str, role: str) -> bool:
+        """Return whether a robot without a topic of this role in its namespace reads one of another."""
+        if named:
+            return True
+        drives = robot in found[ODOM] and len(found[ODOM]) == 1
+        return drives and role not in (ODOM, CMD_VEL)
+
     for role, there in found.items():
         for robot in selection.robots:
             read = {ABSOLUTE, robot} & set(there)
-            if not read and alone and (named or (robot in found[ODOM] and role not in (ODOM, CMD_VEL))):
+            if not read and shares(robot, role):
                 outer = [space for space in there if robot.startswith(space)]
                 read = {max(outer, key=len)} if outer else set(there)
             if len(read - {ABSOLUTE}) > 1:

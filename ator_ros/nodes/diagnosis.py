@@ -5,8 +5,9 @@ from __future__ import annotations
 import copy
 import math
 import time
+from collections import deque
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from rclpy.duration import Infinite
@@ -27,6 +28,10 @@ _REPEATS = 3
 """Messages in a row that repeat a stamp: a message that is sent twice by accident is no reason."""
 _SAMPLE, _PAUSE = 1.0, 4.0
 """Real s for which /clock is subscribed to while odometry is missing, and between two such samples."""
+_GAPS = 5
+"""Gaps between messages that must all be long: one or two are messages that were lost or late."""
+_RAREST = 0.12
+"""Stamped s between two messages of odometry: from 10 Hz on, with jitter, actions drive as at 20 Hz."""
 _SHORTEST_SAMPLE = 0.1
 """Real s after which a clock counts as standing; simulators publish it at 100 Hz or more."""
 
@@ -98,6 +103,8 @@ class Reception:
         Number of later messages with the same stamp.
     gap : float
         Real s between the last two messages with different stamps; 0 before the second.
+    gaps : deque of (float, float)
+        Real s and stamped s between the last messages with different stamps.
     error : Exception or None
         Why the last message was ignored.
     """
@@ -107,6 +114,7 @@ class Reception:
     repeats: int = 0
     gap: float = 0.0
     error: Exception | None = None
+    gaps: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=_GAPS))
     _advanced: float = math.nan
 
     def read(self, stamp: float, now: float) -> None:
@@ -116,6 +124,8 @@ class Reception:
             self.repeats += 1
             return
         self.gap = 0.0 if math.isnan(self._advanced) else now - self._advanced
+        if self.gap:
+            self.gaps.append((self.gap, stamp - self.stamp))
         self.stamp, self.repeats, self._advanced = stamp, 0, now
 
     def reject(self, error: Exception, now: float) -> None:
@@ -312,6 +322,10 @@ class Diagnosis:
         else:
             self._clock.reset()
 
+    def rate_problem(self, name: str, timeout: float) -> str:
+        """Return that messages of an input come too rarely to drive by; empty if they do not."""
+        return rate_problem(self._inputs[name].topic, self._receptions[name], timeout)
+
     def cause(self, name: str, timeout: float) -> str:
         """Return why an input is missing, in one sentence; `timeout` is its longest allowed gap in real s."""
         item, reception = self._inputs[name], self._receptions[name]
@@ -361,11 +375,40 @@ def input_cause(
     if math.isinf(reception.last):
         return f"{name}: {node} publishes it, but sends no messages"
     if reception.gap > 0.5 * timeout:
-        return (
-            f"{name}: messages came {reception.gap:.2f} s apart, too rarely for a timeout of {timeout:g} s; "
-            f"set {name}_timeout:={math.ceil(40.0 * reception.gap) / 10.0:.1f}"
-        )
+        return _too_rare(name, reception.gap, timeout)
     return f"{name}: {node} sends no more messages: it is paused, blocked or has ended"
+
+
+def rate_problem(name: str, reception: Reception, timeout: float) -> str:
+    """Return that messages come too rarely to drive by, and what to do; empty if they do not.
+
+    Parameters
+    ----------
+    name : str
+        The topic.
+    reception : Reception
+        Its messages.
+    timeout : float
+        Real s within which messages are expected; after half of it the robot pauses.
+    """
+    if len(reception.gaps) < _GAPS:
+        return ""
+    gap, stamped = (min(values) for values in zip(*reception.gaps, strict=True))
+    if gap > 0.5 * timeout:
+        return f"{_too_rare(name, gap, timeout)}: the robot pauses between them"
+    if stamped > _RAREST:
+        return (
+            f"{name}: messages come {stamped:.2f} s apart by their stamps; expected 10 or more in a second; "
+            "raise the rate of the base's driver"
+        )
+    return ""
+
+
+def _too_rare(name: str, gap: float, timeout: float) -> str:
+    return (
+        f"{name}: messages came {gap:.2f} s apart, too rarely for a timeout of {timeout:g} s; "
+        f"set {name}_timeout:={math.ceil(40.0 * gap) / 10.0:.1f}"
+    )
 
 
 def _no_sender(topic: TopicFacts) -> str:

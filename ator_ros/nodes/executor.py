@@ -10,7 +10,7 @@ from rclpy.action.server import ServerGoalHandle
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
-from ator_ros.execution.execution import Execution
+from ator_ros.execution.execution import LONGEST_STOP, Execution
 from ator_ros.execution.motion_watch import Driving
 from ator_ros.execution.phases import LONGEST_STOP_DELAY, Ending, Phase
 from ator_ros.nodes.commands import CommandPublisher
@@ -57,9 +57,11 @@ class ExecutorNode(FrugalNode):
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
         Results are kept for a minute. A goal begins when odometry has come for a second: a base that was
         started just then does not receive commands yet. It ends when the robot stands (predicted with
-        `latency`), or 2 s after it was commanded to stop. If a newer goal preempts it, odometry is lost or
-        the node ends, the goal ends with the stop command. Goals outside the fence are refused. A goal is
-        aborted when the base does not follow its commands, or when its path leads out of the fence.
+        `latency`), or 5 s after it was commanded to stop: the result says how fast it still moves. If a newer
+        goal preempts it, odometry is lost or the node ends, the goal ends with the stop command. If lost
+        odometry returns within 5 s, the robot is commanded to stop until it stands. Goals outside the fence
+        are refused. A goal is aborted when the base does not follow its commands, or when its path leads out
+        of the fence.
     Subscribes to
         odom (nav_msgs/Odometry), or /tf and /tf_static, and the topics of the domain's objects: their stamps,
         `latency` later, are the time of the control programs. /clock for a second now and then while odometry
@@ -92,7 +94,7 @@ class ExecutorNode(FrugalNode):
         self._fence, self._rolling = fence_of(self._settings, robot), rolling_of(self._settings, robot)
         self._world: World | None = None
         self._run: GoalRun | None = None
-        self._heard, self._jumped = 0.0, -math.inf
+        self._heard, self._jumped, self._stop_until = 0.0, -math.inf, -math.inf
         self._slow = ""  # what was last said of a base that is slower than commanded
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._last_error, self._goals, self._ticks = "", 0, Ticks()
@@ -184,7 +186,21 @@ class ExecutorNode(FrugalNode):
             self._follow(self._run)
         elif self._plans.halting:
             self._send(STOP)
+        elif self._stop_until > -math.inf:
+            self._stop_unattended(world.robot, now)
         self._drawing.objects(world)
+
+    def _stop_unattended(self, robot: RobotState, now: float) -> None:
+        """Stop a robot that may move after a goal that ended without odometry, for some seconds."""
+        if not robot.is_standing and now < self._stop_until:
+            self._send(STOP)
+            return
+        self._stop_until = -math.inf
+        if not robot.is_standing:
+            self._note(
+                f"the robot still moves at {robot.v:.2f} m/s and {robot.w:.2f} rad/s, {LONGEST_STOP:g} s "
+                "after the goal ended"
+            )
 
     def _is_new(self, run: GoalRun, now: float) -> bool:
         """Return whether a goal would begin on a base that may not receive commands yet, as if blocked."""
@@ -248,7 +264,7 @@ class ExecutorNode(FrugalNode):
         self._plans.drop(Ending.PREEMPTED, PREEMPTED)
         self._driving.begin(self._settings["latency"], preempts=self._run is not None)
         self._end(Ending.PREEMPTED, PREEMPTED, at_once=True)
-        self._run = run
+        self._run, self._stop_until = run, -math.inf
         self._commands.adapt()
         self._adjust_watchdog()
         # A simulation as fast as possible waits for commands, also while the first action plans.
@@ -309,6 +325,9 @@ class ExecutorNode(FrugalNode):
         if not run.ended:
             return
         self._run = None
+        now = time.monotonic()
+        silent = now - self._heard > 0.5 * self._odom_timeout
+        self._stop_until = now + LONGEST_STOP if silent else -math.inf
         self._adjust_watchdog()
         self._send(STOP)
         run.execution.explain(self._cause(run.execution))
@@ -324,7 +343,7 @@ class ExecutorNode(FrugalNode):
         if execution.ending is Ending.BASE_FAULT:
             return self._commands.cause()
         if execution.ending is Ending.FAILED:
-            return self._driving.remark
+            return self._driving.remark or self._diagnosis.rate_problem("odom", self._odom_timeout)
         if execution.ending is not Ending.INPUT_LOST:
             return ""
         if self._world is None or time.monotonic() - self._heard > 0.5 * self._odom_timeout:
@@ -380,6 +399,8 @@ class ExecutorNode(FrugalNode):
         elif lost:
             cause = self._diagnosis.cause(lost[0], self._settings[f"{lost[0]}_timeout"])
             missing = f"{', '.join(lost)}: expected recent messages; {cause}"
+        elif self._run is not None:  # without a goal inputs are read less often than they come
+            missing = self._diagnosis.rate_problem("odom", self._odom_timeout)
         problems = problems_of(self._sets.present.models), self._remotes.problem
         return Health(
             "; ".join(filter(None, problems)),

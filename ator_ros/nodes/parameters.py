@@ -49,6 +49,8 @@ class Parameter:
         Least magnitude of a number that is not 0.
     live : bool
         Whether it can change while the node runs; otherwise it is fixed at the start.
+    names_frame : bool
+        Whether its value is the name of a frame.
     """
 
     name: str
@@ -59,11 +61,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
     smallest: float = 0.0
     live: bool = False
-
-    @property
-    def names_frame(self) -> bool:
-        """Whether its value is the name of a frame."""
-        return self.name.rpartition("_")[2] == "frame"
+    names_frame: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
         """Return the descriptor, which `ros2 param describe` shows."""
@@ -118,8 +116,12 @@ ROBOT = Parameter("robot", "", "file of the robot's description; empty: the one 
 DOMAIN = Parameter(
     "domain", "", "installed domain, or the YAML file of one; empty: soccer with holder and ball, else drive"
 )
-FRAME = Parameter("frame", "odom", "frame of odometry, objects and goals; an empty frame_id means it")
-ROBOT_FRAME = Parameter("robot_frame", "base_link", "the robot's own frame, in the middle of its axle")
+FRAME = Parameter(
+    "frame", "odom", "frame of odometry, objects and goals; an empty frame_id means it", names_frame=True
+)
+ROBOT_FRAME = Parameter(
+    "robot_frame", "base_link", "the robot's own frame, in the middle of its axle", names_frame=True
+)
 MODELS = Parameter("models", "", "folder of the performance models and the gate; empty: the shipped ones")
 FENCE = Parameter(
     "fence", [0.0] * 4, "m: x and y from, x and y to, of the robot's axle; all 0: area and margin"

@@ -176,6 +176,30 @@ def duration_tree(
     return narrowed(tree.fit(table, durations, sample_weight=weight, groups=groups).tree_)
 
 
+def cross_validated_errors(
+    rows: pd.DataFrame, robot: Robot, features: Sequence[Feature] = CANDIDATES
+) -> FloatArray:
+    """Return errors in s, shape (n,), of durations predicted by trees of other episodes.
+
+    Parameters
+    ----------
+    rows : pandas.DataFrame
+        Rows of one action, of which `train` can learn; those of starts of episodes that succeeded are used.
+    robot, features
+        As for `train`.
+    """
+    starts = rows[(rows["t"] == 0.0) & rows["success"]]
+    driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
+    table = _Source(robot, tuple(features), driving).table(starts)
+    durations, fold = starts["duration"].to_numpy(dtype=float), np.arange(len(starts)) % _FOLDS
+    errors = np.empty(len(starts))
+    for number in range(_FOLDS):
+        held = fold == number
+        tree = duration_tree(table[~held], durations[~held])
+        errors[held] = tree.predict(table.loc[held, list(tree.names)].to_numpy()) - durations[held]
+    return errors
+
+
 def small_tree(table: pd.DataFrame, values: FloatArray, *, leaf: int = SMALL_LEAF) -> ModelTree:
     """Learn a tree of at most eight leaves, for a measure that has little to do with the situation."""
     tree = ModelTreeRegressor(max_leaves=8, min_samples_leaf=leaf, min_groups_leaf=leaf, extrapolation=0.0)

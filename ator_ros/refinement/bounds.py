@@ -17,6 +17,7 @@ from ator_ros.actions.goal_variables import direct_name
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.refinement.free_variables import (
     Analysis,
+    Cause,
     FreeVariable,
     NotFree,
     PredictsPerformance,
@@ -119,19 +120,20 @@ def within_experience(
         beyond = far.get(variable.subgoal, far.get(variable.subgoal + 1))
         if beyond is not None:
             why = f"next to step {beyond.step + 1}, whose distance is outside the experience"
-            not_free.append(NotFree(variable.subgoal, variable.name, why))
+            not_free.append(NotFree(variable.subgoal, variable.name, why, Cause.NO_EXPERIENCE))
             continue
         narrowed = variable
         for low, high, said in _experienced(variable, chain, models):
             if narrowed.domain.periodic:
                 continue
             if min(high, narrowed.domain.high) <= max(low, narrowed.domain.low):
-                not_free.append(NotFree(variable.subgoal, variable.name, f"beyond the {said}"))
+                why = f"beyond the {said}"
+                not_free.append(NotFree(variable.subgoal, variable.name, why, Cause.NO_EXPERIENCE))
                 break
             narrowed = _narrowed(narrowed, low, high, (said,))
         else:
             free.append(narrowed)
-    return Analysis(tuple(free), tuple(not_free))
+    return Analysis(tuple(free), tuple(not_free), tuple(each.text for each in outside))
 
 
 def _experienced(
@@ -194,7 +196,7 @@ def within_regions(analysis: Analysis, regions: Regions, chain: TopChain) -> Ana
         points = points[regions.allowed(index, points)]
         if not len(points):
             why = f"without an allowed value: {'; '.join(limits)}"
-            not_free += [NotFree(index, variable.name, why) for variable in variables]
+            not_free += [NotFree(index, variable.name, why, Cause.REGION) for variable in variables]
             continue
         for variable, column in zip(variables, points.T, strict=True):
             room = _ROOM * float(np.ptp(column))
@@ -202,7 +204,7 @@ def within_regions(analysis: Analysis, regions: Regions, chain: TopChain) -> Ana
             if not variable.domain.periodic:
                 narrowed = _narrowed(variable, float(column.min()) - room, float(column.max()) + room, limits)
             free.append(narrowed)
-    return Analysis(tuple(free), tuple(not_free))
+    return dataclasses.replace(analysis, free=tuple(free), not_free=tuple(not_free))
 
 
 def _points(domains: Sequence[Range]) -> np.ndarray:

@@ -7,6 +7,7 @@ changes.
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -43,6 +44,16 @@ class FreeVariable:
     limits: tuple[str, ...] = ()
 
 
+class Cause(enum.Enum):
+    """The kind of cause why an open variable is not free, in words."""
+
+    BOUND = "bound"
+    NO_RANGE = "not among the `variables` of the domain"
+    NO_EXPERIENCE = "no experience"
+    NO_EFFECT = "no effect"
+    REGION = "outside the region"
+
+
 @dataclass(frozen=True, slots=True)
 class NotFree:
     """A variable that the plan opens and that is not free: subgoal (from 0), name, and why."""
@@ -50,14 +61,19 @@ class NotFree:
     subgoal: int
     name: str
     reason: str
+    cause: Cause
 
 
 @dataclass(frozen=True, slots=True)
 class Analysis:
-    """The free variables of a chain, and those that the plan opens and that are not free."""
+    """The free variables of a chain, and those that the plan opens and that are not free.
+
+    `outside` are sentences on quantities of the chain that lie outside the models' experience.
+    """
 
     free: tuple[FreeVariable, ...]
     not_free: tuple[NotFree, ...]
+    outside: tuple[str, ...] = ()
 
 
 def names_of(chain: TopChain, free: Sequence[FreeVariable]) -> list[tuple[str, ...]]:
@@ -102,14 +118,14 @@ def analyse(
     for index, call in enumerate(chain.calls):
         for name in _opened(call):
             reason = bound.get((index, name)) or _why_closed(call, name)
-            if reason is None and name not in ranges:
-                reason = "without a range"
-            if reason is None:
-                reason = _why_unknown(chain, index, name, models)
-            if reason is None:
+            found = (reason, Cause.BOUND) if reason else None
+            if found is None and name not in ranges:
+                found = "without a range", Cause.NO_RANGE
+            found = found or _why_unknown(chain, index, name, models)
+            if found is None:
                 free.append(FreeVariable(index, name, ranges[name](robot, call.goal)))
             else:
-                not_free.append(NotFree(index, name, reason))
+                not_free.append(NotFree(index, name, *found))
     return Analysis(tuple(free), tuple(not_free))
 
 
@@ -131,7 +147,7 @@ def _why_closed(call: TopCall, name: str) -> str | None:
 
 def _why_unknown(
     chain: TopChain, index: int, name: str, models: Mapping[str, PredictsPerformance]
-) -> str | None:
+) -> tuple[str, Cause] | None:
     """Return why nothing is known of how the variable changes the performance."""
     changed = {index: frozenset({direct_name(name)})}
     following = start_variables(name, chain.calls[index].goal.point)
@@ -141,7 +157,8 @@ def _why_unknown(
     lacking = [step for step, action in actions.items() if action not in models]
     if lacking:
         step = lacking[0]
-        return f"of unknown effect: step {step + 1} ({actions[step]}), which it may change, has no model"
+        reason = f"of unknown effect: step {step + 1} ({actions[step]}), which it may change, has no model"
+        return reason, Cause.NO_EXPERIENCE
     if any(changed[step] & models[actions[step]].used_variables for step in changed):
         return None
-    return "used by no performance model of a neighbouring action"
+    return "used by no performance model of a neighbouring action", Cause.NO_EFFECT

@@ -130,7 +130,7 @@ class Refiner:
             prediction = yield from model.predicting(model.given)
             yield
             told = self._corrected(world, (chain,), (prediction,), (), objective)
-            return self._left_alone(world, chain, analysis, *told)
+            return self._left_alone(chain, analysis, *told)
         if late:
             before = after = yield from model.predicting(model.given)
             optimum = unsearched(model.given, before.cost)
@@ -256,7 +256,7 @@ class Refiner:
         return Refinement(
             best if changed else chain,
             changed,
-            reason + remarks(chain, analysis.not_free, lacking, self._outside(world, chain)),
+            reason + remarks(chain, analysis.not_free, lacking, analysis.outside),
             original=chain,
             best=best,
             before=told[0],
@@ -269,20 +269,13 @@ class Refiner:
             complete=optimum.complete,
         )
 
-    def _outside(self, world: World, chain: TopChain) -> list[str]:
-        """Return the remarks on quantities outside the experience of the models."""
-        return [each.text for each in outside_experience(world, chain, self.models, self.robot)]
-
-    def _left_alone(
-        self, world: World, chain: TopChain, analysis: Analysis, prediction: ChainPrediction
-    ) -> Refinement:
+    def _left_alone(self, chain: TopChain, analysis: Analysis, prediction: ChainPrediction) -> Refinement:
         """Return the answer where nothing is free."""
         lacking = self._without_model(chain)
         return Refinement(
             chain,
             False,
-            why_nothing_free(chain, analysis.not_free)
-            + remarks(chain, (), lacking, self._outside(world, chain)),
+            why_nothing_free(chain, analysis.not_free) + remarks(chain, (), lacking, analysis.outside),
             original=chain,
             best=chain,
             before=prediction,

@@ -7,21 +7,29 @@ from typing import Any
 
 from ator_ros.evaluation.running import has_predictions
 
+_BEYOND = (
+    "* more than 100 %: the oracle executes headings of one subgoal at given speeds; the policy also chooses "
+    "arrival speeds or other subgoals"
+)
+
 
 def evaluation_table(summary: Mapping[str, Any]) -> str:
     """Return the summary of an evaluation as a table for a terminal."""
     head = f"{'policy':24}{'mean s':>9}{'gain %':>8}{'95 %':>20}{'higher':>8}{'equal':>7}{'lower':>7}"
     lines = [head + f"{'oracle %':>10}{'failed':>8}"]
+    beyond = False
     for name, row in summary.items():
         if isinstance(row, Mapping):
             low, high = row["improvement_ci95"]
             share = row["oracle_captured_percent"]
+            captured = "-" if share is None else f"{share:.1f}{'*' * (share > 100.0)}"
+            beyond |= captured.endswith("*")
             lines.append(
                 f"{name:24}{row['mean_duration_s']:9.2f}{row['improvement_percent']:8.2f}"
                 f"{f'{low:.2f} to {high:.2f}':>20}{row['higher']:8}{row['equal']:7}{row['lower']:7}"
-                f"{'-' if share is None else f'{share:.1f}':>10}{row['failures']:8}"
+                f"{captured:>10}{row['failures']:8}"
             )
-    return "\n".join(lines)
+    return "\n".join([*lines, *([_BEYOND] if beyond else [])])
 
 
 def prediction_table(summary: Mapping[str, Any]) -> str:

@@ -19,7 +19,7 @@ INTERRUPTED = 130
 
 RESUMES = "the same command goes on from here"
 
-_MOST_LINES, _LONGEST_LINE = 3, 1000
+_LONGEST_LINE = 1000
 _IN_ASCII = "ator_ros.in_ascii"
 _SPELLED = {"±": "+-", "°": " deg", "…": "...", "²": "^2", "→": "->"}
 
@@ -51,9 +51,9 @@ def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothin
 
 
 def report(program: str, error: Exception) -> None:
-    """Print an error to stderr, at most three lines, without control characters of foreign names."""
-    lines = [printable(line, _LONGEST_LINE) for line in str(error).splitlines() if line.strip()]
-    print(f"{program}: " + "\n".join(lines[:_MOST_LINES]), file=sys.stderr)
+    """Print an error to stderr in one line, without control characters of foreign names."""
+    lines = filter(None, (line.strip() for line in str(error).splitlines()))
+    print(f"{program}: {printable('; '.join(lines), _LONGEST_LINE)}", file=sys.stderr)
 
 
 def expected_errors() -> tuple[type[Exception], ...]:

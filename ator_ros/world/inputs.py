@@ -84,7 +84,7 @@ class Inputs:
 
     def object(self, name: str, time: float, there: ObjectState) -> str | None:
         """Process a sighting of an object; see `Sightings.add`."""
-        return self._objects[name].add(time, there, self._time)
+        return self._objects[name].add(time, there, self._time, self.pace)
 
     def robot(self, time: float, robot: RobotState, now: float = 0.0) -> World | None:
         """Process odometry; return the world at its stamp, or None if the stamp has not advanced.

@@ -29,6 +29,8 @@ MOST_ITEMS = 64
 """Items of a sequence that are converted: twice the longest sequence that is accepted."""
 LONGEST_NAME = 200
 """Greatest number of characters in a name: ROS limits topics to 255, and names are quoted in answers."""
+_ROUNDING = 1e-3
+"""m/s or rad/s that count as 0: filters and float32 leave such values, and no odometry shows 1 mm/s."""
 _NO_DIRECTION = 1e-6
 """Length of a quaternion up to which it has no direction: drivers without orientation send zeros."""
 _MOST_TILTED = math.radians(30.0)
@@ -69,9 +71,9 @@ def velocity(value: float, where: str, unit: str = "m/s") -> float:
 
 
 def zero(values: Iterable[float], where: str) -> None:
-    """Raise MessageError unless all components that have no meaning in the plane are 0."""
+    """Raise MessageError unless all components that have no meaning in the plane are 0, to rounding."""
     values = tuple(values)
-    if any(value != 0.0 for value in values):
+    if not all(abs(value) <= _ROUNDING for value in values):
         raise MessageError(f"{where}: expected 0, since the robot moves in the plane, got {values}")
 
 

@@ -58,7 +58,7 @@ class Sightings:
         """Return whether no message has arrived for half the timeout until `now`, odometry's newest stamp."""
         return now - self._heard > self.timeout / 2.0 - _ROUNDING
 
-    def add(self, time: float, there: ObjectState, now: float | None) -> str | None:
+    def add(self, time: float, there: ObjectState, now: float | None, pace: float = 1.0) -> str | None:
         """Process a sighting. Its stamp may be old: a late camera still works.
 
         Parameters
@@ -69,6 +69,8 @@ class Sightings:
             The object as seen.
         now : float or None
             Odometry's newest stamp in s; None before the first.
+        pace : float
+            Stamped s that pass in 1 real s.
 
         Returns
         -------
@@ -78,27 +80,24 @@ class Sightings:
         Raises
         ------
         StampError
-            The stamp is ahead of odometry by more than twice the timeout, or stamps have been far behind for
-            a while. A stamp less far ahead is accepted: odometry may have paused, and will catch up. What was
-            on its way when time was reset is not used, and is no error.
+            The stamp is ahead of odometry by more than twice the timeout (longer if stamps run faster than
+            real time), or stamps have been far behind for a while. A stamp less far ahead is accepted:
+            odometry may have paused, and will catch up. What was on its way when time was reset is not used,
+            and is no error.
         """
         if now is not None:
             self._reset = now if self._reset is None else self._reset
-            if time > now + self._most_ahead and now - self._reset <= _STALE:
+            most = 2.0 * self.timeout * max(1.0, pace)
+            if time > now + most and now - self._reset <= _STALE:
                 return None
-            self._check_stamp(time, now)
+            self._check_stamp(time, now, most)
             self._heard = now
         checked, remark = self._velocity.check(time, there)
         self._sights.append((time, self._tracker.update(time, checked)))
         return remark
 
-    @property
-    def _most_ahead(self) -> float:
-        """By how much in s a stamp may be ahead of odometry."""
-        return 2.0 * self.timeout
-
-    def _check_stamp(self, time: float, odometry: float) -> None:
-        most = self._most_ahead
+    def _check_stamp(self, time: float, odometry: float, most: float) -> None:
+        """Check that a stamp is at most `most` s ahead of odometry, and not far behind for long."""
         if time > odometry + most:
             raise StampError(
                 f"{self._name}.header.stamp: expected at most {most:g} s more than odometry's "

@@ -18,6 +18,7 @@ from ator_ros.nodes.diagnosis import (
     input_cause,
     motion_cause,
     publishers_of,
+    rate_problem,
     rival_senders,
     subscriptions_of,
 )
@@ -141,6 +142,23 @@ def test_stamps_of_another_clock_are_recognized(stamp: float, reference: float, 
     said = input_cause(topic(BASE), reception, ClockFacts(), timeout=0.3, reference=reference)
     assert f"odom: /base stamps with {expected}" in said
     assert said.endswith("set use_sim_time alike for both")
+
+
+def test_odometry_too_rare_to_drive_by_is_named_with_what_to_do() -> None:
+    rare = received(*(0.2 * i for i in range(9)), every=0.2)
+    assert rate_problem("odom", rare, timeout=0.3) == (
+        "odom: messages came 0.20 s apart, too rarely for a timeout of 0.3 s; set odom_timeout:=0.8: "
+        "the robot pauses between them"
+    )
+    assert "0.20 s apart by their stamps; expected 10 or more" in rate_problem("odom", rare, timeout=0.8)
+    slow_simulation = received(*(0.05 * i for i in range(9)), every=0.2)
+    assert rate_problem("odom", slow_simulation, timeout=1.2) == ""
+
+
+def test_one_late_message_is_no_low_rate() -> None:
+    reception = received(*(0.05 * i for i in range(9)), every=0.05)
+    reception.read(1.0, 1.0)
+    assert rate_problem("odom", reception, timeout=0.3) == ""
 
 
 def test_a_message_that_is_sent_twice_is_not_a_clock_that_stands() -> None:

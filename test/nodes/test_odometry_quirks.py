@@ -10,7 +10,7 @@ from chain_client import ChainClient, call
 from conftest import Host
 from nav_msgs.msg import Odometry
 from ros_client import Client
-from test_tf_source import Base
+from test_tf_source import PERIOD, Base
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
@@ -35,11 +35,14 @@ class QuirkyBase(Base):
         Changes each message.
     late : int
         Messages after which one is published late, behind its successor; 0: none.
+    rate : int
+        Messages in a second.
     """
 
     def __init__(self, client: Client) -> None:
         self.quirk: Quirk = plain
         self.late = self._count = 0
+        self.rate = round(1.0 / PERIOD)
         self._held: Odometry | None = None
         self._odom = client.node.create_publisher(Odometry, "quirky_odom", SENSOR_DATA)
         super().__init__(client)
@@ -50,6 +53,8 @@ class QuirkyBase(Base):
         message = odometry_of(now, robot, frame="odom", child="base_link")
         self.quirk(message, self.pose.yaw)
         self._count += 1
+        if self._count % round(1.0 / PERIOD / self.rate):
+            return
         if self.late and self._count % self.late == 0:
             self._held = message
             return
@@ -127,6 +132,32 @@ def test_odometry_without_direction_is_named_and_stops_the_robot(
     assert outcome.code == Outcome.INPUT_LOST, outcome.reason
     client.eventually(lambda: base.velocity == STOP, "the robot stands")
     assert "ignored: odom.pose.pose.orientation: expected a quaternion" in node.output
+
+
+def test_a_robot_that_moves_when_lost_odometry_returns_is_stopped(
+    host: Host, client: Client, base: QuirkyBase
+) -> None:
+    node = host("executor", *REMAPPED, **SETTINGS)
+    sent = ChainClient(client).send([call("goToPose", base.pose.ahead(3.0))])
+    client.eventually(lambda: sent.ended() or base.velocity.v > 0.3, "the robot drives")
+    base.silent = True
+    assert sent.outcome().code == Outcome.INPUT_LOST
+    base.commanded = Command(0.4, 0.0)  # as of a base that missed the command to stop
+    client.eventually(lambda: base.velocity.v > 0.35, "the robot moves again")
+    base.silent = False
+    client.eventually(lambda: base.velocity == STOP, "the robot stands", patience=3.0)
+    base.commanded = Command(0.4, 0.0)  # by another program
+    client.eventually(lambda: base.velocity.v > 0.35, "the robot moves again")
+    assert "still moves" not in node.output
+
+
+def test_odometry_at_5_hz_is_named_with_what_to_do(host: Host, client: Client, base: QuirkyBase) -> None:
+    base.rate = 5
+    host("executor", *REMAPPED, **(SETTINGS | {"odom_timeout": 0.3, "action_timeout": 4.0}))
+    outcome = ChainClient(client).send([call("goToPose", base.pose.ahead(3.0))]).outcome()
+    assert outcome.code == Outcome.FAILED, outcome.reason
+    assert "odom: messages came 0.2" in outcome.reason
+    assert "set odom_timeout:=" in outcome.reason
 
 
 def test_a_twist_that_contradicts_the_poses_is_named_once(

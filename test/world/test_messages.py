@@ -183,6 +183,8 @@ def test_commands_are_read_from_both_types() -> None:
     twist = SimpleNamespace(linear=vector(0.5), angular=vector(z=-0.3))
     for message in (twist, SimpleNamespace(twist=twist, header=header(0.0, "base_link"))):
         assert command_from(message, "cmd_vel") == Command(0.5, -0.3)
+    twist.linear.y, twist.angular.x = 1e-12, -1e-5
+    assert command_from(twist, "cmd_vel") == Command(0.5, -0.3)
     twist.linear.y = 0.1
     with pytest.raises(MessageError, match=r"^cmd_vel: linear\.y, .* expected 0"):
         command_from(twist, "cmd_vel")

@@ -40,8 +40,9 @@ def run(options: argparse.Namespace, domain: Domain, command: str) -> int:
     options.actions = _possible(options, domain, robot)
     wanted = [(action, number) for action in options.actions for number in range(options.episodes)]
     folder, room = options.out.absolute().parent, _EPISODE_BYTES * len(wanted)
+    # A full disk is reported before the work: the table is joined beside the finished episodes.
     with reserved(folder, 2 * room):
-        pass  # a full disk is reported before the work
+        pass
     identity = {
         "seed": options.seed,
         "robot": robot.sections(),

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
@@ -30,6 +31,7 @@ from ator_ros.performance.model_file import ModelFileError, is_model, load_model
 from ator_ros.performance.training import (
     OBSERVED,
     TrainingError,
+    cross_validated_errors,
     digest,
     observed_starts,
     start_ranges,
@@ -91,6 +93,7 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
         used[action] = features
         tests = fresh.frame[fresh.frame["action"] == action]
         measured = _measure(model, tests, fresh.seed) if len(tests) else {}
+        found = _summary(model, measured) if measured else _validated(model, examples, robot, features)
         training = {
             "seed": source.get("seed"),
             "command": source.get("command"),
@@ -108,13 +111,21 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
         }
         file = folder / model_path(action, source["action_set"])
         save_model(file, dataclasses.replace(model, metadata=metadata))
-        print(f"{file}: {_summary(model, measured)}", flush=True)
+        print(f"{file}: {found}", flush=True)
     if len(errors) == len(by_action):
         raise TrainingError("; ".join(errors))
     for missing in errors:
         print(f"train: {missing}; the other actions are learned", file=sys.stderr)
     if not options.no_gate:
-        _learn_gate(domain, robot, folder, {name: by_action[name] for name in used}, used, source, command)
+        _learn_gate(
+            domain,
+            robot,
+            folder / model_path("gate", source["action_set"]),
+            action_set=source["action_set"],
+            rows={name: by_action[name] for name in used},
+            features=used,
+            command=command,
+        )
     if options.ablation and len(fresh.frame):
         others = dict(iter(fresh.frame.groupby("action")))
         suited = partial(_suited, robot=robot, domain=domain)
@@ -125,15 +136,14 @@ def _train(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
 def _learn_gate(
     domain: Domain,
     robot: Robot,
-    folder: Path,
+    file: Path,
+    *,
+    action_set: str,
     rows: Mapping[str, pd.DataFrame],
     features: Mapping[str, tuple[Feature, ...]],
-    source: Mapping[str, Any],
     command: str,
 ) -> None:
-    """Learn the gate beside models from the episodes of these; report where that is not possible."""
-    action_set = source["action_set"]
-    file = folder / model_path("gate", action_set)
+    """Learn the gate beside models from their episodes; report why if that is not possible."""
     library = domain.library(robot, action_set)
     try:
         chain = possible_chain(domain, library, None, list(rows))
@@ -145,7 +155,7 @@ def _learn_gate(
         )
     except (TrainingError, ConfigError) as error:
         result = f"{file} stays as it is" if file.exists() else "refinement accepts every predicted gain"
-        print(f"{folder}: no gate: {error}; {result}")
+        print(f"{file.parent}: no gate: {error}; {result}")
         return
     training = {
         "command": command,
@@ -217,6 +227,14 @@ def _summary(model: PerformanceModel, measured: dict[str, Any]) -> str:
             f"fresh episodes from rest"
         )
     return text
+
+
+def _validated(
+    model: PerformanceModel, examples: pd.DataFrame, robot: Robot, features: Sequence[Feature]
+) -> str:
+    """Return what `_summary` does, with the accuracy by cross-validation on the drives of the training."""
+    errors = np.abs(cross_validated_errors(examples, robot, features))
+    return f"{_summary(model, {})}, MAE {errors.mean():.3f} s by cross-validation on {len(errors)} drives"
 
 
 def _rules(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path) -> str:

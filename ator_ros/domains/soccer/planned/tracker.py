@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,7 @@ _SEEN_LATE = 0.02  # s after which the speeds of a plan are those of a robot tha
 # Pioneer LX by 0.12 and 0.11 (0.2 and 0.47). Farther from the plan the plan's time slows down.
 _BEHIND, _TURNED_OFF = 5.7, 12.9
 _STRETCH, _TURN_STRETCH = 0.125, 0.3  # m and rad beyond these at which it would stop
+_RARE = 1.5  # control periods; states that are farther apart, three times in a row, come at a lower rate
 _LEAST_RATE = 0.3  # s of the plan in 1 s
 
 
@@ -98,6 +100,8 @@ class Tracker:
         self._weak = math.sqrt(robot.limits.aw / self.BRISK_TURNING)
         self._reactions, self._lag, self._strength = Reactions(robot), LagSeen(robot), strength
         self._able = strength.described
+        self._gaps = deque([0.0] * 3, maxlen=3)  # between the last states, s
+        self._period = CONTROL_PERIOD
         self._slow_down(start_time)
         self._foresee(robot.motor_time_constant)
         self._usual = self._preview
@@ -105,12 +109,15 @@ class Tracker:
     def _foresee(self, lag: float) -> None:
         """Look ahead by the lag of the motors, in s, and follow the more slowly the longer it is."""
         # A command is reached after a period's ramp, most of which it is late, and the motors lag behind.
-        self._preview = 0.8 * CONTROL_PERIOD + lag
+        self._preview = 0.8 * self._period + lag
         self._pace = min(1.0, self._weak, self.BRISK_LAG / self._preview)
 
     def keep_time(self, world: World) -> None:
         """Let the plan's time pass until the state of this tick, as fast as the robot follows."""
         passed, self._seen = world.time - self._seen, world.time
+        self._gaps.append(passed)
+        rare = min(self._gaps) > _RARE * CONTROL_PERIOD
+        self._period = min(self._gaps) if rare else CONTROL_PERIOD
         self._wait_for_start(world)
         self._rate = 1.0 if self._waits else self._rate_for(world)
         self._start += (1.0 - self._rate) * passed

@@ -1,0 +1,85 @@
+#!/usr/bin/env python3
+"""An action server that drives to a pose: one command for each odometry message."""
+
+import contextlib
+import math
+import threading
+from typing import Any
+
+import rclpy
+from geometry_msgs.msg import Quaternion, Twist
+from nav_msgs.msg import Odometry
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.node import Node
+from shuttle.action import Go
+
+
+def yaw_of(turn: Quaternion) -> float:
+    """Return the heading of a quaternion in rad."""
+    return 2.0 * math.atan2(turn.z, turn.w)
+
+
+class Shuttle(Node):
+    """Drives to one pose at a time."""
+
+    def __init__(self) -> None:
+        super().__init__("shuttle")
+        self.goal: ServerGoalHandle | None = None
+        self.near, self.ended = False, threading.Event()
+        self.commands = self.create_publisher(Twist, "cmd_vel", 1)
+        self.create_subscription(Odometry, "odom", self.steer, 1)
+        self.server = ActionServer(
+            self,
+            Go,
+            "go",
+            self.execute,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=ReentrantCallbackGroup(),
+        )
+
+    def execute(self, goal: ServerGoalHandle) -> Any:
+        """Wait until `steer` has ended the drive; return the result."""
+        self.near, self.ended = False, threading.Event()
+        self.goal = goal
+        while not self.ended.wait(0.1) and rclpy.ok():
+            pass
+        if goal.is_cancel_requested:
+            goal.canceled()
+            return Go.Result(text="canceled")
+        goal.succeed()
+        return Go.Result(arrived=True)
+
+    def steer(self, odom: Odometry) -> None:
+        """Send the command for an odometry message."""
+        if self.goal is None:
+            return
+        here, target = odom.pose.pose, self.goal.request.target.pose
+        dx, dy = target.position.x - here.position.x, target.position.y - here.position.y
+        distance = math.hypot(dx, dy)
+        self.near = self.near or distance < 0.1
+        aim = yaw_of(target.orientation) if self.near else math.atan2(dy, dx)
+        off = math.remainder(aim - yaw_of(here.orientation), math.tau)
+        command = Twist()
+        if self.goal.is_cancel_requested or (self.near and abs(off) < 0.05):
+            self.goal = None
+            self.ended.set()
+        else:
+            command.angular.z = max(-1.5, min(1.5, 2.0 * off))
+            command.linear.x = min(0.6, max(0.1, distance)) if abs(off) < 0.3 and not self.near else 0.0
+        self.commands.publish(command)
+
+
+def main() -> None:
+    """Run the server until it is stopped."""
+    rclpy.init()
+    executor = MultiThreadedExecutor(3)
+    executor.add_node(Shuttle())
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+        executor.spin()
+
+
+if __name__ == "__main__":
+    main()
