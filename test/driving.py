@@ -18,8 +18,8 @@ from ator_ros.simulation.sensors import SensorConfig, Sensors, Sight
 from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
+from ator_ros.world.estimation import ObjectTracker
 from ator_ros.world.state import STOP, Command, World
-from ator_ros.world.tracking import ObjectTracker
 
 _LONGEST = 60.0
 

@@ -17,7 +17,7 @@ from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Refining
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.robot.description import Robot
-from ator_ros.robot.ramp import ramped
+from ator_ros.robot.response import ramped
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World

@@ -20,8 +20,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.store_reading import read_records
 from ator_ros.experience.table import Experience, write_experience
 from ator_ros.learning.improving import improved
-from ator_ros.performance.features import feature_table
-from ator_ros.performance.kinds import chosen_for, kinds_of, with_kinds
+from ator_ros.performance.features import chosen_for, feature_table, kinds_of, with_kinds
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, load_model, save_model
 from ator_ros.performance.training import direct_of, train

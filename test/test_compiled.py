@@ -18,11 +18,11 @@ from ator_ros.compiled import in_shares, use_cores
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.run_up_times import run_up_times
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.compiled_geometry import wrapped
+from ator_ros.performance.derived import wrapped
 from ator_ros.performance.features import feature_table
 from ator_ros.robot.description import load_robot
 
-WRAP = "from ator_ros.performance.compiled_geometry import wrapped; print(wrapped(7.0))"
+WRAP = "from ator_ros.performance.derived import wrapped; print(wrapped(7.0))"
 
 
 def test_a_compiled_function_is_found_by_its_name_in_another_process() -> None:

@@ -25,7 +25,7 @@ from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.ranges import USUAL_RANGES
 from ator_ros.tops.top import Top
-from ator_ros.world.sources import ObjectSource
+from ator_ros.world.messages import ObjectSource
 from ator_ros.world.state import RobotState, World
 
 ROBOT = load_robot()

@@ -15,7 +15,7 @@ from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.trials import random_trial, with_headings
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
-from ator_ros.robot.foresight import Foresight
+from ator_ros.robot.response import Foresight
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from ator_ros.geometry import Pose
-from ator_ros.robot.base_response import AxisResponse
 from ator_ros.robot.description import Limits, Robot, StopBraking, load_robot
 from ator_ros.robot.identification import BaseEstimate, identify
 from ator_ros.robot.probe_drive import DriveError, DrivePart, DriveSample, ProbeDrive
-from ator_ros.robot.ramp import ramped
+from ator_ros.robot.response import AxisResponse, ramped
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tools.work.calibrate import described

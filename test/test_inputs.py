@@ -8,10 +8,9 @@ import pytest
 
 from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.geometry import Pose
+from ator_ros.world.estimation import ObjectTracker, Sightings
 from ator_ros.world.inputs import ClockJumpError, Inputs, StampError
-from ator_ros.world.sightings import Sightings
 from ator_ros.world.state import ObjectState, RobotState
-from ator_ros.world.tracking import ObjectTracker
 
 
 def inputs(timeout: float = 0.3) -> Inputs:

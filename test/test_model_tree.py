@@ -18,8 +18,7 @@ from ator_ros.performance.tree.linear_models import (
     normal_equations,
     squared_error,
 )
-from ator_ros.performance.tree.model_tree import ModelTreeRegressor
-from ator_ros.performance.tree.pruning import drop_traces, prune, smooth
+from ator_ros.performance.tree.model_tree import ModelTreeRegressor, drop_traces, prune, smooth
 
 Array = NDArray[np.float64]
 

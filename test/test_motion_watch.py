@@ -20,7 +20,7 @@ from ator_ros.execution.fence import Fence
 from ator_ros.execution.motion_watch import Driving, MotionWatch, Thresholds
 from ator_ros.execution.phases import Ending
 from ator_ros.geometry import Pose
-from ator_ros.robot.ramp import ramped
+from ator_ros.robot.response import ramped
 from ator_ros.world.state import STOP, Command, RobotState, World
 
 TICK = 0.05

@@ -14,9 +14,8 @@ from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import LEVELS, DrivingStyle, plain_driving
 from ator_ros.performance.features import GENERAL, IDEAL, feature_table, names_of
 from ator_ros.performance.model_file import ModelFileError, load_model, save_model
-from ator_ros.performance.observing import from_odometry, observed_driving
 from ator_ros.performance.paths import path_times
-from ator_ros.performance.training import OBSERVED, train
+from ator_ros.performance.training import OBSERVED, from_odometry, observed_driving, train
 from ator_ros.robot.description import Limits, load_robot
 from ator_ros.schema import SchemaError
 

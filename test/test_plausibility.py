@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from ator_ros.world.plausibility import VelocityCheck
+from ator_ros.world.estimation import VelocityCheck
 from ator_ros.world.state import ObjectState
 
 TICK = 0.05

@@ -22,7 +22,7 @@ from ator_ros.domains.soccer.situations import dribble_ball, go_to_pose
 from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, NoHolderError, Robot, load_robot
-from ator_ros.robot.ramp import ramped, stopping_way
+from ator_ros.robot.response import ramped, stopping_way
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.tops.chain import TopCall, TopChain

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
-from ator_ros.performance.tree.nodes import ModelTree
-from ator_ros.performance.tree.rules import RuleWriter, rule_for, rules
+from ator_ros.performance.tree.nodes import ModelTree, RuleWriter, rule_for, rules
 
 WRITER = RuleWriter({"dist": "m", "angle_to_dest": "rad"})
 

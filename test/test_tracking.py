@@ -7,8 +7,8 @@ import pytest
 
 from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.geometry import Pose
+from ator_ros.world.estimation import ObjectTracker
 from ator_ros.world.state import ObjectState, RobotState, World
-from ator_ros.world.tracking import ObjectTracker
 
 TICK = 0.05
 NOISE, VELOCITY_NOISE = 0.015, 0.05

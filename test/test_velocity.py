@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ator_ros.geometry import Pose
-from ator_ros.world.velocity import RobotVelocity, VelocityEstimate
+from ator_ros.world.estimation import RobotVelocity, VelocityEstimate
 
 
 def seen(times: list[float], vx: float, vy: float, noise: float = 0.0) -> tuple[float, float]:

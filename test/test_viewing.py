@@ -11,7 +11,7 @@ from in_process_stage import InProcessStage
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.refinement.answer import SubgoalCurve
-from ator_ros.robot.wheels import Wheels
+from ator_ros.simulation.urdf import Wheels
 from ator_ros.tools.work import view
 from ator_ros.viewing import panel
 from ator_ros.viewing.chain_picture import picture_of

@@ -19,7 +19,7 @@ from ator_ros.schema import require
 from ator_ros.tops.conditions import Condition, Statement, Term
 from ator_ros.tops.ranges import USUAL_RANGES, Range
 from ator_ros.tops.top import Top
-from ator_ros.world.sources import ObjectSource
+from ator_ros.world.messages import ObjectSource
 
 _ROBOT = (*(f"robot.{name}" for name in ("x", "y", "yaw", "v", "w")), "hold.x", "hold.y")
 _GOAL = tuple(f"goal.{name}" for name in GOAL_VARIABLES)

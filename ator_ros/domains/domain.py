@@ -31,8 +31,8 @@ from ator_ros.tops.conditions import Condition
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges, declared_ranges
 from ator_ros.tops.top import Top
+from ator_ros.world.messages import ObjectSource
 from ator_ros.world.scene import Bay, RoundObject, Scene
-from ator_ros.world.sources import ObjectSource
 from ator_ros.world.state import World
 
 GROUP = "ator_ros.domains"

@@ -13,9 +13,8 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.derived import Geometry
+from ator_ros.performance.derived import Geometry, hold_angle, hold_dist
 from ator_ros.performance.features import GENERAL, Feature, derived_from, feature_table, variables
-from ator_ros.performance.hold import hold_angle, hold_dist
 from ator_ros.performance.training import direct_of
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import kept

@@ -16,7 +16,7 @@ from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.step_run import ActionRecord
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
-from ator_ros.robot.foresight import Foresight
+from ator_ros.robot.response import Foresight
 from ator_ros.simulation.run import judge, place, run
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import TopChain

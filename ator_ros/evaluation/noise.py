@@ -18,8 +18,8 @@ from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.simulation.sensors import REALISTIC, REALISTIC_SIGHT, SensorConfig, Sensors, Sight
+from ator_ros.world.estimation import ObjectTracker
 from ator_ros.world.state import World
-from ator_ros.world.tracking import ObjectTracker
 
 TRUTH = "truth"
 POINTS = 3.0

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
-from ator_ros.robot.ramp import clip, stopping_way
+from ator_ros.robot.response import clip, stopping_way
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_front
 from ator_ros.tops.ranges import Range, RangeOf, Ranges

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from ator_ros.execution.execution import Execution
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
-from ator_ros.robot.foresight import Foresight
-from ator_ros.robot.ramp import clip
+from ator_ros.robot.response import Foresight, clip
 from ator_ros.world.state import STOP, Command, RobotState, World
 
 _DELAY = 0.1  # s by which a base may be later than `latency`: two messages at 20 Hz

@@ -14,15 +14,15 @@ import numpy as np
 from ator_ros.experience.episode import sample_of
 from ator_ros.experience.topics import CMD_VEL, ODOM, TF
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
+from ator_ros.world.estimation import JUMP
 from ator_ros.world.messages import (
     MessageError,
     ObjectReader,
+    ObjectSource,
     OdometryReader,
     command_from,
     transform_from,
 )
-from ator_ros.world.sightings import JUMP
-from ator_ros.world.sources import ObjectSource
 from ator_ros.world.state import ObjectState, RobotState, World
 from ator_ros.world.transforms import Transforms
 

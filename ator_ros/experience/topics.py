@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 
 from ator_ros.printable import printable
-from ator_ros.world.sources import ObjectSource
+from ator_ros.world.messages import ObjectSource
 
 ODOM, CMD_VEL, RECORDS, CHAINS = "odom", "cmd_vel", "performance/action", "performance/chain"
 TF = ("tf", "tf_static")

@@ -11,7 +11,7 @@ from ator_ros.actions.remote import RemoteCall
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import held_first, held_last
 from ator_ros.tops.top import Top
-from ator_ros.world.sources import ObjectSource
+from ator_ros.world.messages import ObjectSource
 
 
 class Vocabulary(Protocol):

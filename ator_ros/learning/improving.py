@@ -15,10 +15,9 @@ from ator_ros.learning.correcting import constant
 from ator_ros.learning.judging import RoundVerdict, judge
 from ator_ros.learning.lessons import Lessons, Records
 from ator_ros.performance.driving import DrivingStyle
-from ator_ros.performance.features import PATHS, Feature, Kinds, declared_by
-from ator_ros.performance.kinds import kinds_of, with_kinds
+from ator_ros.performance.features import PATHS, Feature, Kinds, declared_by, kinds_of, with_kinds
 from ator_ros.performance.model import MEASURES, UNOBSERVED, PerformanceModel
-from ator_ros.performance.observing import observed_driving
+from ator_ros.performance.training import observed_driving
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
 

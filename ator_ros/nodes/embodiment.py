@@ -11,8 +11,7 @@ from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.nodes.conversions import stamp_of
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.robot.description import Robot
-from ator_ros.robot.wheels import WHEEL_NAMES, Wheels
-from ator_ros.simulation.urdf import robot_urdf
+from ator_ros.simulation.urdf import WHEEL_NAMES, Wheels, robot_urdf
 from ator_ros.world.state import World
 
 try:

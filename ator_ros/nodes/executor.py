@@ -36,9 +36,9 @@ from ator_ros.nodes.tf_listener import TfListener
 from ator_ros.nodes.watchdog import Watchdog
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import missing_in
+from ator_ros.world.estimation import StampError
 from ator_ros.world.inputs import ClockJumpError
 from ator_ros.world.messages import MessageError
-from ator_ros.world.sightings import StampError
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 _WARNING_PERIOD = 2.0

@@ -15,9 +15,8 @@ from ator_ros.nodes.learned_sets import LEARNED
 from ator_ros.nodes.parameters import DOMAIN, FENCE, FRAME, MODELS, ROBOT, ROBOT_FRAME, Parameter, SetupError
 from ator_ros.nodes.robot_source import STATE
 from ator_ros.robot.description import Robot
+from ator_ros.world.estimation import ObjectTracker, Sightings
 from ator_ros.world.inputs import Inputs
-from ator_ros.world.sightings import Sightings
-from ator_ros.world.tracking import ObjectTracker
 
 _USUAL = Deadlines()
 _REST, _REST_WATCHED = 0.15, 0.1

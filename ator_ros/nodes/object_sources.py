@@ -14,8 +14,7 @@ from rclpy.node import Node
 from ator_ros.nodes.diagnosis import Input
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.nodes.tf_listener import Found, TfListener
-from ator_ros.world.messages import MessageError, ObjectReader
-from ator_ros.world.sources import ObjectSource
+from ator_ros.world.messages import MessageError, ObjectReader, ObjectSource
 from ator_ros.world.state import ObjectState
 
 TYPES: dict[str, Any] = {

@@ -14,9 +14,9 @@ from ator_ros.nodes.parameters import Parameter, SetupError
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.nodes.tf_listener import Found, TfListener
 from ator_ros.robot.description import Robot
+from ator_ros.world.estimation import RobotVelocity
 from ator_ros.world.messages import MessageError, OdometryReader, robot_from_placement
 from ator_ros.world.state import RobotState
-from ator_ros.world.velocity import RobotVelocity
 
 STATE = Parameter(
     "robot_from", "odom", "where the robot's state comes from: odom, or tf", choices=("odom", "tf")

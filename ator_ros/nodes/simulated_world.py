@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
-from ator_ros.simulation.base_controller import COMMAND_TIMEOUT
 from ator_ros.simulation.sensors import Sensors
+from ator_ros.simulation.simulated_base import COMMAND_TIMEOUT
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.world import messages
 from ator_ros.world.messages import MessageError

@@ -1,7 +1,8 @@
 """Features: derived variables that correlate better with performance than the direct ones (paper, section 3).
 
 Those here hold for any action of a robot that drives; a domain adds its own, see `Domain.features`. One
-function, `feature_table`, serves learning and prediction. A feature is computed only if asked for.
+function, `feature_table`, serves learning and prediction. A feature is computed only if asked for. Kinds of
+ideal motions may be chosen for a robot; they are kept with the models that are learned with them.
 """
 
 from __future__ import annotations
@@ -13,8 +14,7 @@ import numpy as np
 
 from ator_ros.actions.goal_variables import GoalVariable, direct_name
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.compiled_geometry import BASICS
-from ator_ros.performance.derived import Geometry
+from ator_ros.performance.derived import BASICS, Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES, Direct
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.robot.description import Robot
@@ -207,3 +207,36 @@ def derived_from(features: Iterable[Feature]) -> frozenset[str]:
 def declared_by(features: Iterable[Feature]) -> tuple[str, ...]:
     """Return those direct variables of `features` that stand for declared goal variables, sorted."""
     return tuple(sorted(derived_from(features) - DIRECT_VARIABLES.keys()))
+
+
+def chosen_for(features: Sequence[Feature], robot: Robot) -> tuple[Feature, ...]:
+    """Return the same features, those of ideal motions with kinds that are chosen for a robot.
+
+    It takes seconds.
+    """
+    kinds: dict[str, Sequence[Sequence[float | None]]] = {}
+    for motions in dict.fromkeys(feature.motions for feature in features):
+        kinds |= motions.choose(robot) if motions is not None else {}
+    return tuple(with_kinds({feature.name: feature for feature in features}, kinds).values())
+
+
+def with_kinds(features: Mapping[str, Feature], kinds: Kinds) -> dict[str, Feature]:
+    """Return the same features by name, those of ideal motions with these kinds.
+
+    Raises
+    ------
+    ValueError
+        The kinds are not what the features are made of.
+    """
+    made: dict[str, Feature] = {}
+    for motions in dict.fromkeys(feature.motions for feature in features.values()):
+        made |= motions.make(kinds) if motions is not None else {}
+    return {name: made.get(name, feature) for name, feature in features.items()}
+
+
+def kinds_of(features: Iterable[Feature]) -> dict[str, Sequence[Sequence[float | None]]]:
+    """Return the kinds that were chosen for the features; none where they are the domain's own."""
+    kinds: dict[str, Sequence[Sequence[float | None]]] = {}
+    for feature in features:
+        kinds |= feature.kinds or {}
+    return kinds

@@ -10,13 +10,11 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.compiled_geometry import ANGLE_BETWEEN, ROWS
-from ator_ros.performance.derived import Geometry
+from ator_ros.performance.derived import ANGLE_BETWEEN, ROWS, Geometry
 from ator_ros.performance.direct import Direct
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import Feature, declared_by, derived_from, table_of
-from ator_ros.performance.tree.nodes import IntArray, ModelTree
-from ator_ros.performance.tree.rules import RuleWriter
+from ator_ros.performance.tree.nodes import IntArray, ModelTree, RuleWriter
 from ator_ros.robot.description import Robot
 from ator_ros.schema import Within
 from ator_ros.world.state import CONTROL_PERIOD

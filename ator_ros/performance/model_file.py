@@ -12,8 +12,7 @@ from typing import Annotated, Any
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.files import is_name, load, save
 from ator_ros.performance.driving import DrivingStyle
-from ator_ros.performance.features import Feature
-from ator_ros.performance.kinds import kinds_of, with_kinds
+from ator_ros.performance.features import Feature, kinds_of, with_kinds
 from ator_ros.performance.model import MEASURES, AtGoal, PerformanceModel
 from ator_ros.performance.tree.storage import StoredTree, restored, stored
 from ator_ros.printable import short, short_path

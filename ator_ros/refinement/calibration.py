@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ator_ros.performance.kinds import kinds_of
+from ator_ros.performance.features import kinds_of
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.refinement.chain_model import ChainPrediction
 from ator_ros.refinement.free_variables import analyse

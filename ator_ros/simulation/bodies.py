@@ -8,9 +8,8 @@ from pathlib import Path
 
 from ator_ros.geometry import quaternion_from_yaw
 from ator_ros.robot.description import Robot
-from ator_ros.robot.wheels import WHEEL_NAMES
 from ator_ros.simulation import physics as p
-from ator_ros.simulation.urdf import robot_urdf
+from ator_ros.simulation.urdf import WHEEL_NAMES, robot_urdf
 from ator_ros.world.scene import WALL_THICKNESS, Bay, RoundObject
 
 GRAVITY = 9.81

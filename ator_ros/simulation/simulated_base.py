@@ -1,4 +1,4 @@
-"""One robot's base in a simulated world: its body, firmware and motors."""
+"""One robot's base in a simulated world: its body, its firmware, and the motors of its wheels."""
 
 from __future__ import annotations
 
@@ -7,11 +7,130 @@ from collections.abc import Iterable
 
 from ator_ros.geometry import Pose, quaternion_from_yaw, yaw_from_quaternion
 from ator_ros.robot.description import Robot
+from ator_ros.robot.response import clip, ramped
 from ator_ros.simulation import physics as p
-from ator_ros.simulation.base_controller import BaseController
 from ator_ros.simulation.bodies import load_base
-from ator_ros.simulation.motors import Motors
-from ator_ros.world.state import Command, RobotState
+from ator_ros.world.state import STOP, Command, RobotState
+
+COMMAND_TIMEOUT = 0.15
+"""Time in s that a command holds: three ticks."""
+_ROUNDING = 1e-6
+
+
+class BaseController:
+    """Turns velocity commands into wheel speeds as the firmware of a real base does.
+
+    Velocities change within the robot's limits, but a stop is a stop: where the command is to stand, or none
+    has come for 0.15 s, the base brakes as hard as it can without tipping. So the robot stands 0.5 s after
+    the last command, from any speed and turn within its limits.
+
+    Parameters
+    ----------
+    robot : Robot
+        Limits, wheel radius and track.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._command = STOP
+        self._expires = -math.inf
+        self.setpoint = STOP
+
+    def reset(self, setpoint: Command = STOP) -> None:
+        """Forget the command; the base now moves at `setpoint` and slows down unless commanded."""
+        self._command, self._expires, self.setpoint = STOP, -math.inf, setpoint
+
+    def command(self, command: Command, time: float) -> None:
+        """Accept a command at `time` (s); it holds for 0.15 s.
+
+        Raises
+        ------
+        ValueError
+            The command is not finite.
+        """
+        if not (math.isfinite(command.v) and math.isfinite(command.w)):
+            raise ValueError(
+                f"command: expected finite velocities, got v={command.v} m/s, w={command.w} rad/s"
+            )
+        limits = self._robot.limits
+        self._command = Command(clip(command.v, limits.v), clip(command.w, limits.w))
+        self._expires = time + COMMAND_TIMEOUT - _ROUNDING
+
+    def ramp(self, time: float, dt: float) -> tuple[float, float]:
+        """Move the setpoint toward the command for `dt` s; return the left and right wheel speed in rad/s."""
+        target = self._command if time < self._expires else STOP
+        self.setpoint = ramped(self.setpoint, target, dt, self._robot.limits, self._robot.stop)
+        turn = self.setpoint.w * self._robot.track / 2.0
+        radius = self._robot.wheel_radius
+        return (self.setpoint.v - turn) / radius, (self.setpoint.v + turn) / radius
+
+
+_BLOCKED_BELOW = 0.05  # rad/s of a wheel that is to stand: then the firmware holds it in its place
+_HOLDING_GAIN = 0.1
+
+
+class Motors:
+    """Two wheels' motors with bounded torque.
+
+    Under velocity control alone a standing base would creep by a millirad a second; firmware holds its place.
+
+    Parameters
+    ----------
+    client, body : int
+        Where the wheels are.
+    wheels : list of int
+        Joint indices of the left and the right wheel.
+    robot : Robot
+        Torque and lag of the motors.
+    period : float
+        Time of a physics step in s.
+    """
+
+    def __init__(self, client: int, body: int, wheels: list[int], robot: Robot, *, period: float) -> None:
+        self._client, self._body, self._wheels = client, body, wheels
+        self._torques = [robot.wheel_torque] * 2
+        self._gains = [period / robot.motor_time_constant] * 2
+        self._held: list[float] | None = None
+
+    def turn(self, speeds: tuple[float, float]) -> None:
+        """Ask for the speeds (rad/s) of the left and the right wheel during the next step."""
+        if speeds != (0.0, 0.0):
+            self._held = None
+        elif self._held is None:
+            self._held = self._still()
+        if self._held is None:
+            self._control(p.VELOCITY_CONTROL, targetVelocities=speeds)
+        else:
+            self._control(
+                p.POSITION_CONTROL,
+                targetPositions=self._held,
+                targetVelocities=speeds,
+                positionGains=[_HOLDING_GAIN] * 2,
+            )
+
+    def release(self) -> None:
+        """Forget where the wheels stood, since the robot was moved."""
+        self._held = None
+
+    def _still(self) -> list[float] | None:
+        """Return the wheels' angles in rad, or None while they turn."""
+        states = p.getJointStates(self._body, self._wheels, physicsClientId=self._client)
+        return (
+            [state[0] for state in states]
+            if all(abs(state[1]) < _BLOCKED_BELOW for state in states)
+            else None
+        )
+
+    def _control(self, mode: int, **targets: object) -> None:
+        p.setJointMotorControlArray(
+            self._body,
+            self._wheels,
+            mode,
+            forces=self._torques,
+            velocityGains=self._gains,
+            physicsClientId=self._client,
+            **targets,
+        )
 
 
 class SimulatedBase:

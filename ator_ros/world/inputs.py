@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 
-from ator_ros.world.sightings import JUMP, Sightings, StampError
+from ator_ros.world.estimation import JUMP, Sightings, StampError
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _FASTEST = 1000.0

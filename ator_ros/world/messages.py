@@ -8,17 +8,67 @@ rotated from the frame that `child_frame_id` names.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Collection, Iterable, Sized
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.printable import quoted
-from ator_ros.world.plausibility import TwistCheck
-from ator_ros.world.sources import ObjectSource
+from ator_ros.schema import require
+from ator_ros.world.estimation import RobotVelocity, TwistCheck, VelocityEstimate
 from ator_ros.world.state import Command, ObjectState, RobotState
 from ator_ros.world.transforms import Placement, Quaternion
-from ator_ros.world.velocity import RobotVelocity, VelocityEstimate
+
+Kind = Literal["Odometry", "PoseStamped", "PoseWithCovarianceStamped", "tf"]
+"""Message types of objects, or tf. Where they lack a velocity, it is estimated from the positions."""
+RESERVED = ("robot", "hold", "goal")
+"""What conditions speak of beside objects."""
+_FRAME = re.compile(r"/?[A-Za-z0-9_][\w.-]*(/[\w.-]+)*", re.ASCII)
+_TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectSource:
+    """An object, and the topic that tells where it is.
+
+    Attributes
+    ----------
+    name : str
+        As conditions name it.
+    topic : str
+        Relative to the node's namespace, or absolute; empty: the name. None where `type` is tf.
+    type : str
+        Kind of the messages; tf: the transforms on /tf and /tf_static.
+    optional : bool
+        Whether diagnostics are silent where it is not known. A TOP whose conditions name it needs it anyway.
+    frame : str
+        Where `type` is tf: the object's frame there; empty: the name.
+    """
+
+    name: str
+    topic: str = ""
+    type: Kind = "Odometry"
+    optional: bool = False
+    frame: str = ""
+
+    def __post_init__(self) -> None:
+        """Check the names."""
+        named = is_name(self.name) and self.name not in RESERVED
+        require(named, "name", f"a name of letters, digits and _, none of {', '.join(RESERVED)}", self.name)
+        right = not self.topic or bool(_TOPIC.fullmatch(self.topic))
+        require(right, "topic", "the name of a topic", self.topic)
+        named = not self.frame or bool(_FRAME.fullmatch(self.frame))
+        require(named, "frame", "the name of a frame", self.frame)
+        other = "frame" if self.type != "tf" else "topic"
+        require(not getattr(self, other), other, f"none with type {self.type}", getattr(self, other))
+
+    @property
+    def listened(self) -> str:
+        """The name of the topic, or of the frame, of which tf2 ignores a leading slash."""
+        return self.topic or self.frame.removeprefix("/") or self.name
+
 
 FARTHEST = 1e8
 """Greatest coordinate in m: projected maps stay below the Earth's circumference, 4e7 m, and beyond 1e8 m the

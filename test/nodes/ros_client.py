@@ -20,8 +20,7 @@ from ator_ros.nodes.conversions import pose_of
 from ator_ros.nodes.meeting import nobodys_goal
 from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
 from ator_ros.nodes.spinning import Spinning
-from ator_ros.world.messages import ObjectReader, robot_from, seconds_from
-from ator_ros.world.sources import ObjectSource
+from ator_ros.world.messages import ObjectReader, ObjectSource, robot_from, seconds_from
 from ator_ros.world.state import ObjectState, RobotState
 
 RETRY = 8.0

@@ -26,11 +26,11 @@ from ator_ros.world.messages import (
     FASTEST,
     MessageError,
     ObjectReader,
+    ObjectSource,
     command_from,
     robot_from,
     seconds_from,
 )
-from ator_ros.world.sources import ObjectSource
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 LIBRARY = SOCCER.library(load_robot())

@@ -9,8 +9,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from ator_ros.nodes.conversions import object_odometry_of, stamp_of
 from ator_ros.nodes.object_sources import TYPES
-from ator_ros.world.messages import MessageError, ObjectReader
-from ator_ros.world.sources import Kind, ObjectSource
+from ator_ros.world.messages import Kind, MessageError, ObjectReader, ObjectSource
 from ator_ros.world.state import ObjectState
 from ator_ros.world.transforms import Placement
 

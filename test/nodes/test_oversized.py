@@ -27,8 +27,7 @@ from ator_ros.robot.description import load_robot
 from ator_ros.tools.benchmarks.requests import worst_request
 from ator_ros.tools.benchmarks.service import resident_mib
 from ator_ros.world import messages
-from ator_ros.world.messages import MOST_ITEMS, MessageError, ObjectReader
-from ator_ros.world.sources import ObjectSource
+from ator_ros.world.messages import MOST_ITEMS, MessageError, ObjectReader, ObjectSource
 
 LIBRARY = SOCCER.library(load_robot())
 MEGABYTES = 10_000_000

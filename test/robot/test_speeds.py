@@ -12,9 +12,8 @@ import yaml
 from ator_ros.actions.base import Goal, Point, Status
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
-from ator_ros.robot.body_checks import least_torque
-from ator_ros.robot.description import Limits, Robot, load_robot
-from ator_ros.robot.ramp import ramped
+from ator_ros.robot.description import Limits, Robot, least_torque, load_robot
+from ator_ros.robot.response import ramped
 from ator_ros.world.state import CONTROL_PERIOD, STOP, RobotState, World
 
 SLOW, FAST = Limits(0.05, 0.4, 0.1, 0.2, 0.8), Limits(15.0, 1.5, 3.0, 4.0, 3.0)

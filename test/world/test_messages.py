@@ -13,13 +13,13 @@ from ator_ros.world.messages import (
     FrameError,
     MessageError,
     ObjectReader,
+    ObjectSource,
     OdometryReader,
     command_from,
     pose_from,
     robot_from,
     transform_from,
 )
-from ator_ros.world.sources import ObjectSource
 from ator_ros.world.state import Command, ObjectState, RobotState
 
 EPOCH = 1_764_000_000

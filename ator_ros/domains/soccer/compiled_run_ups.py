@@ -9,7 +9,7 @@ from ator_ros.compiled import inlined, unlocked
 from ator_ros.domains.soccer.planned.holding import LARGEST_TURN
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import Rates, change_distance, forward_time, turn_time
-from ator_ros.performance.compiled_geometry import wrapped
+from ator_ros.performance.derived import wrapped
 
 ANGLES = 151
 """Entries of a table: turns to the left by 0 to `LARGEST_TURN`."""

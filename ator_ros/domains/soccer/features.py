@@ -30,9 +30,8 @@ from ator_ros.domains.soccer.planned.release import usual_release
 from ator_ros.domains.soccer.run_up_times import run_up_times
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.motion.families import Family, FreeTurns, Motions
-from ator_ros.performance.derived import Geometry
+from ator_ros.performance.derived import Geometry, hold_angle, hold_bearing, hold_dist
 from ator_ros.performance.features import Feature, Kinds, MotionFeatures, variables
-from ator_ros.performance.hold import hold_angle, hold_bearing, hold_dist
 
 _SHORT = 1.0  # m
 # The nine ideal shots to fixed places: share of the mouth's width from its middle, and direction (rad).

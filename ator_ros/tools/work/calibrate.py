@@ -9,9 +9,7 @@ from collections.abc import Sequence
 import yaml
 
 from ator_ros.files import head, portable_command, write_text
-from ator_ros.robot.body_checks import least_torque
-from ator_ros.robot.description import Limits, Robot, load_robot
-from ator_ros.robot.description_file import KIND
+from ator_ros.robot.description import KIND, Limits, Robot, least_torque, load_robot
 from ator_ros.robot.identification import BaseEstimate, identify
 from ator_ros.robot.probe_drive import ProbeDrive
 from ator_ros.tools.work.calibration_drive import drive_over_ros

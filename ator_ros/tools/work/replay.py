@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 from ator_ros.domains.domain import domain_for
 from ator_ros.evaluation.storage import RESULT
 from ator_ros.experience.errors import ExperienceError
-from ator_ros.robot.wheels import WHEEL_NAMES, Wheels
-from ator_ros.simulation.urdf import robot_urdf
+from ator_ros.simulation.urdf import WHEEL_NAMES, Wheels, robot_urdf
 from ator_ros.tools.guard import expected_errors
 from ator_ros.tools.work.until_stopped import until_stopped
 from ator_ros.viewing.recording_file import read_robots

@@ -24,8 +24,7 @@ from ator_ros.experience.topics import USUAL, TopicNames
 from ator_ros.files import portable_command, reserved, write_text
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.features import Feature
-from ator_ros.performance.kinds import chosen_for
+from ator_ros.performance.features import Feature, chosen_for
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, is_model, load_model, model_path, save_model
 from ator_ros.performance.training import (

@@ -18,8 +18,7 @@ from ator_ros.nodes.parameters import SetupError
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, load_models
 from ator_ros.robot.description import Robot
-from ator_ros.robot.wheels import WHEEL_NAMES, Wheels
-from ator_ros.simulation.urdf import robot_urdf
+from ator_ros.simulation.urdf import WHEEL_NAMES, Wheels, robot_urdf
 from ator_ros.tools.guard import expected_errors
 from ator_ros.tools.processes import all_nodes, node_setting
 from ator_ros.tools.work.until_stopped import until_stopped

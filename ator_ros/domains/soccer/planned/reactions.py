@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ator_ros.robot.description import Robot
-from ator_ros.robot.ramp import ramped
+from ator_ros.robot.response import ramped
 from ator_ros.world.state import STOP, Command, RobotState, World
 
 

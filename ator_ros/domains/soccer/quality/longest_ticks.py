@@ -20,7 +20,7 @@ from ator_ros.geometry import Pose
 from ator_ros.motion.planning import SLICE, Search
 from ator_ros.motion.trajectory import opening_of
 from ator_ros.robot.description import Robot
-from ator_ros.robot.ramp import ramped
+from ator_ros.robot.response import ramped
 from ator_ros.tops.objects import is_lost
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, ObjectState, RobotState, World
 
