@@ -19,7 +19,6 @@ from ator_ros.performance.model_file import (
     ModelFileError,
     NoModelsError,
     RobotMismatchWarning,
-    is_model,
     load_model,
     load_models,
     model_path,
@@ -164,11 +163,6 @@ def test_action_sets_lie_in_folders_of_their_own(model: PerformanceModel, tmp_pa
     with pytest.raises(ModelFileError, match="expected a folder of models") as caught:
         load_models(ROBOT, SOCCER.known_features, folder=tmp_path / "none")
     assert not isinstance(caught.value, NoModelsError)
-
-
-def test_an_action_may_be_named_like_the_gate() -> None:
-    names = ("gate", "gateway", "baselines", "calibration", "calibrationDrive")
-    assert [name for name in names if is_model(Path(f"{name}.json"))] == ["gateway", "calibrationDrive"]
 
 
 def test_an_action_with_the_name_of_another_file_has_none(tmp_path: Path) -> None:

@@ -11,14 +11,7 @@ from sklearn.model_selection import GroupKFold, cross_val_score
 from sklearn.tree import DecisionTreeRegressor
 from sklearn.utils.estimator_checks import check_estimator
 
-from ator_ros.performance.tree.linear_models import (
-    Standardised,
-    corrected_error,
-    fit_node_models,
-    normal_equations,
-    squared_error,
-)
-from ator_ros.performance.tree.model_tree import ModelTreeRegressor, drop_traces, prune, smooth
+from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 
 Array = NDArray[np.float64]
 
@@ -93,15 +86,6 @@ def test_noise_is_pruned_away():
     assert rmse(tree.predict(X), np.full(2000, y.mean())) < 0.1
 
 
-def test_constant_and_collinear_features_do_no_harm():
-    X, y = kinked(2000, 6)
-    awkward = np.column_stack([X, X[:, 0], 2 * X[:, 0] - X[:, 1], np.full(len(X), 1e9), X[:, 1] * 1e9])
-    fresh_X, fresh_y = kinked(1000, 7)
-    fresh = np.column_stack([fresh_X, fresh_X[:, 0], 2 * fresh_X[:, 0] - fresh_X[:, 1]])
-    fresh = np.column_stack([fresh, np.full(len(fresh), 1e9), fresh_X[:, 1] * 1e9])
-    assert rmse(fresh_y, ModelTreeRegressor().fit(awkward, y).predict(fresh)) < 0.04
-
-
 def test_few_distinct_values_are_split_between_them():
     rng = np.random.default_rng(8)
     X = rng.integers(0, 3, size=(900, 1)).astype(float)
@@ -169,14 +153,6 @@ def test_limits_of_growth_hold():
     assert np.unique(leaf, return_counts=True)[1].min() >= 200
 
 
-def test_rows_are_predicted_alike_alone_and_together():
-    X, y = kinked(2000, 19)
-    tree = ModelTreeRegressor().fit(X, y).tree_
-    alone = np.concatenate([tree.predict(row[None, :]) for row in X[:200]])
-    np.testing.assert_array_equal(alone, tree.predict(X[:200]))
-    np.testing.assert_array_equal(alone, tree.predict(np.asfortranarray(X[:200])))
-
-
 def test_names_come_from_the_columns_and_only_used_ones_are_told():
     X, y = kinked(4000, 20, n_idle=1)
     frame = pd.DataFrame(X, columns=["dist", "angle_to_dest", "idle"])
@@ -211,73 +187,3 @@ def test_wrong_weights_and_groups_are_refused():
         ModelTreeRegressor().fit(X, y, sample_weight=-np.ones(100))
     with pytest.raises(ValueError, match="inconsistent numbers of samples"):
         ModelTreeRegressor().fit(X, y, groups=np.arange(99))
-
-
-def test_term_removal_agrees_with_fitting_every_subset_of_terms_anew():
-    rng = np.random.default_rng(23)
-    X = rng.normal(size=(40, 4))
-    y = X[:, 0] + 0.3 * X[:, 1] + rng.normal(0, 0.5, 40)
-    standard = Standardised.from_rows(X, y, np.ones(40))
-    moments = normal_equations(standard.rows, np.ones(40))
-
-    def fitted_error(terms: list[int]) -> float:
-        A, b = standard.rows[:, terms], standard.rows[:, -1]
-        residual = b - A @ np.linalg.lstsq(A, b, rcond=None)[0]
-        return float(np.sqrt(residual @ residual / 40) * (40 + len(terms)) / (40 - len(terms)))
-
-    kept, error = [0, 1, 2, 3, 4], fitted_error([0, 1, 2, 3, 4])
-    while len(kept) > 1:
-        candidates = [[term for term in kept if term != gone] for gone in kept[1:]]
-        best = min(candidates, key=fitted_error)
-        if fitted_error(best) > error:
-            break
-        kept, error = best, fitted_error(best)
-    fitted = fit_node_models(moments[None], np.array([40.0]), term_cost=1.0)
-    assert 1 < len(kept) < 5
-    assert np.flatnonzero(fitted.models[0]).tolist() == [term for term in kept if term] or fitted.models[0, 0]
-    assert fitted.error[0] == pytest.approx(error, rel=1e-4)
-    residual = standard.rows[:, -1] - standard.rows[:, :-1] @ fitted.models[0]
-    assert squared_error(fitted.models, moments[None])[0] == pytest.approx(residual @ residual)
-
-
-def test_the_corrected_error_is_m5s():
-    error = corrected_error(
-        np.array([36.0, 36.0]), np.array([4.0, 4.0]), np.array([4.0, 2.0]), np.array([2.0, 2.0])
-    )
-    assert error.tolist() == [9.0, np.inf]
-
-
-def test_pruning_cuts_where_the_nodes_own_model_is_no_worse():
-    children = [(1, 2), (3, 4), None, None, None]
-    weight = np.array([8.0, 4.0, 4.0, 2.0, 2.0])
-    assert prune(children, np.array([1.0, 0.5, 0.5, 0.2, 0.9]), weight).tolist() == [
-        False,
-        True,
-        True,
-        True,
-        True,
-    ]
-    assert prune(children, np.array([1.0, 0.6, 0.5, 0.2, 0.9]), weight).tolist() == [
-        False,
-        False,
-        True,
-        True,
-        True,
-    ]
-    assert prune(children, np.array([0.5, 0.6, 0.5, 0.2, 0.9]), weight)[0]
-
-
-def test_traces_are_dropped_and_leave_their_mean_behind():
-    X = np.column_stack([np.linspace(0, 1, 50), np.linspace(5, 6, 50)])
-    moments = normal_equations(np.column_stack([np.ones(50), X, X[:, 0]]), np.ones(50))
-    kept = drop_traces(np.array([[1.0, 2.0, 1e-4]]), moments[None], np.array([0.1]))
-    np.testing.assert_allclose(kept, [[1.0 + 5.5e-4, 2.0, 0.0]])
-
-
-def test_smoothing_is_m5s_filter_on_the_way_to_the_root():
-    models = np.array([[1.0, 0.0], [2.0, 1.0], [3.0, 4.0]])
-    smoothed = smooth([(1, 2), None, None], models, np.array([30.0, 15.0, 5.0]), smoothing=15.0)
-    x = np.array([1.0, 0.7])
-    for node, n in ((1, 15.0), (2, 5.0)):
-        assert smoothed[node] @ x == pytest.approx((n * models[node] @ x + 15.0 * models[0] @ x) / (n + 15.0))
-    np.testing.assert_array_equal(smooth([(1, 2), None, None], models, np.ones(3), smoothing=0.0), models)

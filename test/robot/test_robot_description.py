@@ -1,4 +1,4 @@
-"""Descriptions of robots and scenes: what their files say, their digests, and robots without a holder."""
+"""Descriptions of robots and scenes: what files may say, digests, robots without a holder."""
 
 from __future__ import annotations
 
@@ -8,17 +8,15 @@ import re
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import yaml
 from robots import loaded
 
 from ator_ros.actions.base import Goal, Status
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.field import Field, field_of, goals_in
+from ator_ros.domains.soccer.field import goals_in
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.planned_action import PLAN_SHARE, planned_limits
-from ator_ros.domains.soccer.situations import dribble_ball, go_to_pose
 from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, NoHolderError, Robot, load_robot
@@ -109,15 +107,6 @@ def test_what_a_file_need_not_state_counts_where_it_does(field: str, value: Any,
     assert loaded(robot.sections(), tmp_path) == robot
 
 
-def test_stated_defaults_describe_the_same_robot(tmp_path: Path) -> None:
-    data = ROBOT.sections()
-    data["robot"] |= {"grip": 4.0, "stop": {"forward": 4.0, "backward": 5.0, "turning": 12.0}}
-    data["robot"]["build"] = {"front_friction": 0.15}
-    robot = loaded(data, tmp_path)
-    assert robot == ROBOT
-    assert robot.digest() == DIGEST
-
-
 def test_a_described_build_is_simulated(tmp_path: Path) -> None:
     data = ROBOT.sections()
     numbers = {"mass_behind": 0.05, "mass_height": 0.11, "caster_behind": 0.19}
@@ -145,11 +134,6 @@ def test_a_robot_that_slides_early_turns_slowly_when_it_is_fast() -> None:
         1.2 / planned_limits(ROBOT, ROBOT.limits).v
     )
     assert planned_limits(ROBOT, ROBOT.limits).w == pytest.approx(PLAN_SHARE * ROBOT.limits.w)
-
-
-def test_soccer_reads_its_field_from_the_scene() -> None:
-    assert field_of(ROBOT) == Field(8.0, 5.0, 2.0, 0.6)
-    assert field_of(ROBOT).goal_centre(-1) == (-4.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -193,12 +177,6 @@ def test_a_light_robot_drives_in_the_simulation() -> None:
     assert abs(state.pose.y) < 0.01
 
 
-def test_a_narrow_robot_has_a_body() -> None:
-    urdf = robot_urdf(dataclasses.replace(ROBOT, half_width=0.03, track=0.05))
-    sizes = [tuple(map(float, each.split())) for each in re.findall(r'<box size="([^"]+)"', urdf)]
-    assert all(min(size) > 0.0 for size in sizes)
-
-
 def _lighter(mass: float) -> Robot:
     return dataclasses.replace(ROBOT, mass=mass, holder=None)
 
@@ -222,14 +200,6 @@ def test_what_needs_a_holder_says_so(plain: Robot) -> None:
     assert reason == "dribbleBall needs a holder; robot plain has none"
 
 
-def test_samplers_ask_a_robot_without_a_holder_for_what_it_can_do(plain: Robot) -> None:
-    rng = np.random.default_rng(0)
-    assert all(not go_to_pose(plain, rng).objects for _ in range(20))
-    assert any(go_to_pose(ROBOT, rng).objects for _ in range(20))
-    with pytest.raises(NoHolderError, match=r"^dribbleBall needs a holder"):
-        dribble_ball(plain, rng)
-
-
 def test_a_robot_without_a_holder_drives_around_the_ball(plain: Robot) -> None:
     goal = Goal(Pose(2.0, 0.5, 1.0))
     action = GoToPose(plain)
@@ -246,3 +216,61 @@ def test_a_robot_without_a_holder_drives_around_the_ball(plain: Robot) -> None:
     assert step.status is Status.SUCCEEDED
     assert end.robot.pose.distance(goal.pose) < 0.05
     assert math.hypot(end.objects["ball"].x - 1.0, end.objects["ball"].y - 0.1) < 0.01
+
+
+ROBOT = load_robot()
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        ({"wheel_mass": 4.5}, r"own\.yaml: robot\.build\.wheel_mass: expected less than 4\.5, got 4\.5$"),
+        (
+            {"mass_behind": 0.3},
+            r"own\.yaml: robot\.build\.mass_behind: expected less than 0\.24, .* got 0\.3$",
+        ),
+        (
+            {"caster_behind": 0.25},
+            r"own\.yaml: robot\.build\.caster_behind: expected at most 0\.24, .* got 0\.25$",
+        ),
+        ({"mass_behind": "far"}, r"own\.yaml: robot\.build\.mass_behind: expected .*; got 'far'$"),
+        ({"wheel_mass": -1.0}, r"own\.yaml: robot\.build\.wheel_mass: expected .*; got -1\.0$"),
+        ({"weight": 1.0}, r"own\.yaml: robot\.build.*weight"),
+    ],
+)
+def test_a_build_that_no_body_has_is_refused(build: dict[str, Any], message: str, tmp_path: Path) -> None:
+    data = ROBOT.sections()
+    data["robot"]["build"] = build
+    with pytest.raises(ConfigError, match=message):
+        loaded(data, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "value", "message"),
+    [
+        ("robot", "track", 0.4, r"own\.yaml: robot\.track: expected at most 0\.38, the width .* got 0\.4$"),
+        ("holder", "gap", 0.2, r"robot\.holder\.gap: expected at least 0\.22, the width .* got 0\.2$"),
+        ("holder", "gap", 0.45, r"robot\.holder\.gap: expected at most 0\.44, .* got 0\.45$"),
+        ("holder", "radius", 0.123, r"robot\.holder\.radius: expected .* \(ball 0\.11\), got 0\.123$"),
+        ("robot", "wheel_torque", 0.3, r"robot\.wheel_torque: expected at least 0\.351.*9 kg .* got 0\.3$"),
+    ],
+)
+def test_sizes_that_do_not_fit_each_other_are_refused(
+    part: str, name: str, value: float, message: str, tmp_path: Path
+) -> None:
+    data = ROBOT.sections()
+    (data["robot"] if part == "robot" else data["robot"]["holder"])[name] = value
+    with pytest.raises(ConfigError, match=message):
+        loaded(data, tmp_path)
+
+
+@pytest.mark.parametrize("length", [0.015, 0.033, 0.047])
+def test_a_gap_that_is_asked_for_is_accepted(length: float, tmp_path: Path) -> None:
+    data = ROBOT.sections()
+    data["robot"]["holder"] |= {"length": length, "gap": 0.05}
+    with pytest.raises(ConfigError) as refused:
+        loaded(data, tmp_path)
+    found = re.search(r"expected at least ([\d.]+)", str(refused.value))
+    assert found is not None
+    data["robot"]["holder"]["gap"] = float(found[1])
+    assert loaded(data, tmp_path).holder is not None

@@ -139,15 +139,6 @@ def test_axle_stays_in_place_while_the_robot_turns(simulation: Simulation) -> No
         assert math.hypot(pose.x, pose.y) < 0.01  # the centre of mass is 0.06 m behind the axle
 
 
-def test_ball_comes_and_goes(simulation: Simulation) -> None:
-    simulation.place_object(BALL, 1.0, -0.5, vx=0.1, vy=0.2)
-    ball = ball_of(simulation.world())
-    assert ball is not None
-    assert (ball.x, ball.y, ball.vx, ball.vy) == pytest.approx((1.0, -0.5, 0.1, 0.2), abs=1e-9)
-    simulation.remove_object(BALL)
-    assert ball_of(simulation.world()) is None
-
-
 def test_a_standing_robot_does_not_creep(simulation: Simulation) -> None:
     simulation.command(Command(0.5, 0.5))
     for _ in range(40):

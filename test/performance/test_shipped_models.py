@@ -22,7 +22,7 @@ ROBOT = load_robot()
 MODELS = resource_path("models")
 OTHERS = ("drive", "tour")
 FILES = [file for file in sorted(filter(is_model, MODELS.rglob("*.json"))) if file.parent.name not in OTHERS]
-DOCS = Path(__file__).resolve().parents[1] / "docs"
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def domain_of(file: Path) -> Domain:

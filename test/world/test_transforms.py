@@ -100,17 +100,6 @@ def test_frames_that_never_move_hold_at_the_time_up_to_which_the_others_are_know
     assert Transforms().latest("map", "map") is None
 
 
-def test_what_never_moves_is_dated_as_the_robot_though_its_localisation_dates_ahead() -> None:
-    known = Transforms()
-    known.add("map", "station", 0.0, planar(4.0, 4.0), fixed=True)
-    for tick in range(5):
-        known.add("odom", "base_link", 10.0 + tick, planar(0.1, 0.0))
-        known.add("map", "odom", 11.0 + tick, HERE)
-        assert known.latest("map", "station") == (10.0 + tick, planar(4.0, 4.0))
-    known.add("map", "gone", 3.0, HERE)  # nobody publishes it any more
-    assert known.latest("map", "station") == (14.0, planar(4.0, 4.0))
-
-
 def test_a_clock_that_is_reset_and_a_new_parent_begin_anew() -> None:
     known = robot_in_map()
     known.add("odom", "base_link", 0.5, planar(9.0, 0.0))

@@ -10,8 +10,6 @@ from outside.delivery import DELIVERY, PARCEL
 
 from ator_ros.domains.domain import DomainError
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.situations import go_to_pose
-from ator_ros.experience.collect import collect
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.simulation import Simulation
@@ -83,24 +81,3 @@ def test_a_bay_is_open_in_front_and_closed_behind_and_beside(yaw: float) -> None
         simulation.place_robot(beside)
         outside = front.relative(drive(simulation, 1.7).robot.pose)
         assert outside.y - ROBOT.tip == pytest.approx(0.55, abs=0.05)
-
-
-def test_without_bays_the_robot_drives_where_the_goals_were() -> None:
-    for robot, passes in ((ROBOT, False), (within(bays=()), True)):
-        with Simulation(robot) as simulation:
-            simulation.place_robot(Pose(3.8, 0.0, 0.0))
-            assert (drive(simulation, 3.0).robot.pose.x > 4.6) is passes
-
-
-def test_experience_is_collected_with_the_objects_of_another_domain() -> None:
-    specs = list(DELIVERY.actions().values())
-    objects, robot = DELIVERY.objects, DELIVERY.equip(ROBOT)
-    (frame,) = collect(specs, DELIVERY.tops, robot, objects=objects, episodes=1, seed=3, jobs=1)
-    assert frame["success"].all()
-
-
-def test_soccer_without_goals_still_drives() -> None:
-    robot = SOCCER.equip(within(bays=()))
-    spec = dataclasses.replace(SOCCER.actions()["goToPose"], sample=go_to_pose)
-    (frame,) = collect([spec], SOCCER.tops, robot, objects=SOCCER.objects, episodes=1, seed=1, jobs=1)
-    assert frame["success"].all()

@@ -7,14 +7,13 @@ import pandas as pd
 import pytest
 from experience_rows import made_up_experience
 
-from ator_ros.performance.accuracy import accuracy, bootstrap_ci95, brier, kinds
+from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.features import PAPER_3, derived_from
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import (
     Training,
     TrainingError,
-    digest,
     direct_of,
     observed_model,
     observed_starts,
@@ -54,15 +53,6 @@ def test_only_what_is_asked_for_is_computed(model: PerformanceModel) -> None:
     assert np.all((every.success >= 0.0) & (every.success <= 1.0))
 
 
-def test_one_situation_and_many_agree_to_the_last_bit(model: PerformanceModel) -> None:
-    direct = direct_of(FRESH)
-    together = model.predict(direct, MEASURES)
-    for row in range(len(FRESH)):
-        alone = model.predict({name: values[row] for name, values in direct.items()}, MEASURES)
-        for name in (*MEASURES, "spread"):
-            assert getattr(alone, name)[0] == getattr(together, name)[row]
-
-
 def test_used_variables_are_those_the_prediction_changes_with(model: PerformanceModel) -> None:
     assert set(model.used_features) <= {name for tree in model.trees.values() for name in tree.names}
     used = {name for tree in model.trees.values() for name in tree.used_features()}
@@ -94,13 +84,6 @@ def test_rules_and_explanation_name_the_features_with_units(model: PerformanceMo
     situation = {name: float(FRESH[name].iloc[0]) for name in DIRECT_VARIABLES}
     text = model.explain(situation)
     assert f"here time = {model.predict(situation).duration[0]:.3f}" in text
-
-
-def test_learning_twice_gives_the_same_model(model: PerformanceModel) -> None:
-    again = train("goToPose", ROWS.copy(), ROBOT)
-    direct = direct_of(FRESH)
-    assert np.array_equal(again.predict(direct).duration, model.predict(direct).duration)
-    assert digest(ROWS) == digest(ROWS.copy()) != digest(FRESH)
 
 
 def test_later_examples_count_only_with_a_weight(model: PerformanceModel) -> None:
@@ -140,12 +123,6 @@ def test_kinds_of_starts_are_told_apart() -> None:
     assert len(parts["in motion"]) == len(parts["at rest, pose"]) == 300
     assert len(parts["at rest, object, arriving at speed"]) == 300
     assert "at rest, object, arriving at rest" not in parts
-
-
-def test_bootstrap_interval_of_a_mean_is_about_two_standard_errors() -> None:
-    values = np.random.default_rng(0).normal(0.0, 1.0, 400)
-    low, high = bootstrap_ci95(values, lambda x: x.mean(axis=1))
-    assert high - low == pytest.approx(4 * values.std() / 20, rel=0.1)
 
 
 def test_the_ranges_of_the_starts_are_kept_for_the_search() -> None:

@@ -19,15 +19,10 @@ from ator_ros.robot.description import load_robot
 EDGES = [0.0, 1e-300, 1e-9, 0.01, 0.5, 1.0, 3.14159265358979, 7.0, 100.0, 1e4, 1e6]
 """What files, messages and command lines may hold, up to the bounds that are checked where they come in."""
 CHECKED = (
-    "test_bounds.py",
+    "performance",
     "test_compiled.py",
-    "test_features.py",
-    "test_model_tree.py",
-    "test_performance_model.py",
     "test_refinement_search.py",
     "test_run_up_times.py",
-    "test_shipped_models.py",
-    "test_tree_storage.py",
 )
 """The tests that run compiled code."""
 
@@ -56,7 +51,7 @@ def test_an_index_beyond_an_array_is_noticed() -> None:
 
 @pytest.mark.long
 def test_compiled_code_keeps_to_its_arrays() -> None:
-    folder = Path(__file__).parent
+    folder = Path(__file__).parents[1]
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not long and not node"]
     done = subprocess.run(
         [*command, *(str(folder / name) for name in CHECKED)],

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import subprocess
-import sys
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +16,6 @@ from ator_ros.domains.soccer.chosen_motions import (
     pushed_grid,
     turns_of,
 )
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.families import (
     PushedTurns,
     approach_family,
@@ -28,7 +24,6 @@ from ator_ros.domains.soccer.families import (
     shot_family,
 )
 from ator_ros.domains.soccer.planned.holding import MARGIN, keeps_ball, push
-from ator_ros.experience.collect import EpisodeTask, run_task
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.displacements import TurnDriving
 from ator_ros.motion.families import (
@@ -40,7 +35,6 @@ from ator_ros.motion.families import (
     chosen,
     drawn_ends,
     fastest_motions,
-    needed_kinds,
     times_of,
 )
 from ator_ros.motion.turn_tables import Way
@@ -100,32 +94,8 @@ def test_dribbles_are_nearly_as_fast_as_those_of_the_grid(robot: Robot) -> None:
     assert excess(dribble_family(robot, rows), grid, robot) < 0.02
 
 
-def test_the_few_kinds_of_the_shipped_models_are_not_far_from_the_grid() -> None:
-    limits, robot = PIONEER.limits, PIONEER
-    assert excess(drive_family(limits), drive_family(limits, free_grid((0.0,))), robot) < 0.08
-    assert excess(approach_family(robot), approach_family(robot, free_grid()), robot) < 0.06
-    assert excess(dribble_family(robot), dribble_family(robot, pushed_grid(robot)), robot) < 0.06
-
-
 def test_a_robot_that_holds_nothing_has_no_approaches() -> None:
     assert drives_of(PLAIN)["approach"] == []
-
-
-def test_another_process_chooses_the_same_kinds() -> None:
-    words = (
-        "from robots import FIFTH; from ator_ros.domains.soccer.chosen_motions import chosen_drives; "
-        "print(chosen_drives(FIFTH))"
-    )
-    told = subprocess.run(
-        [sys.executable, "-c", words], cwd=Path(__file__).parent, capture_output=True, text=True, check=True
-    )
-    assert told.stdout.strip() == str(chosen_drives(FIFTH))
-
-
-def test_of_a_grid_that_leads_nowhere_one_kind_is_kept() -> None:
-    limits = FIFTH.holder_for("a test").limits
-    nowhere = Kind(Way(0.0, 0.01), Way(0.0, 0.01), 0.5, least_start=99.0)
-    assert needed_kinds(Family(limits, (nowhere,) * 3, run=None, forward=True), hold=0.3) == [0]
 
 
 def test_the_kind_that_saves_most_is_chosen_next_until_hardly_any_is_saved() -> None:
@@ -184,13 +154,6 @@ def test_turns_with_the_ball_hold_it(robot: Robot) -> None:
             assert rows is None or keeps_ball(robot, turn, fastest)
 
 
-def test_a_robot_that_loses_the_ball_in_every_turn_has_kinds_nevertheless() -> None:
-    holder = FIFTH.holder_for("a test")
-    slow = dataclasses.replace(holder.limits, a=0.01, brake=5.0, w=50.0)
-    loses = dataclasses.replace(FIFTH, holder=dataclasses.replace(holder, limits=slow))
-    assert len(pushed_grid(loses)) > len(pushed_grid(PIONEER)) > 1000
-
-
 def test_lengths_and_speeds_follow_the_robot() -> None:
     assert approach_family(PIONEER).run == 0.25
     assert approach_family(PIONEER).passing == 0.4
@@ -199,14 +162,3 @@ def test_lengths_and_speeds_follow_the_robot() -> None:
         families = dribble_family(robot), dribble_family(robot, dribbles_of(robot)), shot_family(robot)
         entries = [kind.entry for family in families for kind in family.kinds]
         assert np.nanmax(entries) <= robot.holder_for("a test").limits.v
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("robot", OTHERS, ids=lambda robot: robot.name)
-@pytest.mark.parametrize("action", list(SOCCER.actions()))
-def test_other_robots_execute_what_is_sampled(action: str, robot: Robot) -> None:
-    tasks = [
-        EpisodeTask(SOCCER.actions()[action], SOCCER.tops, robot, 7, number, SOCCER.objects)
-        for number in range(8)
-    ]
-    assert all(run_task(task)["success"].iloc[0] for task in tasks)

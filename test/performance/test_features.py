@@ -22,7 +22,6 @@ from ator_ros.performance.features import (
     PAPER_11,
     PATHS,
     Feature,
-    derived_from,
     names_of,
 )
 from ator_ros.performance.features import feature_table as table_of_features
@@ -174,22 +173,6 @@ def test_one_situation_and_many_agree_to_the_last_bit() -> None:
         assert np.array_equal(alone[0], together[row])
 
 
-def test_scalars_are_spread_over_arrays() -> None:
-    direct = situations(3, 5)
-    spread = {**direct, "x": np.full(5, 0.25)}
-    scalar = {**direct, "x": 0.25}
-    assert np.array_equal(feature_table(scalar, ROBOT, NAMES), feature_table(spread, ROBOT, NAMES))
-
-
-def test_order_and_choice_of_names_do_not_matter() -> None:
-    direct = situations(4)
-    whole = table(direct)
-    some = ["dribble_time", "dist", "v"]
-    assert np.array_equal(
-        feature_table(direct, ROBOT, some), np.stack([whole[name] for name in some], axis=1)
-    )
-
-
 def test_paper_features_of_a_known_situation() -> None:
     goal = Goal(Pose(1.0, 2.0, math.pi / 2), 0.0, Point.AXLE)
     direct = direct_variables(RobotState(Pose(1.0, 0.0, 0.0)), goal)
@@ -225,10 +208,6 @@ def test_a_ball_in_the_way_costs_time() -> None:
     assert around > straight + 0.3
 
 
-def test_derived_variables_are_joined() -> None:
-    assert derived_from([FEATURES["v"], FEATURES["dx"]]) == {"v", "x", "xg", "yawg", "hold"}
-
-
 def test_missing_and_odd_shapes_are_refused() -> None:
     direct = situations(0, 3)
     with pytest.raises(ValueError, match="missing: hold"):
@@ -237,17 +216,6 @@ def test_missing_and_odd_shapes_are_refused() -> None:
         direct_table({**direct, "x": np.zeros(4)})
     with pytest.raises(ValueError, match="not finite: yaw, xg"):
         direct_table({**direct, "yaw": np.array([0.0, np.nan, 0.0]), "xg": math.inf})
-
-
-@pytest.mark.parametrize("hold", [0.0, 1.0])
-@pytest.mark.parametrize("name", ["drive_time", "dribble_time"])
-def test_ideal_times_have_no_needles(name: str, hold: float) -> None:
-    angles = np.radians(np.arange(-180.0, 180.5, 0.5))
-    direct = dict.fromkeys(DIRECT_VARIABLES, 0.0) | {"xg": 2.0, "yg": 0.1, "yawg": angles, "hold": hold}
-    times = feature_table(direct, ROBOT, [name])[:, 0]
-    around = np.concatenate([times[-3:-1], times, times[1:3]])
-    needles = np.abs(times - np.median([around[k : len(times) + k] for k in range(5)], axis=0))
-    assert needles.max() < 0.1
 
 
 def test_ideal_times_hardly_depend_on_the_last_bit() -> None:

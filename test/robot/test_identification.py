@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import Limits, Robot, StopBraking, load_robot
+from ator_ros.robot.description import Limits, Robot, load_robot
 from ator_ros.robot.identification import BaseEstimate, identify
 from ator_ros.robot.probe_drive import DriveError, DrivePart, DriveSample, ProbeDrive
-from ator_ros.robot.response import AxisResponse, ramped
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tools.work.calibrate import described
@@ -109,26 +108,6 @@ def test_a_base_that_does_not_move_is_told() -> None:
 def test_parts_that_are_missing_are_told() -> None:
     with pytest.raises(DriveError, match="expected those of the parts sprint and creep, got none"):
         identify([DriveSample(DrivePart.SPRINT_W, 0.0, STOP, 0.0, 0.0)])
-
-
-def test_the_response_is_that_of_fine_steps() -> None:
-    """The closed form agrees with a simulation in steps of 0.1 ms, sign changes and stops included."""
-    limits = Limits(v=1.0, w=1.0, a=0.7, brake=1.1, aw=2.0)
-    times = np.arange(0.0, 8.0, 0.05)
-    commands = np.repeat([2.0, 0.3, -0.8, 0.0], 40)
-    response = AxisResponse(latency=0.07, lag=0.1, limit=1.0, gain=0.7, loss=1.1, stop=4.0)
-    found = response.speeds(times.tolist(), commands.tolist())
-    dt, setpoint, speed, expected = 1e-4, STOP, 0.0, []
-    for number in range(round(8.0 / dt)):
-        time = number * dt
-        if number % round(0.05 / dt) == 0:
-            expected.append(speed)
-        sent = int((time - 0.07 + 1e-9) // 0.05)
-        target = Command(v=min(1.0, commands[sent])) if sent >= 0 else STOP
-        setpoint = ramped(setpoint, target, dt, limits, StopBraking())
-        speed += (setpoint.v - speed) * dt / 0.1
-    errors = np.abs(found - np.array(expected[: len(found)]))
-    assert errors[commands >= 0.3].max() < 0.003
 
 
 def test_motors_are_as_strong_as_what_the_base_has_shown() -> None:

@@ -124,13 +124,6 @@ def test_a_damaged_driving_is_refused(tmp_path: Path, word: str, other: str) -> 
         load_model(file, ROBOT, GENERAL)
 
 
-def test_a_style_without_any_way_has_no_time() -> None:
-    slow = (0.1,) * LEVELS
-    driving = DrivingStyle(ROBOT.limits, False, None, 0.0, slow, slow)
-    ends = np.array([[1.0, 0.2, 0.3, 0.0, 0.0]])
-    assert not np.isfinite(path_times(ends, driving, hold=ROBOT.hold, holding=True).time).any()
-
-
 def test_a_style_is_kept_as_data_and_nonsense_is_refused() -> None:
     data = SLOW.to_dict()
     assert DrivingStyle.from_dict(data) == SLOW
