@@ -112,7 +112,7 @@ def reserved(folder: Path | str, size: int) -> Iterator[Callable[[], None]]:
 def alone_in(folder: Path | str) -> Iterator[None]:
     """Keep other processes that ask for the same out of `folder`, made when missing, during the block.
 
-    The end of this process, however it dies, frees it. On a file system without locks nobody is kept out.
+    The lock ends with this process. A file system without locks keeps no process out.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Files as typed classes: cattrs structures what a parser read, strictly, and says where it does not fit.
+"""Files as typed classes: cattrs structures what a parser read, strictly, and reports where it does not fit.
 
 A schema is a dataclass. Its annotations say what each field must be: numbers are finite, nothing is converted
 silently (no "3" for 3, no true for 1), a union is the first of its types that fits, and `Within`, `OneOf`,

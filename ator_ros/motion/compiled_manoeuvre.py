@@ -36,7 +36,7 @@ class Turned(NamedTuple):
 
 @compiled
 def displacement(angle: float, side: FloatArray, bounds: Rates) -> Turned:
-    """Return where a turn ends that is driven as `side`, shape (5,), says; see `displacements`."""
+    """Return where a turn driven as `side`, shape (5,), ends; see `displacements`."""
     aw, time = bounds.aw, turn_time(angle, side[4], bounds.aw)
     size = max(abs(angle), 1e-12)
     ramp, steady = turn_parts(size, side[4], aw)

@@ -31,7 +31,7 @@ class Rates(NamedTuple):
 
 
 Bounds: TypeAlias = Rates | Limits
-"""Compiled code knows `Rates` only."""
+"""Compiled code takes `Rates` only."""
 
 
 def rates_of(limits: Limits) -> Rates:

@@ -281,7 +281,7 @@ def _fill_gaps(
 ) -> int:
     """Compute by how much a drive after each of TURNS misses the last turn, in the kind's direction.
 
-    Return a number whose bits tell which of them are above 0: to check all of them in turn would take longer.
+    Return a number whose bits are set for those above 0: to check all of them in turn would take longer.
     """
     x, y = np.float32(way.x), np.float32(way.y)
     fraction, column = window

@@ -52,7 +52,7 @@ def derive_ways(direct: FloatArray, hold: float, aw: float, rows: FloatArray) ->
     direct : ndarray, shape (10 or more, n)
         Direct variables, in the order of `DIRECT_VARIABLES`.
     hold : float
-        Distance in m from the axle to what is held.
+        Distance in m from the axle to the held object.
     aw : float
         Limit of the angular acceleration in rad/s^2.
     rows : ndarray, shape (ROWS or more, n)

@@ -1,4 +1,4 @@
-"""How an action was seen to drive: what the times of paths need to know of it, and nothing else."""
+"""How an action was observed to drive, as far as the times of its paths depend on it."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class DrivingStyle:
     backward : bool
         Whether it drives backward.
     run : float or None
-        Length in m of the straight run up to what is held at the goal; None where the run is as long as
+        Length in m of the straight run up to the object held at the goal; None where the run is as long as
         its change of speed needs.
     passing : float
-        Distance in m that a straight drive keeps from what is held at the goal.
+        Distance in m that a straight drive keeps from the object held at the goal.
     steady, braking : tuple of float, LEVELS of them
         Greatest turn rate at each range of speeds as a share of `limits.w`: at a steady speed, and while
         losing speed.
@@ -83,7 +83,7 @@ class _SeenLimits:
 
 @dataclass(frozen=True)
 class _Seen:
-    """What a file says of how an action drives."""
+    """A `DrivingStyle` in a file."""
 
     limits: _SeenLimits
     backward: bool

@@ -118,7 +118,7 @@ PAPER_11 = (
     _basic("angle_to_dest", "rad", _POSES),
     _basic("angle_at_dest", "rad", _PLACES),
 )
-"""The candidates of the paper; its angles don't tell left from right."""
+"""The candidates of the paper; its angles are the same to the left and to the right."""
 
 PAPER_6 = PAPER_11[:6]
 """The direct variables of both poses, which the paper transforms into three features (Figures 3 and 5)."""

@@ -1,6 +1,6 @@
 """Times of turn-straight-turn paths at the limits that were observed of a base: features for any action.
 
-Nothing here knows an action's plan. A path turns, drives straight and turns again, forward or backward, to
+A path turns, drives straight and turns again, forward or backward, to
 either side, while the speed changes evenly or not at all; of many such paths the fastest counts. How fast the
 action turns and drives, whether it ever drives backward, and how it comes up to what it holds at the end is
 read off its odometry (`ator_ros.performance.training`).

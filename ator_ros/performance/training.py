@@ -104,7 +104,7 @@ def _envelope(level: FloatArray, rates: FloatArray) -> tuple[float, ...]:
 
 
 def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> DrivingStyle:
-    """Choose run and passing with which the times of paths tell the durations best."""
+    """Choose run and passing with which the times of paths predict durations best."""
     best, least = driving, _error(driving, starts, robot)
     for _ in range(2):
         for tried in (
@@ -128,7 +128,7 @@ def _error(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> float:
 
 
 OBSERVED: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
-"""The same for a model that knows nothing but what was observed: no ideal times of our own actions."""
+"""The same for a model of observations alone: no ideal times of our own actions."""
 
 # M5' takes 15. With a few hundred starts the leaves are small, and a search along a heading runs into the
 # jumps between them: 10-fold cross-validation on the training episodes falls until about here.
@@ -380,7 +380,7 @@ def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
 def observed_model(
     action: str, rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]
 ) -> PerformanceModel:
-    """Learn a model as `train` does that knows what its episodes reach, see `observed_starts`."""
+    """Learn a model as `train` does, with the range of its episodes; see `observed_starts`."""
     model = train(action, rows, robot, features=features)
     return dataclasses.replace(model, metadata={"training": {"starts": observed_starts(rows, robot)}})
 

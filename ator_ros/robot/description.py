@@ -94,7 +94,7 @@ class Holder:
 
 @dataclass(frozen=True, slots=True)
 class StopBraking:
-    """How hard a base brakes where it is told to stand, in m/s^2 and rad/s^2: harder than `Limits` brake.
+    """How hard a base brakes on a command to stop, in m/s^2 and rad/s^2: harder than `Limits` brake.
 
     Attributes
     ----------
@@ -358,9 +358,9 @@ def _wrong_holder(robot: Robot) -> Iterator[str]:
 
 
 def held_by_none(robot: Robot) -> str | None:
-    """Return that no object of the scene has the size that the holder is for; None if one has.
+    """Return the fault that no object of the scene has the size that the holder is made for.
 
-    A description says both. The scene of a domain may have other objects, which nobody holds.
+    A description has both. The scene of a domain may have other objects.
     """
     holder, objects = robot.holder, robot.scene.objects
     if holder is None or not objects:

@@ -144,8 +144,8 @@ def judge(
     message : str
         A sentence on how it ended.
     drifts : bool
-        Whether the robot knows its place by odometry that drifts from the true one. Then only the terms that
-        name objects are judged: where the robot stands shows in the error.
+        Whether the robot is localised by odometry that drifts. Then only the terms that name objects are
+        judged: the robot's place shows in the error.
     """
     purpose = dataclasses.replace(top, post=top.post.about_objects()) if drifts else top
     robot, ended_well = simulation.robot, status is Status.SUCCEEDED

@@ -54,10 +54,10 @@ class SensorConfig:
     heading_drift : float
         Standard deviation in rad of the odometry's heading after 1 m of driving; grows alike.
     latency : float
-        Time in s from a state to word of it, rounded up to a tick: odometry and objects come that late, with
-        the time of the state; what `Sight.delay` delays is late by both. The first state, and the first after
-        a reset or when the robot was placed, is told at once, and then for that time nothing newer.
-        An object that was placed is told at once.
+        Time in s from a state to its messages, rounded up to a tick: odometry and objects come that late,
+        with the time of the state; what `Sight.delay` delays is late by both. The first state, and the first
+        after a reset or when the robot was placed, comes at once, and then for that time nothing newer. An
+        object that was placed is seen at once.
     objects : mapping of str to Sight
         How each object is seen, by its name; one that is not named is seen exactly.
     """
@@ -162,7 +162,7 @@ class Sensors:
         self._coming: deque[World] = deque()
 
     def placed(self, name: str, world: World) -> None:
-        """See an object where it now is, or no more, also in what is still to be told."""
+        """See an object where it now is, or no more, also in observations that are still delayed."""
         if self.config.exact:
             return
         self._seeing[name] = _Seeing(self.config.objects.get(name, Sight()), self._rng)

@@ -65,22 +65,22 @@ def robot_urdf(robot: Robot) -> str:
 
 def _built(robot: Robot) -> tuple[float, float, float, float, float]:
     """Return how a robot is built, in the order of `Build`; derive what its description leaves out."""
-    said = robot.build
+    given = robot.build
     wheel_mass = min(WHEEL_MASS * max(1.0, robot.mass / _USUAL_MASS), WHEEL_SHARE * robot.mass)
     # In a short body, too, the wheels carry most of the weight, so low that neither stop nor turn tips it.
-    caster = _or(said.caster_behind, max(robot.rear - _CASTER, 0.5 * robot.rear))
+    caster = _or(given.caster_behind, max(robot.rear - _CASTER, 0.5 * robot.rear))
     behind = min(_CENTRE_OF_MASS, _BEHIND_SHARE * caster)
     return (
-        _or(said.mass_behind, behind),
-        _or(said.mass_height, _HEIGHT * (behind / _CENTRE_OF_MASS)),
+        _or(given.mass_behind, behind),
+        _or(given.mass_height, _HEIGHT * (behind / _CENTRE_OF_MASS)),
         caster,
-        _or(said.wheel_mass, wheel_mass),
-        _or(said.wheel_inertia, WHEEL_INERTIA * _motor_size(robot)),
+        _or(given.wheel_mass, wheel_mass),
+        _or(given.wheel_inertia, WHEEL_INERTIA * _motor_size(robot)),
     )
 
 
-def _or(said: float | None, derived: float) -> float:
-    return derived if said is None else said
+def _or(given: float | None, derived: float) -> float:
+    return derived if given is None else given
 
 
 def _motor_size(robot: Robot) -> float:

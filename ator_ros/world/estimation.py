@@ -16,14 +16,14 @@ from ator_ros.geometry import FloatArray, Pose
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _SPAN = 0.3
-"""Time in s over which positions tell the velocity."""
+"""Time in s of positions from which a velocity is fitted."""
 _LEAST = 0.05
 """Time in s that positions must span; until then the object counts as at rest."""
 _FASTEST = 20.0
 """Speed in m/s above which an object was found elsewhere instead of moving: other robots reach 15 m/s."""
 _KEPT_POSES = 64
 _ROBOT_SPAN = 0.04
-"""Least time in s over which two poses of the robot tell its velocity: one tick at 20 Hz, four at 100 Hz."""
+"""Least time in s between two poses from which the robot's velocity is derived: one tick at 20 Hz."""
 _ROUNDING = 1e-6
 _BEYOND_LIMITS = 1.5
 """A robot that seems to move so many times as fast as its limits was found elsewhere, or is turned about."""
@@ -477,7 +477,7 @@ class Sightings:
         Messages of two topics arrive in any order, and a busy node gets only the newest of each. If the only
         recent sighting is a little newer than odometry, it is extrapolated backward.
         """
-        # A sighting that arrived before odometry of its stamp counts as heard at its stamp.
+        # A sighting that arrived before odometry of its stamp counts as received at its stamp.
         self._heard = max([self._heard, *(stamp for stamp, _ in self._sights if stamp <= time)])
         while self._sights and self._sights[0][0] < time - self.timeout:
             self._sights.popleft()

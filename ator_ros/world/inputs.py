@@ -22,7 +22,7 @@ _REAL_TIME = 0.8
 _SLOWEST = 50.0
 """Greatest factor of timeouts: with it a simulation at 0.02 times real time keeps them."""
 GAP = 1.0
-"""Real time in s without odometry after which the base may have been started anew."""
+"""Real time in s without odometry after which the base may have been restarted."""
 
 
 class ClockJumpError(ValueError):

@@ -31,7 +31,7 @@ _TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
 @dataclass(frozen=True, slots=True)
 class ObjectSource:
-    """An object, and the topic that tells where it is.
+    """An object, and the topic of its state.
 
     Attributes
     ----------

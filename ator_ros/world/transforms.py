@@ -1,4 +1,4 @@
-"""Transforms between frames, as tf tells them, and where one frame is in another. Nothing here knows ROS."""
+"""Transforms between frames, as on /tf, and the pose of one frame in another; without ROS."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Placement(NamedTuple):
         )
 
     def inverse(self) -> Placement:
-        """Return where the frame that this is told in lies, seen from here."""
+        """Return the inverse transform."""
         x, y, z, w = self.turn
         back = (-x, -y, -z, w)
         i, j, k = _rotated(back, self.origin)
@@ -148,7 +148,7 @@ class Transforms:
     def present(self) -> float | None:
         """The time in s up to which every frame that moves is known; None: none moves.
 
-        A localisation dates its transforms ahead of the odometry. Frames not heard of lately do not count.
+        Localisation dates its transforms ahead of odometry. Frames without recent transforms do not count.
         """
         newest = [link.times[-1] for link in self._links.values() if not link.fixed]
         latest = max(newest, default=0.0)
