@@ -1,18 +1,20 @@
 """How long a run-up to a shot takes: straight, one turn, straight on until the ball is let go and rolls in.
 
 A shot may go anywhere between the posts, in any direction. Whether a tight enough turn leads into the goal
-decides between one second and six. A few ideal motions to fixed places cannot show that.
+decides between one second and six. A few ideal motions to fixed places cannot show that. The search is
+compiled, since each situation looks at hundreds of run-ups.
 """
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 import numpy as np
 
-from ator_ros.compiled import in_shares
+from ator_ros.compiled import in_shares, inlined, unlocked
 from ator_ros.domains.soccer.ball import BALL
-from ator_ros.domains.soccer.compiled_run_ups import ANGLES, HeldTurns, ShotSetting, fastest_run_ups
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.planned.holding import (
     LARGEST_TURN,
@@ -26,8 +28,182 @@ from ator_ros.domains.soccer.planned.planned_action import planned_limits
 from ator_ros.domains.soccer.planned.release import ROOM, SLANT, roll_of
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.displacements import TurnDriving, displacement_table
-from ator_ros.motion.durations import rates_of
+from ator_ros.motion.durations import Rates, change_distance, forward_time, rates_of, turn_time
+from ator_ros.performance.derived import wrapped
 from ator_ros.robot.description import Limits, Robot
+
+ANGLES = 151
+"""Entries of a table: turns to the left by 0 to `LARGEST_TURN`."""
+_LEADS = (0.0, 0.4, 1.0)
+"""By how much in m the straight before the turn may be longer than its change of speed needs."""
+
+
+class HeldTurns(NamedTuple):
+    """Where turns with the ball lead, driven as fast as it allows.
+
+    Attributes
+    ----------
+    table : ndarray, shape (speeds, ANGLES, gains, 2)
+        Forward and leftward displacements of turns to the left in m, in the frame of the start.
+    rates : ndarray, shape (speeds, gains)
+        Greatest turn rate in rad/s.
+    gains : ndarray, shape (gains,)
+        Change of speed in m/s^2.
+    step : float
+        Between two start speeds in m/s; the first is 0.
+    """
+
+    table: FloatArray
+    rates: FloatArray
+    gains: FloatArray
+    step: float
+
+
+class ShotSetting(NamedTuple):
+    """What counts of robot, ball and goal for a shot: lengths in m, decelerations in m/s^2.
+
+    `roll` is how far the ball is sent before it is let go, in m per (m/s)^2; `room` is kept from posts and
+    walls.
+    """
+
+    hold: float
+    reach: float
+    radius: float
+    rolling: float
+    braking: float
+    half_width: float
+    depth: float
+    roll: float
+    room: float
+
+
+@unlocked
+def fastest_run_ups(
+    starts: FloatArray, speeds: FloatArray, slants: FloatArray, turns: HeldTurns, setting: ShotSetting,
+    rates: Rates, result: FloatArray, first: int, end: int,
+) -> None:  # fmt: skip
+    """Write the time in s until the ball is in the goal, infinite where no run-up leads there; NaN for NaN.
+
+    Parameters
+    ----------
+    starts : ndarray, shape (4, n)
+        Pose of the axle in the frame of the goal's mouth (m, m, rad), x out of the field, and speed in m/s.
+    speeds : ndarray, shape (m,)
+        At which turns may begin besides the speed of the start, in m/s.
+    slants : ndarray, shape (k, 4)
+        Headings in rad in which the ball may be sent, their cosine, sine and tangent.
+    turns, setting, rates
+        How turns are driven, robot, ball and goal, and the limits with the ball.
+    result : ndarray, shape (n,)
+        The times.
+    first, end : int
+        Of which situations.
+    """
+    for at in range(first, end):
+        x, y, yaw = starts[0, at], starts[1, at], starts[2, at]
+        if not math.isfinite(x + y + yaw + starts[3, at]):
+            result[at] = math.nan
+            continue
+        v, best = min(max(starts[3, at], 0.0), rates.v), math.inf
+        all_round = _least_time((x, y, yaw, v), setting, rates) + turn_time(math.pi, rates.w, rates.aw)
+        for lead in _LEADS:
+            if lead > 0.0 and best < all_round:
+                break  # a longer lead saves at most tenths of a second where no detour is made
+            for entry in range(-1, len(speeds)):
+                begin = v if entry < 0 else speeds[entry]
+                if entry >= 0 and begin == v:
+                    continue
+                length = change_distance(v, begin, rates) + lead
+                straight = forward_time(length, v, begin, rates)
+                start = (x + length * math.cos(yaw), y + length * math.sin(yaw), yaw, begin)
+                if straight + _least_time(start, setting, rates) < best:
+                    found = _fastest_turn(start, best - straight, slants, turns, setting, rates)
+                    best = min(best, straight + found)
+        result[at] = best
+
+
+@inlined
+def _least_time(start: tuple[float, float, float, float], setting: ShotSetting, rates: Rates) -> float:
+    """Return a lower bound in s of the time from a start until the ball is at the line."""
+    way, speed = max(-setting.hold - start[0], 0.0), start[3]
+    gained = (rates.v * rates.v - speed * speed) / (2.0 * rates.a)
+    if way <= gained:
+        return (math.sqrt(speed * speed + 2.0 * rates.a * way) - speed) / rates.a
+    return (rates.v - speed) / rates.a + (way - gained) / rates.v
+
+
+@inlined
+def _fastest_turn(
+    start: tuple[float, float, float, float], most: float, slants: FloatArray, turns: HeldTurns,
+    setting: ShotSetting, rates: Rates,
+) -> float:  # fmt: skip
+    """Return the time in s of the fastest turn and shot from a start, infinite unless it is below `most`."""
+    x, y, yaw, speed = start
+    row = min(int(speed * (1.0 / turns.step) + 0.5), len(turns.table) - 1)
+    ahead, aside = math.cos(yaw), math.sin(yaw)
+    best = most
+    for number in range(2 * len(slants)):
+        if number == len(slants) and turn_time(math.pi, rates.w, rates.aw) >= best:
+            break
+        slant, cos, sin, tan = slants[number % len(slants)]
+        angle = wrapped(slant - yaw)
+        if number >= len(slants):
+            angle -= math.copysign(2.0 * math.pi, angle)  # the other way round
+        size, side = abs(angle), math.copysign(1.0, angle)
+        if not size < LARGEST_TURN:
+            continue
+        widest = setting.half_width - (setting.reach + setting.room) / cos
+        aim = y + setting.hold * sin - (x + setting.hold * cos) * tan
+        # By how much farther to the left the ball crosses the line for each m of a displacement.
+        forward_aim, left_aim = aside - ahead * tan, side * (ahead + aside * tan)
+        place = size * ((ANGLES - 1) / LARGEST_TURN)
+        low = min(int(place), ANGLES - 2)
+        for gain in range(len(turns.gains)):
+            forward = _between(turns.table, row, low, gain, 0, place - low)
+            left = _between(turns.table, row, low, gain, 1, place - low)
+            if abs(aim + forward_aim * forward + left_aim * left) > widest:
+                continue
+            turning = turn_time(size, turns.rates[row, gain], rates.aw)
+            if turning >= best:
+                continue
+            to_x = x + ahead * forward - aside * side * left
+            to_y = y + aside * forward + ahead * side * left
+            after = min(speed + turns.gains[gain] * turning, rates.v)
+            best = min(best, turning + _shot(to_x, to_y, cos, sin, after, best - turning, setting, rates))
+    return best if best < most else math.inf
+
+
+@inlined
+def _between(table: FloatArray, row: int, low: int, gain: int, axis: int, share: float) -> float:
+    """Return a displacement in m, forward (axis 0) or to the left (1), `share` beyond the entry `low`."""
+    before = table[row, low, gain, axis]
+    result: float = before + share * (table[row, low + 1, gain, axis] - before)
+    return result
+
+
+@inlined
+def _shot(
+    x: float, y: float, cos: float, sin: float, speed: float, most: float, setting: ShotSetting, rates: Rates
+) -> float:
+    """Return the time in s from the beginning of the straight until the ball is in the goal.
+
+    It is infinite where the robot is too near the line or would touch the goal, as in `release`, and where
+    the ball would take more than `most` (s) even at full speed.
+    """
+    way = (setting.radius - x - setting.hold * cos) / cos
+    if way < 0.0 or way * (1.0 / rates.v) > most:
+        return math.inf
+    gaining = (way - setting.roll * speed * speed) / (1.0 + 2.0 * setting.roll * rates.a)
+    pushed = max(gaining, way - setting.roll * rates.v * rates.v, 0.0)
+    released = min(math.sqrt(speed * speed + 2.0 * rates.a * pushed), rates.v)
+    stop = pushed + released * released / (2.0 * setting.braking)
+    inside = setting.depth - setting.reach - (x + stop * cos)
+    if min(inside, setting.half_width - setting.reach - abs(y + stop * sin)) < setting.room:
+        return math.inf
+    left = math.sqrt(max(released * released - 2.0 * setting.rolling * (way - pushed), 0.0))
+    time: float = forward_time(pushed, speed, released, rates) + (released - left) / setting.rolling
+    return time
+
 
 _HEADINGS: FloatArray = np.linspace(-SLANT, SLANT, 25)
 _SLANTS: FloatArray = np.column_stack((_HEADINGS, np.cos(_HEADINGS), np.sin(_HEADINGS), np.tan(_HEADINGS)))
