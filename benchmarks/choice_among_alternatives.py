@@ -30,8 +30,7 @@ from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.files import portable_command, write_text
 from ator_ros.formats import Format
 from ator_ros.geometry import Pose
-from ator_ros.refinement.alternatives import choosing
-from ator_ros.refinement.slices import completed
+from ator_ros.refinement.refiner import choose
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -81,7 +80,7 @@ def situation(library: TopLibrary, seed: int, index: int) -> tuple[World, tuple[
 def evaluated(tools: Toolset, library: TopLibrary, seed: int, index: int) -> dict[str, Any]:
     """Choose among the ways in one situation, and execute all of them."""
     world, plans = situation(library, seed, index)
-    selection = completed(choosing(tools.refiner(gated=True), world, plans, placeholders=True))
+    selection = choose(tools.refiner(gated=True), world, plans, placeholders=True)
     rows = []
     for judged in selection.judged:
         found, prediction = judged.refinement, judged.prediction

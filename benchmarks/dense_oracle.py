@@ -26,10 +26,11 @@ from ator_ros.experience.parallel import run_tasks
 from ator_ros.files import portable_command, write_text
 from ator_ros.formats import Format
 from ator_ros.geometry import FloatArray
-from ator_ros.refinement.chain_model import ChainModel
-from ator_ros.refinement.naive import replaced
+from ator_ros.refinement.chain_prediction import ChainModel
+from ator_ros.refinement.free_variables import names_of
 from ator_ros.refinement.objective import Objective
-from ator_ros.refinement.sampled import into_domains, spread_points
+from ator_ros.refinement.refiner import replaced
+from ator_ros.refinement.search import into_domains, spread_points
 from ator_ros.tops.chain import TopChain
 
 FORMAT = Format("ator_ros dense oracle", 1, "dense oracle")
@@ -52,7 +53,12 @@ class Space:
         analysis, regions = refiner.bounded(trial.world, chain)
         self._free, self._allowed = analysis.free, regions.allowing()
         self._model = ChainModel(
-            trial.world, chain, tools.robot, models=refiner.models, free=self._free, objective=Objective()
+            trial.world,
+            chain,
+            tools.robot,
+            models=refiner.models,
+            names=names_of(chain, self._free),
+            objective=Objective(),
         )
         self._domains = [variable.domain for variable in self._free]
         self._low = np.array([domain.low for domain in self._domains])

@@ -11,13 +11,11 @@ from scipy.optimize import differential_evolution
 from ator_ros.evaluation.policies import Toolset
 from ator_ros.evaluation.trials import Trial
 from ator_ros.geometry import BoolArray, FloatArray
-from ator_ros.refinement.chain_model import ChainModel
+from ator_ros.refinement.chain_prediction import ChainModel
 from ator_ros.refinement.free_variables import names_of
-from ator_ros.refinement.naive import replaced
 from ator_ros.refinement.objective import expected_time
-from ator_ros.refinement.paths import least_path
-from ator_ros.refinement.sampled import Allowed
-from ator_ros.refinement.slices import completed
+from ator_ros.refinement.refiner import replaced
+from ator_ros.refinement.search import Allowed, least_path
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import Range
 
@@ -44,7 +42,7 @@ class Reference:
         analysis, regions = refiner.bounded(trial.world, chain)
         self._chain, self._allowed = chain, regions.allowing()
         self._model = ChainModel(
-            trial.world, chain, tools.robot, models=refiner.models, free=analysis.free,
+            trial.world, chain, tools.robot, models=refiner.models, names=names_of(chain, analysis.free),
             objective=expected_time(refiner.failure_cost),
         )  # fmt: skip
         self._axes = [
@@ -60,7 +58,7 @@ class Reference:
             lines = [fine_line(domain, degrees) for domain in axes]
             grid = np.array(list(itertools.product(*lines)), dtype=float)
             grids.append(np.vstack([given, grid]) if lines else grid)
-        return self._with(completed(least_path(self._model.step_cost, grids, self._model.given)).values)
+        return self._with(least_path(self._model.step_cost, grids, self._model.given).values)
 
     def optimised(self, seed: int) -> TopChain:
         """Return what a long run of differential evolution finds (Storn and Price 1997, SciPy)."""

@@ -29,7 +29,7 @@ from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import open_places, open_speeds, random_trial
 from ator_ros.files import portable_command, write_text
 from ator_ros.formats import Format
-from ator_ros.refinement.chain_model import predict_chain
+from ator_ros.refinement.chain_prediction import predict_chain
 from ator_ros.refinement.objective import expected_time
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary

@@ -39,7 +39,7 @@ from ator_ros.planning.errors import PlanningError
 from ator_ros.planning.planner import chains_for
 from ator_ros.planning.search import search
 from ator_ros.planning.wanted import wish_from
-from ator_ros.refinement.chain_model import ChainPrediction
+from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import Command, ObjectState, RobotState, World

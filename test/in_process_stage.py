@@ -9,10 +9,8 @@ from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.performance.model_file import load_models
-from ator_ros.refinement.alternatives import choosing
-from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.refiner import Refiner
-from ator_ros.refinement.slices import completed
+from ator_ros.refinement import RefinementError
+from ator_ros.refinement.refiner import Refiner, choose
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.viewing.advice import Advice, advice_of
@@ -53,8 +51,7 @@ class InProcessStage:
             raise StageError(violations[0])
         try:
             chains, objective = (draft.chain, *draft.alternatives), draft.objective
-            choice = choosing(self.refiner, draft.world, chains, objective, placeholders=not as_given)
-            selection = completed(choice)
+            selection = choose(self.refiner, draft.world, chains, objective, placeholders=not as_given)
             return advice_of(selection.refinement, selection if draft.alternatives else None)
         except RefinementError as error:
             raise StageError(str(error)) from error

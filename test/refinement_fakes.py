@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from types import SimpleNamespace
@@ -13,6 +14,7 @@ from ator_ros.actions.base import Goal
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose, wrap_angles
+from ator_ros.refinement.search import Deadline
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -88,3 +90,9 @@ def three_steps(opened: frozenset[str] = ANGLE) -> TopChain:
             call("shoot", 4.0, 0.0, 0.0),
         )
     )
+
+
+def after(checks: int) -> Deadline:
+    """Return a deadline that passes after so many checks."""
+    numbers = itertools.count()
+    return lambda: next(numbers) >= checks

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.refinement.averaging import Averages, averaged
-from ator_ros.refinement.search import search, searching
-from ator_ros.refinement.slices import completed
+from ator_ros.refinement.search import Averages, averaged, search
 from ator_ros.tops.ranges import Range
 
 CIRCLE = Range(-math.pi, math.pi, 36, periodic=True)
@@ -31,7 +29,7 @@ def test_a_choice_keeps_away_from_a_dip_among_high_costs() -> None:
     followed = search(dip_and_valley, [[CIRCLE]], given)
     assert followed.values[0][0] == pytest.approx(2.0, abs=math.radians(2.0))
     averages = Averages([[CIRCLE]], [[WIDTH]])
-    careful = completed(searching(dip_and_valley, [[CIRCLE]], given, averages=averages))
+    careful = search(dip_and_valley, [[CIRCLE]], given, averages=averages)
     assert careful.values[0][0] == pytest.approx(-1.0, abs=math.radians(3.0))
     assert careful.given == pytest.approx(5.0 - math.exp(-1.0), abs=0.05)
     assert followed.given is None
@@ -81,7 +79,7 @@ def test_a_choice_does_not_lean_over_a_step() -> None:
         return np.asarray(5.0 + np.where(yaw < 0.5, 1.0 - yaw, 2.0 * (yaw < 0.55)) + np.abs(yaw - 0.5))
 
     averages = Averages([[CIRCLE]], [[math.radians(20.0)]])
-    found = completed(searching(step, [[CIRCLE]], [np.array([0.0])], averages=averages))
+    found = search(step, [[CIRCLE]], [np.array([0.0])], averages=averages)
     assert found.cost >= float(step(0, np.zeros((1, 0)), found.values[0][None])[0])
 
 

@@ -24,9 +24,9 @@ from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import read_experience
 from ator_ros.performance.model_file import ModelFileError, load_model, save_model
 from ator_ros.performance.training import train
-from ator_ros.refinement.calibration_file import load_calibration
-from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.gate_file import load_gate
+from ator_ros.refinement import RefinementError
+from ator_ros.refinement.calibration import load_calibration
+from ator_ros.refinement.gate import load_gate
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, load_robot
 

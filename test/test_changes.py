@@ -10,7 +10,7 @@ from refinement_fakes import ALL, ANGLE, BOTH, NOTHING, ROBOT, call, three_steps
 
 from ator_ros.actions.goal_variables import with_values
 from ator_ros.domains.soccer.ranges import RANGES
-from ator_ros.refinement.changes import allowed_changes
+from ator_ros.refinement.free_variables import allowed_changes
 from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopChain
 
 HUGE = 1e308

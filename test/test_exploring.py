@@ -10,9 +10,8 @@ from experience_rows import made_up_model
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import open_speeds, random_trial
 from ator_ros.learning.exploring import Explorer
-from ator_ros.refinement.answer import Refinement
-from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
-from ator_ros.refinement.refiner import Refiner
+from ator_ros.refinement.chain_prediction import ChainPrediction, predict_chain
+from ator_ros.refinement.refiner import Refinement, Refiner
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopChain
 

@@ -30,7 +30,7 @@ from ator_ros.geometry import Pose
 from ator_ros.performance.features import Feature, variables
 from ator_ros.performance.model_file import load_model
 from ator_ros.performance.training import TrainingError, digest, direct_of, train
-from ator_ros.refinement.changes import allowed_changes
+from ator_ros.refinement.free_variables import allowed_changes
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tools import train as train_tool
 from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopCall, TopChain

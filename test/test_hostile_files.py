@@ -19,8 +19,8 @@ from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import Experience, read_experience, write_experience
 from ator_ros.files import limited_memory, read_json
 from ator_ros.performance.model_file import ModelFileError, load_model
-from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.gate_file import load_gate
+from ator_ros.refinement import RefinementError
+from ator_ros.refinement.gate import load_gate
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, load_robot
 from ator_ros.tools import train

@@ -23,7 +23,7 @@ from ator_ros.learning.sets import RECORDS, current_set, digest_of, publish, rea
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import direct_of
-from ator_ros.refinement.gate_file import load_gate
+from ator_ros.refinement.gate import load_gate
 
 NAME = "default/goToPose"
 

@@ -20,7 +20,7 @@ from ator_ros.geometry import wrap_angle
 from ator_ros.learning.round import Source, learn
 from ator_ros.learning.sets import RECORDS, current_set, publish, read_manifest
 from ator_ros.performance.model_file import load_model, load_models
-from ator_ros.refinement.chain_model import predict_chain
+from ator_ros.refinement.chain_prediction import predict_chain
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import RobotState

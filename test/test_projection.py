@@ -11,8 +11,8 @@ from refinement_fakes import ROBOT, call, world
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import Pose
-from ator_ros.refinement.naive import replaced
-from ator_ros.refinement.projection import chain_situations, step_rows
+from ator_ros.refinement.chain_prediction import chain_situations, step_rows
+from ator_ros.refinement.refiner import replaced
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.top import Top

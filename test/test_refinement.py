@@ -25,13 +25,12 @@ from refinement_fakes import (
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.geometry import Pose, wrap_angle
-from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement import RefinementError
 from ator_ros.refinement.gate import ThresholdGate
 from ator_ros.refinement.objective import MEASURES, Measure, Objective, expected_time
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import USUAL_RANGES, declared_ranges
-from ator_ros.world.state import RobotState, World
 
 
 @pytest.mark.parametrize("chain", [two_steps(), two_steps(BOTH), three_steps(), three_steps(BOTH)])
@@ -128,15 +127,6 @@ def test_a_weight_beyond_reason_is_named_with_its_bounds(weight: float) -> None:
         Objective({"duration": 1.0, "success": weight})
     told = f"objective: expected a weight of success that is 0 or from 1e-06 to 1e+06, got {weight:g}"
     assert str(raised.value) == told
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_numbers_that_are_not_finite_are_refused(value: float) -> None:
-    refiner = Refiner(ROBOT, models())
-    with pytest.raises(RefinementError, match="x of step 2"):
-        refiner.refine(world(), two_steps().with_goal(1, Goal(Pose(value, 0.0, 0.0), 0.0, Point.HOLD)))
-    with pytest.raises(RefinementError, match="robot: expected a finite state"):
-        refiner.refine(World(0.0, RobotState(Pose(0.0, value, 0.0))), two_steps())
 
 
 def test_absurd_lengths_are_refused() -> None:

@@ -23,22 +23,20 @@ from ator_ros.evaluation.policies import Toolset, naive
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.execution.predictions import Predictor
 from ator_ros.performance.model_file import load_models
+from ator_ros.refinement import RefinementError
 from ator_ros.refinement.calibration import (
+    CALIBRATION,
     TERMS,
     Calibration,
     PredictedStep,
     Shortfall,
     chain_steps,
-    model_digest,
-)
-from ator_ros.refinement.calibration_file import (
-    CALIBRATION,
     load_calibration,
     load_calibration_if_any,
+    model_digest,
     save_calibration,
 )
-from ator_ros.refinement.chain_model import predict_chain
-from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement.chain_prediction import predict_chain
 from ator_ros.refinement.gate import OpenGate, ThresholdGate
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import Refiner

@@ -11,7 +11,7 @@ from refinement_fakes import ALL, ANGLE, LIBRARY, NOTHING, ROBOT, models
 from ator_ros.actions.base import Goal, Point
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.geometry import Pose
-from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement import RefinementError
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.chain import TopCall, TopChain

@@ -11,10 +11,19 @@ from typing import Any
 import pytest
 from refinement_fakes import two_steps, world
 
-from ator_ros.refinement.chain_model import ChainPrediction
-from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.gate import FEATURES, OpenGate, ThresholdGate, TreeGate, gate_features
-from ator_ros.refinement.gate_file import GateTraining, load_gate, load_training, save_gate
+from ator_ros.refinement import RefinementError
+from ator_ros.refinement.chain_prediction import ChainPrediction
+from ator_ros.refinement.gate import (
+    FEATURES,
+    GateTraining,
+    OpenGate,
+    ThresholdGate,
+    TreeGate,
+    gate_features,
+    load_gate,
+    load_training,
+    save_gate,
+)
 
 SITUATION = dict.fromkeys(FEATURES, 0.0)
 TREE = TreeGate(
@@ -53,7 +62,7 @@ def test_rules_name_every_leaf() -> None:
         OpenGate(),
         ThresholdGate(0.15, 0.5),
         TREE,
-        ThresholdGate(0.15, 0.5, {"yaw": 0.14}),
+        ThresholdGate(0.15, 0.5, widths={"yaw": 0.14}),
         replace(TREE, widths={"yaw": 0.14, "speed": 0.06}),
         ThresholdGate(0.05, room=1.5, corrected=True),
     ],

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.refinement import paths
 from ator_ros.refinement.search import StepCost, search
 from ator_ros.tops.ranges import Range
 
@@ -69,16 +68,3 @@ def test_a_subgoal_without_free_variables_has_one_candidate() -> None:
 
     search(cost, AXES, ASIDE)
     assert last == {1}
-
-
-def test_short_steps_are_computed_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    counts: list[int] = []
-    together = paths.together
-
-    def counted(calls: list) -> list:  # type: ignore[type-arg]
-        counts.append(len(calls))
-        return together(calls)
-
-    monkeypatch.setattr(paths, "together", counted)
-    search(valley(0.0), AXES, ASIDE)
-    assert max(counts) == len(AXES)

@@ -21,7 +21,7 @@ from ator_ros.execution.refining import Question, Refining
 from ator_ros.execution.remaining import continuations, with_followed
 from ator_ros.execution.told_world import ToldWorld
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.refinement.chain_model import ChainPrediction
+from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import TopCall, TopChain

@@ -17,6 +17,7 @@ from refinement_fakes import (
     ROBOT,
     USED,
     FakeModel,
+    after,
     call,
     models,
     turning_time,
@@ -25,12 +26,10 @@ from refinement_fakes import (
 
 from ator_ros.domains.soccer.tops import SHOOT
 from ator_ros.execution.fence import Fence
-from ator_ros.refinement import sampled
-from ator_ros.refinement.free_variables import names_of
+from ator_ros.refinement import search as search_module
+from ator_ros.refinement.free_variables import Regions, _placed, names_of
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.refinement.regions import Regions, _placed
-from ator_ros.refinement.sampled import spread_points
-from ator_ros.refinement.search import search
+from ator_ros.refinement.search import search, spread_points
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.conditions import Condition, Region, Term
@@ -238,17 +237,9 @@ class TestFreePlace:
             ways.append(math.hypot(there.x - 2.2, there.y - 0.3))
         assert ways[0] < 1.2 <= ways[1]
 
-    @pytest.mark.parametrize("slices", [2, 6, 12, 25])
-    def test_at_its_deadline_the_search_returns_the_best_so_far(self, slices: int) -> None:
-        work, done = self.refiner.refining(world(), shot()), None
-        next(work)
-        for number in range(1000):
-            try:
-                work.send(number >= slices)
-            except StopIteration as end:
-                done = end.value
-                break
-        assert done is not None
+    @pytest.mark.parametrize("checks", [2, 6, 12, 25])
+    def test_at_its_deadline_the_search_returns_the_best_so_far(self, checks: int) -> None:
+        done = self.refiner.refine(world(), shot(), deadline=after(checks))
         assert not done.complete
         assert done.after.cost <= done.before.cost
         assert done.chain.violations(world(), ROBOT) == []
@@ -285,7 +276,8 @@ def test_a_region_in_which_no_candidate_is_found_leaves_what_is_given(
     placeholders: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # All first candidates lie at one place outside the region, as where that is tiny.
-    monkeypatch.setattr(sampled, "spread_points", lambda dimensions, _, count: np.zeros((count, dimensions)))
+    nowhere = lambda dimensions, _, count: np.zeros((count, dimensions))  # noqa: E731
+    monkeypatch.setattr(search_module, "spread_points", nowhere)
     answer = Refiner(ROBOT, models()).refine(world(), shot(), placeholders=placeholders)
     assert answer.original.calls[1].goal.pose == shot().calls[1].goal.pose
     assert math.isfinite(answer.after.cost)

@@ -11,9 +11,9 @@ from robots import HEAVY, PIONEER
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import Pose
+from ator_ros.refinement.chain_prediction import leaves_room, with_room
 from ator_ros.refinement.gate import OpenGate
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.refinement.room import leaves_room, with_room
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 

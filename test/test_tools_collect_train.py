@@ -23,8 +23,7 @@ from selection import few
 
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import Experience, read_experience, write_experience
-from ator_ros.refinement.gate import ThresholdGate
-from ator_ros.refinement.gate_file import load_gate, save_gate
+from ator_ros.refinement.gate import ThresholdGate, load_gate, save_gate
 from ator_ros.robot.description import load_robot
 from ator_ros.tools import collect, train
 from ator_ros.tools.guard import INTERRUPTED

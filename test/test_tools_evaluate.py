@@ -19,9 +19,8 @@ from ator_ros.evaluation.storage import PARTIAL, to_records
 from ator_ros.evaluation.toolset import BASELINES, ToolsetSource
 from ator_ros.experience.table import Experience, join, write_experience
 from ator_ros.performance.model_file import save_model
-from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any
-from ator_ros.refinement.gate import ThresholdGate
-from ator_ros.refinement.gate_file import GATE, load_gate, save_gate
+from ator_ros.refinement.calibration import CALIBRATION, load_calibration_if_any
+from ator_ros.refinement.gate import GATE, ThresholdGate, load_gate, save_gate
 from ator_ros.tools.calibrate_predictions import main as calibrate_main
 from ator_ros.tools.evaluate import main
 from ator_ros.tools.gate import main as gate_main

@@ -10,7 +10,7 @@ from in_process_stage import InProcessStage
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
-from ator_ros.refinement.answer import SubgoalCurve
+from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.simulation.urdf import Wheels
 from ator_ros.tools.work import view
 from ator_ros.viewing import panel

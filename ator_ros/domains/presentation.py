@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ator_ros.refinement.free_variables import PredictsPerformance
+from ator_ros.refinement.chain_prediction import PredictsPerformance
 from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 

@@ -12,10 +12,8 @@ from ator_ros.execution.phases import Deadlines, Ending
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import AGAIN_AFTER, Refining
 from ator_ros.execution.step_run import ActionRecord
-from ator_ros.refinement.alternatives import choosing
-from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.refiner import Refiner
-from ator_ros.refinement.slices import completed
+from ator_ros.refinement import RefinementError
+from ator_ros.refinement.refiner import Refiner, choose
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World
@@ -114,7 +112,7 @@ class RefinedAlong:
             return
         chains = (question.chain, *(other.chain for other in question.others))
         try:
-            choice = completed(choosing(self._along.refiner, question.world, chains))
+            choice = choose(self._along.refiner, question.world, chains)
         except RefinementError as error:
             execution.unrefined(str(error))
             return

@@ -24,7 +24,7 @@ from ator_ros.refinement.calibration import (
     model_digest,
     terms_of,
 )
-from ator_ros.refinement.chain_model import predict_chain
+from ator_ros.refinement.chain_prediction import predict_chain
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 

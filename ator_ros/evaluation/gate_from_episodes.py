@@ -5,7 +5,7 @@ the errors that led to the choice. Errors shared by both are resampled from the 
 half's models on the other half's episodes, in units of the spread that the models predict there: where a
 model is less certain, a larger error is drawn.
 
-How widely costs are averaged (`ator_ros.refinement.averaging`) cannot be judged like that: both halves share
+How widely costs are averaged (`ator_ros.refinement.search`) cannot be judged like that: both halves share
 the errors of their features, which averages are for. `usual_widths` did best in executed situations of
 development seeds.
 """
@@ -28,11 +28,11 @@ from ator_ros.geometry import FloatArray
 from ator_ros.performance.features import Feature
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import LEAST_EPISODES, OBSERVED, TrainingError, direct_of, observed_model
-from ator_ros.refinement.averaging import Widths
-from ator_ros.refinement.chain_model import predict_chain
+from ator_ros.refinement.chain_prediction import predict_chain
 from ator_ros.refinement.gate import FEATURES, OpenGate, ThresholdGate
 from ator_ros.refinement.objective import expected_time
 from ator_ros.refinement.refiner import Refiner
+from ator_ros.refinement.search import Widths
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
@@ -104,7 +104,7 @@ class CrossFit:
         widths : mapping, optional
             How widely costs are averaged; by default not at all.
         """
-        rng, gate = np.random.default_rng(seed), OpenGate(widths or {})
+        rng, gate = np.random.default_rng(seed), OpenGate(widths=widths or {})
         rows = (row for trial in trials for row in self._of_trial(trial, gate, rng))
         return GateExamples(*(np.array(column) for column in zip(*rows, strict=True)))
 
@@ -136,7 +136,7 @@ class CrossFit:
 
 
 def usual_widths(robot: Robot) -> dict[str, float]:
-    """Return how widely the costs of observed models are averaged, see `ator_ros.refinement.averaging`."""
+    """Return how widely the costs of observed models are averaged, see `ator_ros.refinement.search`."""
     return {"yaw": round(_YAW, 4), "speed": round(_SPEED * robot.limits.v, 4)}
 
 

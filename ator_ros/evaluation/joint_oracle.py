@@ -18,8 +18,8 @@ import numpy as np
 from ator_ros.evaluation.policies import Toolset
 from ator_ros.evaluation.trials import Trial, with_headings
 from ator_ros.geometry import BoolArray, FloatArray, wrap_angle, wrap_angles
-from ator_ros.refinement.chain_model import ChainModel
-from ator_ros.refinement.free_variables import FreeVariable
+from ator_ros.refinement.chain_prediction import ChainModel
+from ator_ros.refinement.free_variables import FreeVariable, names_of
 from ator_ros.refinement.objective import Objective
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.ranges import USUAL_RANGES
@@ -74,7 +74,10 @@ def predicted_legs(tools: Toolset, trial: Trial, offered: Sequence[FloatArray]) 
         for index, call in enumerate(calls)
     ]
     models = tools.models["learned"]
-    model = ChainModel(trial.world, trial.chain, tools.robot, models=models, free=free, objective=Objective())
+    names = names_of(trial.chain, free)
+    model = ChainModel(
+        trial.world, trial.chain, tools.robot, models=models, names=names, objective=Objective()
+    )
     legs = []
     for index, after in enumerate(offered):
         before = offered[index - 1] if index else np.zeros(1)

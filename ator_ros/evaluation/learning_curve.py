@@ -25,7 +25,7 @@ from ator_ros.evaluation.trials import open_speeds, random_trial
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.model_file import load_models, model_path, save_model
 from ator_ros.performance.training import OBSERVED, digest, observed_model
-from ator_ros.refinement.gate_file import load_gate, save_gate
+from ator_ros.refinement.gate import load_gate, save_gate
 from ator_ros.refinement.refiner import Refiner
 
 KINDS = {"heading": "oracle", "heading and speed": "oracle_speed"}

@@ -14,12 +14,10 @@ from ator_ros.evaluation.along import Along
 from ator_ros.evaluation.trials import Trial, open_places, open_speeds, with_headings
 from ator_ros.execution.remaining import with_followed
 from ator_ros.geometry import Pose
-from ator_ros.refinement.answer import Refinement
 from ator_ros.refinement.calibration import Calibration
-from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
-from ator_ros.refinement.free_variables import PredictsPerformance
+from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain
 from ator_ros.refinement.gate import Gate, OpenGate, opened
-from ator_ros.refinement.refiner import Refiner
+from ator_ros.refinement.refiner import Refinement, Refiner
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.objects import at_rest

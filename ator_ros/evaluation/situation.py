@@ -17,7 +17,7 @@ from ator_ros.evaluation.policies import POLICIES, Choice, Toolset, naive
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
 from ator_ros.geometry import wrap_angle
-from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
+from ator_ros.refinement.chain_prediction import ChainPrediction, predict_chain
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World

@@ -23,9 +23,8 @@ from ator_ros.evaluation.trials import random_trial
 from ator_ros.experience.table import join, read_experience
 from ator_ros.performance.features import PATHS
 from ator_ros.performance.model_file import load_model, model_path
-from ator_ros.refinement.calibration import model_digest
-from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any
-from ator_ros.refinement.gate_file import GATE, gate_in
+from ator_ros.refinement.calibration import CALIBRATION, load_calibration_if_any, model_digest
+from ator_ros.refinement.gate import GATE, gate_in
 from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 

@@ -17,7 +17,7 @@ from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.step_run import ActionRecord
 from ator_ros.execution.transitions import GoalCourse, Signal
 from ator_ros.geometry import FloatArray
-from ator_ros.refinement.chain_model import ChainPrediction
+from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_rest, missing_in, missing_object

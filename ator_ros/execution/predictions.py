@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.refinement.calibration import Calibration, chosen_headings
-from ator_ros.refinement.chain_model import ChainPrediction, predict_chain
-from ator_ros.refinement.free_variables import PredictsPerformance
+from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World

@@ -9,7 +9,7 @@ from ator_ros.actions.goal_variables import with_values
 from ator_ros.execution.remaining import Continuation
 from ator_ros.execution.told_world import ToldWorld, Way
 from ator_ros.printable import printable
-from ator_ros.refinement.changes import allowed_changes
+from ator_ros.refinement.free_variables import allowed_changes
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import InvalidChainError, TopChain
 from ator_ros.tops.library import TopLibrary

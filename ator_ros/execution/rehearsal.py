@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from ator_ros.actions.base import Action, ActionError, Goal, Status, started
 from ator_ros.execution.predictions import Predictor
 from ator_ros.geometry import Pose
-from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement import RefinementError
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ator_ros.actions.goal_variables import with_values
-from ator_ros.refinement.answer import Refinement
-from ator_ros.refinement.chain_model import ChainPrediction
+from ator_ros.refinement.chain_prediction import ChainPrediction
+from ator_ros.refinement.refiner import Refinement
 from ator_ros.tops.chain import TopChain
 
 SURE = 0.9

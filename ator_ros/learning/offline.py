@@ -16,7 +16,7 @@ from ator_ros.learning.round import Source
 from ator_ros.learning.sets import RECORDS
 from ator_ros.performance.model_file import model_path, save_model
 from ator_ros.performance.training import train
-from ator_ros.refinement.gate_file import GATE
+from ator_ros.refinement.gate import GATE
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.outcome import top_of
 

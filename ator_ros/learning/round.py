@@ -37,10 +37,9 @@ from ator_ros.performance.model_file import (
     save_model,
 )
 from ator_ros.performance.training import OBSERVED
-from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any, save_calibration
-from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.gate import ThresholdGate
-from ator_ros.refinement.gate_file import save_gate
+from ator_ros.refinement import RefinementError
+from ator_ros.refinement.calibration import CALIBRATION, load_calibration_if_any, save_calibration
+from ator_ros.refinement.gate import ThresholdGate, save_gate
 from ator_ros.robot.description import Robot
 
 CAUTION = ThresholdGate(0.05, 0.5)

@@ -31,8 +31,8 @@ from ator_ros.learning.offline import DONE, learn_offline
 from ator_ros.learning.round import CAUTION, Source, learn
 from ator_ros.learning.sets import RECORDS, current_set, publish
 from ator_ros.performance.model_file import load_models
-from ator_ros.refinement.chain_model import predict_chain
-from ator_ros.refinement.gate_file import gate_in
+from ator_ros.refinement.chain_prediction import predict_chain
+from ator_ros.refinement.gate import gate_in
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain

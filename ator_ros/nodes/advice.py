@@ -8,9 +8,9 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Objective as ObjectiveMessage
 from ator_interfaces.msg import SearchCurve, TopChain
 from ator_interfaces.srv import RefineSubgoal
-from ator_ros.nodes.conversions import chain_from, chain_of, situation_of
-from ator_ros.refinement.answer import SubgoalCurve
+from ator_ros.nodes.messages import chain_from, chain_of, situation_of
 from ator_ros.refinement.objective import Objective
+from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.tops.library import TopLibrary
 from ator_ros.viewing.advice import Advice, Candidate
 from ator_ros.viewing.draft import Draft

@@ -8,8 +8,8 @@ from typing import Any
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.node import Node
 
-from ator_ros.nodes.conversions import stamp_of, twist_of
 from ator_ros.nodes.diagnosis import is_base, motion_cause, node_of, subscriptions_of, type_name
+from ator_ros.nodes.messages import stamp_of, twist_of
 from ator_ros.nodes.parameters import Parameter
 from ator_ros.nodes.qos import COMMANDS
 from ator_ros.world.state import Command

@@ -8,7 +8,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from ator_ros.geometry import Pose, quaternion_from_yaw
-from ator_ros.nodes.conversions import stamp_of
+from ator_ros.nodes.messages import stamp_of
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.urdf import WHEEL_NAMES, Wheels, robot_urdf

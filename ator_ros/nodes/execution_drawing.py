@@ -16,10 +16,10 @@ from ator_ros.domains.domain import Domain
 from ator_ros.execution.execution import Execution
 from ator_ros.execution.phases import Phase
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.nodes.conversions import pose_of, stamp_of
 from ator_ros.nodes.drawn import Drawn
 from ator_ros.nodes.goal_run import GoalRun
 from ator_ros.nodes.markers import marker_array, object_array
+from ator_ros.nodes.messages import pose_of, stamp_of
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain

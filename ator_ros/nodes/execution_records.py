@@ -9,8 +9,7 @@ from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, Pe
 from ator_ros.execution.execution import Execution
 from ator_ros.execution.phases import Ending, Phase
 from ator_ros.execution.step_run import ActionRecord
-from ator_ros.nodes.conversions import call_of, chain_of, performance_of, situation_of
-from ator_ros.nodes.refinement_answers import chain_performance_of
+from ator_ros.nodes.messages import call_of, chain_of, chain_performance_of, performance_of, situation_of
 from ator_ros.world.state import World
 
 _BROKEN_OFF = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN)

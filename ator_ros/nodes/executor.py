@@ -2,33 +2,32 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import time
 
-from rclpy.action import CancelResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
+from ator_interfaces.srv import RefineSubgoal
 from ator_ros.execution.execution import LONGEST_STOP, Execution
 from ator_ros.execution.motion_watch import Driving
 from ator_ros.execution.phases import LONGEST_STOP_DELAY, Ending, Phase
 from ator_ros.nodes.commands import CommandPublisher
-from ator_ros.nodes.deferred_action import DeferredActionServer
 from ator_ros.nodes.diagnosis import Diagnosis, rival_senders
 from ator_ros.nodes.diagnostics import Diagnostics, Health, Ticks
 from ator_ros.nodes.execution_drawing import ExecutionDrawing
-from ator_ros.nodes.executor_settings import inputs_of, parameters_for, rest_of, rolling_of
-from ator_ros.nodes.frugal_node import FrugalNode
-from ator_ros.nodes.gathering import Gathering
-from ator_ros.nodes.goal_run import GoalRun, run_of, unstarted
+from ator_ros.nodes.executor_settings import inputs_of, parameters_for, rolling_of
+from ator_ros.nodes.goal_run import GoalRun, concluded, run_of, unstarted
 from ator_ros.nodes.loading import rehearsed_predictors
 from ator_ros.nodes.model_sets import problems_of, startup_text, told_of
 from ator_ros.nodes.object_sources import ObjectSources
 from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of, domain_of, fence_of, robot_of
 from ator_ros.nodes.plan_client import PREEMPTED, PlannedGoals
-from ator_ros.nodes.qos import LATCHED, RESULTS
-from ator_ros.nodes.refinement_client import refinement_client
+from ator_ros.nodes.qos import LATCHED, RESULTS, SERVICES
 from ator_ros.nodes.remote_servers import RemoteServers
 from ator_ros.nodes.robot_source import RobotSource
 from ator_ros.nodes.running import run_node, spin_out
@@ -44,11 +43,11 @@ from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 _WARNING_PERIOD = 2.0
 _DISCOVERY_GRACE = 1.0  # real s; DDS may still be connecting cmd_vel to a base that has just started
 _RESET_PERIOD = 1.0  # real s; two resets within it mean that two nodes publish odometry
-_HURRIED = 2.0  # times real time
+_RESULT_KEPT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
 _ENDED = "the executor was ended"
 
 
-class ExecutorNode(FrugalNode):
+class ExecutorNode(Node):
     """Executes one chain at a time; each odometry message is answered by one velocity command.
 
     Parameters: see `parameters_for`; timeouts, `latency` and `refine_again_after` can change.
@@ -77,7 +76,7 @@ class ExecutorNode(FrugalNode):
     """
 
     def __init__(self) -> None:
-        super().__init__("executor")
+        super().__init__("executor", automatically_declare_parameters_from_overrides=True)
         self._settings = declare_with_domain(
             self, parameters_for, lambda values: self._inputs.take_timeouts(values)
         )
@@ -94,7 +93,8 @@ class ExecutorNode(FrugalNode):
         self._fence, self._rolling = fence_of(self._settings, robot), rolling_of(self._settings, robot)
         self._world: World | None = None
         self._run: GoalRun | None = None
-        self._heard, self._jumped, self._stop_until = 0.0, -math.inf, -math.inf
+        self._heard, self._jumped, self._stopping = 0.0, -math.inf, False
+        self._stop_until = -math.inf
         self._slow = ""  # what was last said of a base that is slower than commanded
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._last_error, self._goals, self._ticks = "", 0, Ticks()
@@ -115,33 +115,29 @@ class ExecutorNode(FrugalNode):
         self._commands = CommandPublisher(self, stamped=stamped, frame=child)
         self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
-        self._refinement = refinement_client(self)
+        self._refinement = self.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
         self._plans = PlannedGoals(
             self, settings, self._domain.objects,
             begin=self._begin, end=self._finish, halt=self._halt, rests=self._rests,
         )  # fmt: skip
         # In this order: of messages that have all come, those of objects are then taken first.
         self._tf, sources = TfListener(self), map(self._domain.source, self._domain.objects)
-        self.gathering = Gathering()
-        self._objects = ObjectSources(
-            self, sources, self._take_object, self._ignore, self._tf, frame=frame, group=self.gathering
-        )
-        self._state = RobotSource(
-            self, settings, robot, self._take_robot, self._ignore, self._note, self._tf, self.gathering
-        )
+        self._objects = ObjectSources(self, sources, self._take_object, self._ignore, self._tf, frame=frame)
+        self._state = RobotSource(self, settings, robot, self._take_robot, self._ignore, self._note, self._tf)
         inputs = {"odom": self._state.input, **self._objects.inputs}
         self._diagnosis = Diagnosis(self, inputs, self._tf)
-        self._server = DeferredActionServer(
-            self, ExecuteChain, "execute_chain", self._accept, cancel_callback=self._cancel
-        )
+        # The odometry callback drives a goal; `execute` is called once it has ended, to send the result.
+        self._server = ActionServer(
+            self, ExecuteChain, "execute_chain", ExecuteChain.Result,
+            goal_callback=lambda _: GoalResponse.REJECT if self._stopping else GoalResponse.ACCEPT,
+            handle_accepted_callback=self._accept,
+            cancel_callback=self._cancel,
+            goal_service_qos_profile=SERVICES,
+            result_service_qos_profile=SERVICES,
+            cancel_service_qos_profile=SERVICES,
+            result_timeout=_RESULT_KEPT,
+        )  # fmt: skip
         self._watchdog = Watchdog(self, self._watch)
-
-    def rest(self) -> float:
-        """Return for how many real s inputs may gather: not at several times real time."""
-        busy = self._run or self._plans.waiting or self._remotes.ending()
-        if busy or self._tf.used or self._inputs.pace >= _HURRIED:
-            return 0.0
-        return rest_of(self._settings, self._domain.objects, self._inputs.pace, watched=self._drawing.watched)
 
     def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:
         self._diagnosis.read(name, stamp, time.monotonic())
@@ -278,7 +274,7 @@ class ExecutorNode(FrugalNode):
             self._note(f"{ending.name.lower()}: {reason}")
         result = unstarted(handle, ending, reason, frame=self._settings["frame"])
         self._chains.publish(result.record)
-        self._server.finish(handle, result)
+        handle.execute(functools.partial(concluded, ending, result))
         self._adjust_watchdog()
 
     def _halt(self) -> None:
@@ -333,8 +329,9 @@ class ExecutorNode(FrugalNode):
         run.execution.explain(self._cause(run.execution))
         result = run.result(self._world)
         self._chains.publish(result.record)
-        self._server.finish(run.handle, result)
-        if run.execution.ending is not Ending.SUCCEEDED:
+        ending = run.execution.ending or Ending.FAILED
+        run.handle.execute(functools.partial(concluded, ending, result))
+        if ending is not Ending.SUCCEEDED:
             self._last_error = run.execution.reason
         self.get_logger().info(f"goal ended: {run.summary}")
 
@@ -386,7 +383,6 @@ class ExecutorNode(FrugalNode):
             "goal": "none" if self._run is None else self._run.execution.phase.value,
             "goals": self._goals,
             "times real time, by odometry": f"{self._inputs.pace:.2f}",
-            "goals rejected as busy": self._server.rejected,
             "last error": self._last_error,
             **self._digests,
             **told_of(self._sets.present.models),
@@ -412,7 +408,7 @@ class ExecutorNode(FrugalNode):
     def stop(self) -> None:
         """Stop the robot and end the running goal, before the node ends."""
         self._send(STOP)  # first: to end an action may fail
-        self._server.admit_no_more()
+        self._stopping = True
         self._plans.drop(Ending.SHUTDOWN, _ENDED)
         self._end(Ending.SHUTDOWN, _ENDED, at_once=True)
         self._send(STOP)

@@ -19,10 +19,6 @@ from ator_ros.world.estimation import ObjectTracker, Sightings
 from ator_ros.world.inputs import Inputs
 
 _USUAL = Deadlines()
-_REST, _REST_WATCHED = 0.15, 0.1
-"""Real s that inputs may gather, in all, and while somebody sees the objects drawn, ten times a second."""
-_APART = 0.2
-"""Stamped s that inputs may gather: positions tell a velocity while they are at most 0.3 s apart."""
 _COMMON = (
     FRAME,
     ROBOT_FRAME,
@@ -100,25 +96,6 @@ def rolling_of(settings: Mapping[str, Any], robot: Robot) -> Rolling:
     """Return what watches objects roll, at speeds that stand out from the noise."""
     noises = (value for name, value in settings.items() if name.endswith("_velocity_noise"))
     return Rolling(robot, slowest=3.0 * max(noises, default=0.0))
-
-
-def rest_of(settings: Mapping[str, Any], objects: Iterable[str], pace: float, *, watched: bool) -> float:
-    """Return for how many real s inputs may gather while there is no goal.
-
-    Parameters
-    ----------
-    settings : mapping
-        Values of the node's parameters.
-    objects : iterable of str
-        Names of the objects that it listens to.
-    pace : float
-        Stamped s that pass in 1 real s.
-    watched : bool
-        Whether somebody sees the objects drawn.
-    """
-    shortest: float = min(settings[f"{name}_timeout"] for name in ("odom", *objects))
-    most = min(_APART, shortest / 2.0) / max(1.0, pace)
-    return min(most, _REST_WATCHED if watched else _REST)
 
 
 def deadlines_of(settings: Mapping[str, Any]) -> Deadlines:

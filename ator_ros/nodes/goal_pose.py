@@ -8,12 +8,12 @@ from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionClient
 from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
 from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import chain_of
-from ator_ros.nodes.frugal_node import FrugalNode
+from ator_ros.nodes.messages import chain_of
 from ator_ros.nodes.parameters import (
     DOMAIN,
     FRAME,
@@ -41,7 +41,7 @@ PARAMETERS = (
 )
 
 
-class GoalPoseNode(FrugalNode):
+class GoalPoseNode(Node):
     """Sends the executor a chain of one step for each pose that comes; a newer pose preempts.
 
     Of poses that come faster than five a second the newest is sent, and others are left out.
@@ -55,7 +55,7 @@ class GoalPoseNode(FrugalNode):
     """
 
     def __init__(self) -> None:
-        super().__init__("goal_pose")
+        super().__init__("goal_pose", automatically_declare_parameters_from_overrides=True)
         settings = declare_parameters(self, PARAMETERS)
         self._frame = settings["frame"]
         domain = domain_of(settings)

@@ -20,7 +20,7 @@ from ator_ros.execution.phases import Deadlines, Ending, Phase
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Question, Refining
 from ator_ros.execution.rolling import Rolling
-from ator_ros.nodes import conversions
+from ator_ros.nodes import messages
 from ator_ros.nodes.execution_records import (
     action_record_of,
     actual,
@@ -82,10 +82,10 @@ class GoalRun:
         frame: str,
     ) -> None:
         goal = handle.request
-        chain = conversions.chain_from(goal.chain, library, frame=frame, fence=fence)
+        chain = messages.chain_from(goal.chain, library, frame=frame, fence=fence)
         others = _alternatives(goal, library, frame, fence)
         if goal.refine:
-            conversions.objective_from(goal.objective, failure_cost=1.0)  # what it is, refinement knows
+            messages.objective_from(goal.objective, failure_cost=1.0)  # what it is, refinement knows
         self.handle = handle
         self.execution = Execution(
             library,
@@ -185,12 +185,12 @@ class GoalRun:
         )
         if self.execution.phase is not Phase.REFINING:  # the chain has changed since it came
             write = functools.partial(
-                conversions.chain_of, action_set=self._library.action_set, frame=self._frame
+                messages.chain_of, action_set=self._library.action_set, frame=self._frame
             )
             request.chain = write(question.chain)
             request.alternatives = [write(other.chain) for other in question.others]
             request.as_given = True  # to be better than what is driven
-        request.situation = conversions.situation_of(question.world, frame=self._frame)
+        request.situation = messages.situation_of(question.world, frame=self._frame)
         self._asked, self._request = question, self._refinement.call_async(request)
         self._request.add_done_callback(functools.partial(self._take_answer, question))
 
@@ -203,7 +203,7 @@ class GoalRun:
             self.execution.unrefined(reason)
             return
         try:
-            chain = conversions.chain_from(
+            chain = messages.chain_from(
                 answer.chain, self._library, frame=self._frame, where="refined chain", fence=self._fence
             )
         except MessageError as error:
@@ -214,18 +214,17 @@ class GoalRun:
     # The end
 
     def result(self, world: World | None) -> Any:
-        """Put the goal into its final state and return its result; `world` is the last state known."""
+        """Return the result of the goal; `world` is the last known state."""
         ending = self.execution.ending or Ending.FAILED
         if world is None:
             return unstarted(self.handle, ending, self.execution.reason, frame=self._frame)
-        conclude(self.handle, ending)
         record = chain_record_of(self.execution, self._records, end=world, **self._named)
         return ExecuteChain.Result(outcome=record.outcome, record=record)
 
 
 def _alternatives(goal: ExecuteChain.Goal, library: TopLibrary, frame: str, fence: Fence) -> list[TopChain]:
     """Read the alternatives of a goal; raises MessageError where one cannot be read."""
-    read = conversions.alternatives_from(goal.alternatives, library, frame=frame, fence=fence)
+    read = messages.alternatives_from(goal.alternatives, library, frame=frame, fence=fence)
     for each in read:
         if isinstance(each, str):
             raise MessageError(each)
@@ -238,14 +237,13 @@ def id_of(handle: ServerGoalHandle) -> str:
 
 
 def unstarted(handle: ServerGoalHandle, ending: Ending, reason: str, *, frame: str) -> Any:
-    """Put a goal that cannot be used, or ended before it began, into its final state; return its result."""
-    conclude(handle, ending)
+    """Return the result of a goal that cannot be used, or that ended before it began."""
     outcome = outcome_of(ending, reason)
     record = ChainPerformance(
         chain_id=id_of(handle),
-        chain=conversions.echo_of(handle.request.chain),
+        chain=messages.echo_of(handle.request.chain),
         refinement="not requested",
-        predicted=conversions.performance_of(),
+        predicted=messages.performance_of(),
         actual=actual(0.0, ending),
         outcome=outcome,
     )
@@ -253,14 +251,15 @@ def unstarted(handle: ServerGoalHandle, ending: Ending, reason: str, *, frame: s
     return ExecuteChain.Result(outcome=outcome, record=record)
 
 
-def conclude(handle: ServerGoalHandle, ending: Ending) -> None:
-    """Put a goal into the final state that says how it ended."""
+def concluded(ending: Ending, result: Any, handle: ServerGoalHandle) -> Any:
+    """Put a goal into its final state and return its result: the callback that executes an action."""
     if ending is Ending.SUCCEEDED:
         handle.succeed()
     elif ending is Ending.CANCELED:
         handle.canceled()
     else:
         handle.abort()
+    return result
 
 
 def run_of(
@@ -273,7 +272,7 @@ def run_of(
     rolling: Rolling,
 ) -> GoalRun:
     """Return the run of a goal with the executor's parameters; raises MessageError as `GoalRun` does."""
-    action_set = conversions.action_set_from(handle.request.chain, allowed=libraries)
+    action_set = messages.action_set_from(handle.request.chain, allowed=libraries)
     return GoalRun(
         handle,
         libraries[action_set],

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from action_msgs.srv import CancelGoal
 
 from ator_interfaces.msg import ChainPerformance, Outcome
-from ator_ros.nodes.conversions import action_set_from, chain_from, world_from
+from ator_ros.nodes.messages import action_set_from, chain_from, world_from
 from ator_ros.nodes.qos import LATCHED, SERVICES
 from ator_ros.nodes.silence import Silence, lose
 from ator_ros.nodes.spun_node import SpunNode

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.exceptions import InvalidTopicNameException
+from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from ator_interfaces.msg import ActionPerformance
@@ -21,9 +22,7 @@ from ator_ros.experience.store import StoreInfo
 from ator_ros.learning.learner import Learner, LearningPace
 from ator_ros.learning.process import RoundProcess
 from ator_ros.learning.sets import LearnedSetError, locked
-from ator_ros.nodes.bounded import bounded
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
-from ator_ros.nodes.frugal_node import FrugalNode
 from ator_ros.nodes.model_sets import read_models
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -52,11 +51,10 @@ PARAMETERS = (
 )
 _PERIOD = 0.25
 _WARNING_PERIOD = 2.0
-_MOST_ITEMS = 64
 _HOME = Path.home() / ".ros" / "ator_ros" / "learned"
 
 
-class LearningNode(FrugalNode):
+class LearningNode(Node):
     """Stores records, learns from them in a process of its own, and publishes sets of models that are better.
 
     Parameters: see `PARAMETERS`; they are read at the start only.
@@ -75,7 +73,7 @@ class LearningNode(FrugalNode):
     """
 
     def __init__(self) -> None:
-        super().__init__("learning")
+        super().__init__("learning", automatically_declare_parameters_from_overrides=True)
         self._settings = settings = declare_parameters(self, PARAMETERS)
         self._domain = domain_of(settings)
         self._robot = robot = robot_of(settings)
@@ -103,9 +101,8 @@ class LearningNode(FrugalNode):
         for action_set in self._domain.action_sets:
             # Which logs if they are of another robot.
             read_models(self, robot, action_set, settings["models"], self._domain)
-        kind = bounded(ActionPerformance, _MOST_ITEMS)
         for topic in topics:
-            self.create_subscription(kind, topic, self._take, RESULTS)
+            self.create_subscription(ActionPerformance, topic, self._take, RESULTS)
         self.create_service(Trigger, "~/learn_now", self._learn_now)
         self.create_service(SetBool, "~/freeze", self._freeze)
         self.create_timer(_PERIOD, self._work, clock=STEADY)

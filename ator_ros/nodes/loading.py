@@ -18,9 +18,8 @@ from ator_ros.execution.rehearsal import rehearse, rehearse_predictions, rehears
 from ator_ros.nodes.learned_sets import LearnedSets
 from ator_ros.nodes.model_sets import ModelSet, read_models
 from ator_ros.performance.model_file import model_path
-from ator_ros.refinement.errors import RefinementError
-from ator_ros.refinement.gate import Gate, OpenGate, opened
-from ator_ros.refinement.gate_file import load_gate
+from ator_ros.refinement import RefinementError
+from ator_ros.refinement.gate import Gate, OpenGate, load_gate, opened
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.library import TopLibrary
 

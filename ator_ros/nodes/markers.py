@@ -9,7 +9,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.messages import pose_of
 from ator_ros.viewing.shapes import ORANGE, Arrow, Segments, Shape
 from ator_ros.world.scene import Scene
 from ator_ros.world.state import ObjectState

@@ -21,9 +21,8 @@ from ator_ros.performance.model_file import (
     model_path,
     models_folder,
 )
-from ator_ros.refinement.calibration import Calibration
-from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any
-from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement import RefinementError
+from ator_ros.refinement.calibration import CALIBRATION, Calibration, load_calibration_if_any
 from ator_ros.robot.description import Robot
 
 

@@ -8,7 +8,6 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 
 from ator_ros.nodes.diagnosis import Input
@@ -41,8 +40,6 @@ class ObjectSources:
         Looks up objects in tf.
     frame : str
         The frame that objects must be in.
-    group : CallbackGroup, optional
-        Of the subscriptions, tf excepted.
 
     Attributes
     ----------
@@ -59,7 +56,6 @@ class ObjectSources:
         tf: TfListener,
         *,
         frame: str,
-        group: CallbackGroup | None = None,
     ) -> None:
         self._sources, self._take, self._reject = tuple(sources), take, reject
         self.inputs: dict[str, Input] = {}
@@ -72,7 +68,7 @@ class ObjectSources:
                 callback = partial(self._take_message, source.name, reader)
                 kind, topic = TYPES[source.type], source.listened
                 self.inputs[source.name] = Input(topic, kind)
-                node.create_subscription(kind, topic, callback, SENSOR_DATA, callback_group=group)
+                node.create_subscription(kind, topic, callback, SENSOR_DATA)
 
     def _take_message(self, name: str, reader: ObjectReader, message: Any) -> None:
         try:

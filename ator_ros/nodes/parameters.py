@@ -111,6 +111,7 @@ class Parameter:
         return ""
 
 
+_OF_ROS = ("use_sim_time", "start_type_description_service")
 _WHOLE = (RosParameter.Type.INTEGER, RosParameter.Type.INTEGER_ARRAY)
 ROBOT = Parameter("robot", "", "file of the robot's description; empty: the one that is shipped")
 DOMAIN = Parameter(
@@ -179,8 +180,9 @@ def declare_parameters(
 ) -> dict[str, Any]:
     """Declare parameters with type, description and bounds, and return their values by name.
 
-    The values follow live parameters; `changed` is given the new ones by name before; SetupError refuses
-    them.
+    The values follow live parameters. `changed` is called with new values, by name, before they are used; it
+    raises SetupError to refuse them. Parameters that the node does not have are reported. For this the node
+    must be made with ``automatically_declare_parameters_from_overrides``.
 
     Raises
     ------
@@ -245,16 +247,23 @@ def _follow_changes(
 
 
 def _declared(node: Node, parameter: Parameter) -> Any:
-    """Return the value of a parameter, declared if it is not yet; raises SetupError."""
-    name = parameter.name
+    """Declare a parameter, unless it is declared already, and return its value; raises SetupError."""
+    name, given = parameter.name, RosParameter.Type.NOT_SET
     try:
+        if _is_implicit(node, name):
+            given = node.get_parameter(name).type_
+            node.undeclare_parameter(name)
         if not node.has_parameter(name):
             node.declare_parameter(name, parameter.default, parameter.descriptor())
     except ParameterException as error:
-        whole = name in (given := _given(node)) and given[name].type_ in _WHOLE
-        point = "; write 5.0 for 5" if whole and _holds_decimals(parameter.default) else ""
+        point = "; write 5.0 for 5" if given in _WHOLE and _holds_decimals(parameter.default) else ""
         raise SetupError(f"parameter {name} ({parameter.description}): {error}{point}") from error
     return parameter.read(node.get_parameter(name).value)
+
+
+def _is_implicit(node: Node, name: str) -> bool:
+    """Return whether a parameter exists only because the command line or a parameter file sets it."""
+    return node.has_parameter(name) and not node.describe_parameter(name).description
 
 
 def _holds_decimals(default: Any) -> bool:
@@ -263,16 +272,13 @@ def _holds_decimals(default: Any) -> bool:
     return any(isinstance(value, float) for value in values)
 
 
-def _given(node: Node) -> Mapping[str, RosParameter[Any]]:
-    """Return what the command line and parameter files set, by name; rclpy has no public name for it."""
-    return getattr(node, "_parameter_overrides", {})
-
-
 def _warn_of_strange(node: Node, known: Mapping[str, Any], unused: Collection[str]) -> None:
-    """Warn of unknown parameters that were set; ROS ignores them silently."""
-    given = (name for name in _given(node) if name not in unused)
-    strange = sorted(name for name in given if not node.has_parameter(name))
-    if strange:
+    """Undeclare parameters that the node does not have, and warn of those that are not `unused`."""
+    given = [name for name in node.get_parameters_by_prefix("") if _is_implicit(node, name)]
+    strange = sorted(name for name in given if name not in _OF_ROS)
+    for name in strange:
+        node.undeclare_parameter(name)
+    if strange := [name for name in strange if name not in unused]:
         node.get_logger().warning(
             f"ignored: parameters {', '.join(map(printable, strange[:5]))}: "
             f"expected some of {', '.join(known)}"

@@ -10,7 +10,7 @@ from std_srvs.srv import SetBool
 
 from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.spun_node import SpunNode
 from ator_ros.world.state import World

@@ -12,15 +12,13 @@ from rclpy.task import Future
 
 from ator_interfaces.srv import PlanChains
 from ator_ros.execution.phases import Ending
-from ator_ros.nodes import conversions
-from ator_ros.nodes.bounded import bounded, with_parts
+from ator_ros.nodes import messages
 from ator_ros.nodes.plan_messages import is_asked_for
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.printable import printable
 from ator_ros.world.messages import LONGEST_NAME
 from ator_ros.world.state import World
 
-_MOST_IN_ANSWERS = 256
 _LONGEST_REASON = 500
 PREEMPTED = "a newer goal took over"
 """Why a goal ends that a newer one preempts."""
@@ -71,7 +69,6 @@ class PlannedGoals:
         self._settings, self._objects = settings, frozenset(objects)
         self._begin, self._end, self._halt, self._rests = begin, end, halt, rests
         client: Any = node.create_client(PlanChains, "plan_chains", qos_profile=SERVICES)
-        client.srv_type = with_parts(PlanChains, Response=bounded(PlanChains.Response, _MOST_IN_ANSWERS))
         self._client = client
         self._handle: ServerGoalHandle | None = None
         self._future: Future | None = None
@@ -138,7 +135,7 @@ class PlannedGoals:
 
     def _ask(self, handle: ServerGoalHandle, world: World) -> None:
         request = PlanChains.Request(
-            situation=conversions.situation_of(world, frame=self._settings["frame"]),
+            situation=messages.situation_of(world, frame=self._settings["frame"]),
             goal=handle.request.wanted,
             action_set=handle.request.chain.action_set,
         )

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from ator_interfaces.msg import GoalTerm, PlanGoal
 from ator_interfaces.srv import PlanChains
-from ator_ros.nodes.conversions import chain_of
+from ator_ros.nodes.messages import chain_of
 from ator_ros.planning.wanted import MOST_STATEMENTS, Unspecified, Wish
 from ator_ros.printable import quoted
 from ator_ros.tops.chain import TopChain

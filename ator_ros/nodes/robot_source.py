@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from nav_msgs.msg import Odometry
-from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 
 from ator_ros.nodes.diagnosis import Input
@@ -42,8 +41,6 @@ class RobotSource:
         Is given what is doubtful about messages that are used.
     tf : TfListener
         Looks up the robot in tf.
-    group : CallbackGroup, optional
-        Of the subscription to odometry.
 
     Attributes
     ----------
@@ -60,7 +57,6 @@ class RobotSource:
         reject: Callable[[str, MessageError], None],
         warn: Callable[[str], None],
         tf: TfListener,
-        group: CallbackGroup | None = None,
     ) -> None:
         self._take, self._reject, self._warn = take, reject, warn
         self._tf, self._frames = tf, (settings["frame"], settings["robot_frame"])
@@ -75,7 +71,7 @@ class RobotSource:
         if self._from_tf:
             tf.follow(*self._frames, self._take_found)
         else:
-            node.create_subscription(Odometry, "odom", self._take_odometry, SENSOR_DATA, callback_group=group)
+            node.create_subscription(Odometry, "odom", self._take_odometry, SENSOR_DATA)
 
     def _take_odometry(self, message: Odometry) -> None:
         try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
-from ator_ros.nodes import conversions
+from ator_ros.nodes import messages
 from ator_ros.nodes.embodiment import Embodiment
 from ator_ros.nodes.qos import STATES
 from ator_ros.nodes.simulated_world import SimulatedRobot
@@ -55,8 +55,8 @@ class RobotTopics:
         # Objects come first, so that who acts on odom has the objects of the same tick.
         for name, there in world.objects.items():
             height = self._robot.robot.scene.radius(name)
-            message = conversions.object_odometry_of(world.time, there, frame=self.frame, height=height)
+            message = messages.object_odometry_of(world.time, there, frame=self.frame, height=height)
             self._objects[name].publish(message)
-        odometry = conversions.odometry_of(world.time, world.robot, frame=self.frame, child=self.robot_frame)
+        odometry = messages.odometry_of(world.time, world.robot, frame=self.frame, child=self.robot_frame)
         self._odom.publish(odometry)
         self._embodiment.publish(world)

@@ -22,10 +22,8 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from ator_ros.nodes.configured import ParameterFileError, check_parameter_files
-from ator_ros.nodes.gathering import Resting
 from ator_ros.nodes.machine import check_machine
 from ator_ros.nodes.network import stay_on_this_machine
-from ator_ros.nodes.parameter_services import refuse_with_reasons
 from ator_ros.nodes.parameters import Parameter, SetupError
 from ator_ros.printable import printable
 from ator_ros.resources import ResourceError
@@ -47,10 +45,9 @@ def run_node(
 ) -> None:
     """Make a node and spin it until Ctrl-C or SIGTERM, then end with exit code 0.
 
-    The node may have a method `stop`, which is called while it can still publish; one that is `Resting` lets
-    its inputs gather while it is idle. Unusable parameters and files end the process with one line
-    and exit code 1, unknown arguments with exit code 2. ``--help`` prints the documentation of the node and
-    its `parameters`.
+    The node may have a method `stop`, which is called while it can still publish. Unusable parameters and
+    files end the process with one line and exit code 1, unknown arguments with exit code 2. ``--help`` prints
+    the documentation of the node and its `parameters`.
     """
     words = list(sys.argv if args is None else args)
     stopped: list[int] = []
@@ -68,20 +65,14 @@ def run_node(
         rclpy.try_shutdown()
         reason = printable(_RCL_SOURCE.sub("", " ".join(str(error).split())), _LONGEST_REASON)
         sys.exit(f"{Path(sys.argv[0]).name}: {reason}")
-    refuse_with_reasons(node)
     # Libraries and models live as long as the process: scanning them for garbage would take up to 50 ms.
     gc.collect()
     gc.freeze()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    may_rest = isinstance(node, Resting)
     try:
         while not stopped:
-            seconds = node.rest() if may_rest else 0.0
-            if seconds:
-                node.gathering.rest(executor, seconds)
-            else:
-                executor.spin_once(timeout_sec=_WAKE_UP)
+            executor.spin_once(timeout_sec=_WAKE_UP)
     finally:
         if hasattr(node, "stop"):
             node.stop()

@@ -8,14 +8,14 @@ from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
+from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.domains.domain import domain_for
-from ator_ros.nodes import conversions
+from ator_ros.nodes import messages
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
-from ator_ros.nodes.frugal_node import FrugalNode
 from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of
 from ator_ros.nodes.qos import SENSOR_DATA, SERVICES
 from ator_ros.nodes.robot_topics import RobotTopics
@@ -23,7 +23,7 @@ from ator_ros.nodes.running import run_node
 from ator_ros.nodes.simulated_world import Stop
 from ator_ros.nodes.simulation_settings import names_of, parameters_for, robots_of, simulated_of, world_of
 from ator_ros.simulation.simulation import TICK
-from ator_ros.world import messages
+from ator_ros.world import messages as checks
 from ator_ros.world.messages import MessageError
 
 _FASTEST_PERIOD = 0.0005
@@ -33,7 +33,7 @@ _WARNING_PERIOD = 2.0
 _LEAST_COUNTED = 0.5  # real s over which a pace is judged
 
 
-class SimulationNode(FrugalNode):
+class SimulationNode(Node):
     """Simulates one robot, or several, in one world; 20 ticks a second of simulated time.
 
     Parameters: see `parameters_for`; `real_time_factor` and `command_wait` can change while it runs.
@@ -65,7 +65,7 @@ class SimulationNode(FrugalNode):
     """
 
     def __init__(self) -> None:
-        super().__init__("simulation")
+        super().__init__("simulation", automatically_declare_parameters_from_overrides=True)
         self._settings = declare_with_domain(self, parameters_for, self._change)
         self._names = names_of(self._settings)
         robots = robots_of(self._settings)
@@ -164,7 +164,7 @@ class SimulationNode(FrugalNode):
 
     def _publish(self) -> None:
         if self._clock_publisher is not None:
-            self._clock_publisher.publish(Clock(clock=conversions.stamp_of(self._world.time)))
+            self._clock_publisher.publish(Clock(clock=messages.stamp_of(self._world.time)))
         for topics in self._topics:
             topics.publish()
 
@@ -176,8 +176,8 @@ class SimulationNode(FrugalNode):
             where = topics.resolved("cmd_vel")
             if isinstance(message, TwistStamped):
                 given = message.header.frame_id
-                messages.frame(given, f"{where}.header.frame_id", expected=topics.robot_frame)
-            self._world.command(messages.command_from(message, where), number)
+                checks.frame(given, f"{where}.header.frame_id", expected=topics.robot_frame)
+            self._world.command(checks.command_from(message, where), number)
         except MessageError as error:
             self._reject(str(error))
             return
@@ -211,8 +211,8 @@ class SimulationNode(FrugalNode):
 
     def _place_robot(self, number: int, request: PlaceRobot.Request) -> str:
         frame = self._topics[number].frame
-        messages.frame(request.pose.header.frame_id, "pose.header.frame_id", expected=frame)
-        pose = messages.pose_from(request.pose.pose, "pose.pose")
+        checks.frame(request.pose.header.frame_id, "pose.header.frame_id", expected=frame)
+        pose = checks.pose_from(request.pose.pose, "pose.pose")
         self._world.place_robot(pose, number, v=request.v, w=request.w)
         who = self._names[number] or "robot"
         return f"{who} at x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.yaw:.3f} rad"
@@ -222,7 +222,7 @@ class SimulationNode(FrugalNode):
             self._world.remove_object(name)
             return f"{name} removed"
         frame = self._topics[number].frame
-        messages.frame(request.position.header.frame_id, "position.header.frame_id", expected=frame)
+        checks.frame(request.position.header.frame_id, "position.header.frame_id", expected=frame)
         point, velocity = request.position.point, request.velocity
         self._world.place_object(name, point.x, point.y, vx=velocity.x, vy=velocity.y)
         return f"{name} at x {point.x:.3f} m, y {point.y:.3f} m"

@@ -14,18 +14,23 @@ import dataclasses
 import hashlib
 import json
 import math
+import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
+from ator_ros.files import load, save
 from ator_ros.performance.features import kinds_of
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.refinement.chain_model import ChainPrediction
+from ator_ros.refinement import RefinementError
+from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.refinement.free_variables import analyse
 from ator_ros.refinement.objective import Objective
 from ator_ros.robot.description import Robot
+from ator_ros.schema import AtMost, Name, OneOf, Within
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 
@@ -244,3 +249,69 @@ def model_digest(model: Any) -> str:
     if kinds := kinds_of(model.features[name] for name in tree.names):
         sha.update(json.dumps(kinds, sort_keys=True).encode())
     return sha.hexdigest()[:16]
+
+
+# The file
+
+
+KIND = "calibration"
+CALIBRATION = "calibration.json"
+_Seconds = Annotated[float, Within(-1e6, 1e6)]
+"""Eleven days, longer than any action; sums of such numbers keep a resolution of 1 ns."""
+
+
+@dataclass(frozen=True)
+class _Shortfall:
+    """The fields of a `Shortfall`."""
+
+    constant: _Seconds
+    slopes: dict[Annotated[str, OneOf(TERMS)], _Seconds]
+    low: _Seconds
+    high: _Seconds
+    model: str
+
+    def __post_init__(self) -> None:
+        """Check the bounds of a correction."""
+        if self.low > self.high:
+            raise ValueError(f"expected low at most high, got {self.low:g} and {self.high:g}")
+
+
+@dataclass(frozen=True)
+class _CalibrationFile:
+    """The fields of a calibration's file; shortfalls: by the name of the action."""
+
+    # More than any domain has.
+    shortfalls: Annotated[dict[Annotated[str, Name()], _Shortfall], AtMost(100)]
+
+
+def save_calibration(path: Path, calibration: Calibration, training: Mapping[str, Any]) -> None:
+    """Write a calibration, with how it was learned, to `path`; atomic."""
+    data = {
+        "shortfalls": {action: asdict(shortfall) for action, shortfall in calibration.shortfalls.items()},
+        "training": dict(training),
+    }
+    save(path, KIND, data)
+
+
+def load_calibration(path: Path) -> Calibration:
+    """Read a calibration.
+
+    Raises
+    ------
+    RefinementError
+        The file cannot be read or is no calibration; the message names file and field.
+    """
+    file = load(path, KIND, _CalibrationFile, error=RefinementError)
+    return Calibration({name: Shortfall(**vars(item)) for name, item in file.shortfalls.items()})
+
+
+def load_calibration_if_any(folder: Path) -> Calibration:
+    """Read the calibration in `folder`; without one, predictions stay as they are.
+
+    Raises
+    ------
+    RefinementError
+        As in `load_calibration`.
+    """
+    path = folder / CALIBRATION
+    return load_calibration(path) if os.path.lexists(path) else Calibration()

@@ -1,41 +1,64 @@
-"""Which variables of a chain's subgoals are free (paper, section 4.2): computed, not listed.
+"""The free variables of a chain's subgoals and their bounds (paper, section 4.2): computed, not listed.
 
-A goal variable is free when the plan opens it, it has a range, no condition binds it, every action whose
+A goal variable is free if the plan opens it, it has a range, no condition binds it, every action whose
 performance it may change has a performance model, and one of these models uses a direct variable that it
 changes.
+
+Free variables are bounded by their ranges, by the regions of conditions, and by the experience of the models:
+what lies well beyond all starts and goals that a model was trained on is not searched.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import enum
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, direct_name, goal_values
+from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angle, wrap_angles
+from ator_ros.refinement.chain_prediction import (
+    PredictsPerformance,
+    chain_situations,
+    columns_after,
+    goal_columns,
+)
+from ator_ros.refinement.search import Allowed, spread_points
 from ator_ros.robot.description import Robot
 from ator_ros.tops.bindings import bindings
-from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
+from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopCall, TopChain, projected
+from ator_ros.tops.conditions import Condition, Region, Term, lookup
 from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
+from ator_ros.tops.relations import Distance, Relation
+from ator_ros.tops.state import state_of
+from ator_ros.world.state import World
 
+NEGLIGIBLE = 0.02
+"""Share of a range below which a cut is ignored: random starts never reach the ends of their ranges."""
+_POINTS = 2048
+_SLACK = 0.05
+"""Margin (m, rad, m/s) by which a value may leave the experience, besides the share `_ROOM` of its range."""
+_ROOM = 0.05
+"""Share by which the extent of the points that a region allows is widened on each side."""
+_LABELS = {"dist": "distance", "turn": "turn", "v": "speed at the start", "speedg": "arrival speed"}
+_PLACE = frozenset("xy")
+_SAME = 1e-6
+"""Difference in a variable's unit that a conversion to a message and back may cause."""
 
-class PredictsPerformance(Protocol):
-    """What refinement needs of a performance model (`ator_ros.performance.model` has the learned one)."""
-
-    @property
-    def used_variables(self) -> frozenset[str]:
-        """Direct variables that the prediction depends on."""
-
-    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ("duration",)) -> Any:
-        """Return a prediction whose fields named in `measures` are arrays of shape (n,)."""
+Bound = Relation | Region
 
 
 @dataclass(frozen=True, slots=True)
 class FreeVariable:
     """One free variable: of which subgoal of the chain (counted from 0), its name, and its range.
 
-    `limits` tells what bounds the range beyond that of such variables: regions, and the models' experience.
+    `limits` names what narrows the range: regions, and the experience of the models.
     """
 
     subgoal: int
@@ -130,14 +153,14 @@ def analyse(
 
 
 def _opened(call: TopCall) -> list[str]:
-    """Return what a call opens or means to open, in the order of its goal's variables."""
+    """Return the names that a call opens, known or not, in the order of its goal's variables."""
     names = list(goal_values(call.goal))
     opened = names if EVERYTHING in call.open else [name for name in names if name in call.open]
     return opened + sorted(call.open - {EVERYTHING, *names})
 
 
 def _why_closed(call: TopCall, name: str) -> str | None:
-    """Return why an opening does not count, whatever the conditions of other steps say."""
+    """Return why an opening has no effect, apart from conditions of other steps."""
     if name not in goal_values(call.goal):
         return f"no goal variable, expected one of {', '.join(goal_values(call.goal))}"
     if call.opens(name):
@@ -148,7 +171,7 @@ def _why_closed(call: TopCall, name: str) -> str | None:
 def _why_unknown(
     chain: TopChain, index: int, name: str, models: Mapping[str, PredictsPerformance]
 ) -> tuple[str, Cause] | None:
-    """Return why nothing is known of how the variable changes the performance."""
+    """Return why the effect of a variable on the performance is unknown."""
     changed = {index: frozenset({direct_name(name)})}
     following = start_variables(name, chain.calls[index].goal.point)
     if following and index + 1 < len(chain.calls):
@@ -162,3 +185,472 @@ def _why_unknown(
     if any(changed[step] & models[actions[step]].used_variables for step in changed):
         return None
     return "used by no performance model of a neighbouring action", Cause.NO_EFFECT
+
+
+# Regions
+
+
+class _Rule(NamedTuple):
+    """A bound of a subgoal's candidates.
+
+    `whose` it is, the `room` to keep (in the unit of the bound), the `goal` that it refers to (None for the
+    subgoal's own), and whether it concerns the state `before` the step.
+    """
+
+    whose: str
+    bound: Bound
+    room: float = 0.0
+    goal: Mapping[str, float] | None = None
+    before: bool = False
+
+
+class Regions:
+    """The regions that bound the candidates of a chain's subgoals.
+
+    A condition on a distance, or on the range of a variable, binds no goal variable. It limits the candidates
+    to those from which the next step may start, with a margin for the tolerance of the step before. The
+    distance to drive is limited to the experience of the action's model, unless the place at which the step
+    starts is free, too: then each place is bounded separately.
+
+    Parameters
+    ----------
+    world, chain, robot
+        The request.
+    names : sequence of tuple of str, one per subgoal
+        The free variables.
+    models : mapping, optional
+        Action name to performance model, which has the range of experienced distances; an action may lack
+        one.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        chain: TopChain,
+        robot: Robot,
+        names: Sequence[tuple[str, ...]],
+        models: Mapping[str, Any] = MappingProxyType({}),
+    ) -> None:
+        self._world, self._chain, self._models = world, chain, models
+        self._robot, self._names, self._calls = robot, names, chain.calls
+        self._states: list[Mapping[str, float]] = []
+        for call in chain.calls if _may_bound(chain, names) else ():
+            self._states.append(state_of(world, robot))
+            world = projected(world, call, robot)
+        self._bounds = [self._bounds_of(index) for index in range(len(self._states))]
+
+    def narrowed_to(self, names: Sequence[tuple[str, ...]]) -> Regions:
+        """Return the same where only `names` are free."""
+        return (
+            self
+            if names == self._names
+            else Regions(self._world, self._chain, self._robot, names, self._models)
+        )
+
+    def allowing(self) -> Allowed | None:
+        """Return the predicate for candidates of the chain's subgoals; None if nothing limits them."""
+        return self.allowed if any(self._bounds) else None
+
+    def of_subgoal(self, chain: TopChain, index: int, names: tuple[str, ...]) -> Allowed | None:
+        """Return the predicate for candidates of one subgoal, if only `names` of it are searched.
+
+        The subgoals before it are fixed as in `chain`; those after it keep their free variables.
+        """
+        free = [*[()] * index, names, *self._names[index + 1 :]]
+        regions = Regions(self._world, chain, self._robot, free, self._models)
+        return (lambda _, values: regions.allowed(index, values)) if regions.bounds(index) else None
+
+    def limits(self, index: int) -> tuple[str, ...]:
+        """Return a description of each bound of a subgoal's candidates."""
+        bounds = self._bounds[index] if self._bounds else ()
+        return tuple(f"{rule.whose}: {_words(rule.bound)}" for rule in bounds)
+
+    def bounds(self, index: int) -> bool:
+        """Return whether anything bounds the candidates of a subgoal."""
+        return bool(self._bounds and self._bounds[index])
+
+    def allowed(self, index: int, values: FloatArray) -> BoolArray:
+        """Return which candidates (n, k) of a subgoal all bounds allow, shape (n,)."""
+        good = np.ones(len(values), dtype=bool)
+        if not self.bounds(index):
+            return good
+        after, own = self._after(index, values)
+        for rule in self._bounds[index]:
+            good &= np.asarray(self._clearance(rule, index, after, own) >= rule.room)
+        return good
+
+    def _clearance(self, rule: _Rule, index: int, after: Mapping[str, Any], own: Mapping[str, Any]) -> Any:
+        state = self._states[index] if rule.before else after
+        return _clearance(rule.bound, state, own if rule.goal is None else rule.goal)
+
+    def _bounds_of(self, index: int) -> list[_Rule]:
+        """Return the bounds that the free variables of a subgoal decide on."""
+        if not self._names[index]:
+            return []
+        rules = [*self._own_rules(index), *self._rules_of_next(index)]
+        # A bound that does not depend on the candidates cannot limit them.
+        probe = np.stack([np.zeros(len(self._names[index])), np.ones(len(self._names[index]))])
+        after, own = self._after(index, probe)
+        return [rule for rule in rules if np.ndim(self._clearance(rule, index, after, own)) > 0]
+
+    def _own_rules(self, index: int) -> Iterator[_Rule]:
+        """Yield the bounds by the step that leads to a subgoal."""
+        call = self._calls[index]
+        step = f"of step {index + 1} ({call.top.name})"
+        yield from (_Rule(f"post-condition {step}", bound) for bound in _bounds_in(call.top.post))
+        if index and _PLACE & set(self._names[index - 1]):
+            return  # the start is not known yet
+        for bound in _bounds_in(call.top.pre):
+            yield _Rule(f"pre-condition {step}", bound, before=True)
+        way = experience_of(self._models.get(call.top.action)).get("way")
+        if way is not None:
+            start = "hold" if call.goal.point is Point.HOLD else "robot"
+            yield _Rule(f"experience of {call.top.action}", Distance(start, "goal", *way), before=True)
+
+    def _rules_of_next(self, index: int) -> Iterator[_Rule]:
+        """Yield the bounds by the step that starts at a subgoal."""
+        if index + 1 == len(self._calls):
+            return
+        call, following = self._calls[index], self._calls[index + 1]
+        whose = f"pre-condition of step {index + 2} ({following.top.name})"
+        room, goal = call.top.place_tolerance, goal_values(following.goal)
+        free = _PLACE & set(self._names[index + 1])
+        for bound in _bounds_in(following.top.pre):
+            if not (free and _names_goal(bound)):
+                yield _Rule(whose, bound, room if _is_place(bound) else 0.0, goal)
+
+    def _after(self, index: int, values: FloatArray) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return state and goal variables after a step whose goal has these free values (n, k)."""
+        call, state = self._calls[index], dict[str, Any](self._states[index])
+        goal: dict[str, Any] = dict(goal_columns(call.goal, self._names[index], values))
+        if call.top.arrives:
+            there = columns_after(goal, call.goal.point, self._robot)
+            state |= {f"robot.{name}": there[name] for name in ("x", "y", "yaw", "v", "w")}
+            state |= self._hold(call.goal.point, goal, there)
+        for term in call.top.post.terms:
+            if call.top.arrives and term.variable.partition(".")[0] in ("robot", "hold"):
+                continue
+            target: Any = lookup(term.target, state, goal) if isinstance(term.target, str) else term.target
+            if target is not None:
+                state[term.variable] = _placed(term, target)
+        if not call.top.arrives and any(term.variable.startswith("robot.") for term in call.top.post.terms):
+            state |= self._hold(
+                Point.AXLE, goal, {name: state[f"robot.{name}"] for name in ("x", "y", "yaw")}
+            )
+        return state, goal
+
+    def _hold(self, point: Point, goal: Mapping[str, Any], there: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the position of the hold: at the goal if the goal is for the hold, whatever the heading."""
+        if point is Point.HOLD:
+            return {"hold.x": goal["x"], "hold.y": goal["y"]}
+        if self._robot.holder is None:
+            return {}
+        yaw, hold = there["yaw"], self._robot.hold
+        return {"hold.x": there["x"] + hold * np.cos(yaw), "hold.y": there["y"] + hold * np.sin(yaw)}
+
+
+def _may_bound(chain: TopChain, names: Sequence[tuple[str, ...]]) -> bool:
+    """Return whether anything may bound a subgoal's candidates: a free place, or a condition next to it."""
+    pairs = zip(names, chain.calls, [*chain.calls[1:], None], strict=True)
+    return any(
+        _PLACE & set(free)
+        or _bounds_in(call.top.pre)
+        or _bounds_in(call.top.post)
+        or (after is not None and _bounds_in(after.top.pre))
+        for free, call, after in pairs
+        if free
+    )
+
+
+def _placed(term: Term | Region, target: Any) -> Any:
+    """Return a value of a term's variable for which the term holds."""
+    offset = term.offset(math.inf)
+    if offset and isinstance(term, Region) and term.outward:
+        return target + np.copysign(1.0, target - term.centre) * offset
+    return target + offset if offset else target
+
+
+def _bounds_in(condition: Condition) -> list[Bound]:
+    ranges = [term for term in condition.terms if isinstance(term, Region) and term.bounds]
+    return [*condition.relations, *ranges]
+
+
+def _is_place(bound: Bound) -> bool:
+    return not isinstance(bound, Region) or bound.variable.endswith((".x", ".y"))
+
+
+def _names_goal(bound: Bound) -> bool:
+    return not isinstance(bound, Region) and "goal" in bound.places
+
+
+def _clearance(bound: Bound, state: Mapping[str, Any], goal: Mapping[str, Any]) -> Any:
+    """Return the margin by which a bound holds, negative if it does not; infinite for unknown variables."""
+    if not isinstance(bound, Region):
+        clearance = bound.clearance(state, goal)
+        return math.inf if clearance is None else clearance
+    value: Any = state.get(bound.variable)
+    if value is None:
+        return math.inf
+    difference = value - float(bound.target)
+    if bound.variable.endswith("yaw"):
+        difference = wrap_angles(difference)
+    low, high = bound.reach(float(bound.target))
+    return np.minimum(difference - low, high - difference)
+
+
+def _words(bound: Bound) -> str:
+    if not isinstance(bound, Region):
+        return str(bound)
+    beyond = " outward" if bound.outward else ""
+    return f"{bound.variable} {bound.low:g} to {bound.high:g}{beyond} of {bound.target}"
+
+
+# Experience
+
+
+def experience_of(model: Any) -> Mapping[str, tuple[float, float]]:
+    """Return the ranges of the episodes that a performance model was trained on, as far as it has them."""
+    known: Mapping[str, tuple[float, float]] = getattr(model, "experience", {})
+    return known
+
+
+class Outside(NamedTuple):
+    """A quantity of a step that lies outside the experience of its performance model.
+
+    Attributes
+    ----------
+    step : int
+        Counted from 0.
+    name : str
+        Quantity: `dist`, `turn`, `v` or `speedg`.
+    text : str
+        A sentence that names the step, the value and the range.
+    """
+
+    step: int
+    name: str
+    text: str
+
+
+def outside_experience(
+    world: World, chain: TopChain, models: Mapping[str, PredictsPerformance], robot: Robot
+) -> list[Outside]:
+    """Return the quantities of a chain that lie outside the experience of the models, step by step.
+
+    Distances, turns and speeds are compared with those at the starts of the episodes that a model was trained
+    on. Variables that a step, or the one before it, leaves open are left out.
+    """
+    found, opened = [], frozenset[str]()
+    situations = chain_situations(world, chain, robot)
+    for step, (call, direct) in enumerate(zip(chain.calls, situations, strict=True)):
+        known = experience_of(models.get(call.top.action))
+        opens = frozenset(name for name in ("x", "y", "yaw", "speed") if call.opens(name))
+        values = _quantities({name: float(row[0]) for name, row in direct.items()}, robot, opened, opens)
+        for name, value, unit in values:
+            low, high = known.get("way" if name == "dist" else name, (-math.inf, math.inf))
+            slack = _SLACK + (_ROOM * (high - low) if math.isfinite(high - low) else 0.0)
+            if not low - slack <= value <= high + slack:
+                text = (
+                    f"step {step + 1} ({call.top.name}): {_LABELS[name]} {value:.1f} {unit} is outside the "
+                    f"experience of {low:.1f} to {high:.1f} {unit}"
+                )
+                found.append(Outside(step, name, text))
+        opened = opens
+    return found
+
+
+def _quantities(
+    direct: Mapping[str, float], robot: Robot, opened: frozenset[str], opens: frozenset[str]
+) -> Iterator[tuple[str, float, str]]:
+    """Yield name, value and unit of the quantities of a step that no open variable changes."""
+    x, y, yaw = direct["x"], direct["y"], direct["yaw"]
+    if not {"x", "y"} & (opened | opens):
+        ahead = robot.hold * direct["hold"] if robot.holder is not None else 0.0
+        hold = Pose(x, y, yaw).ahead(ahead)
+        yield "dist", math.hypot(direct["xg"] - hold.x, direct["yg"] - hold.y), "m"
+    if "yaw" not in opened | opens:
+        yield "turn", abs(wrap_angle(direct["yawg"] - yaw)), "rad"
+    if "speed" not in opened:
+        yield "v", direct["v"], "m/s"
+    if "speed" not in opens:
+        yield "speedg", direct["speedg"], "m/s"
+
+
+def within_experience(
+    analysis: Analysis,
+    chain: TopChain,
+    models: Mapping[str, PredictsPerformance],
+    outside: Sequence[Outside] = (),
+) -> Analysis:
+    """Return `analysis` with the ranges narrowed to the goals that the models were trained on.
+
+    A variable whose range lies outside the experience is not free. Neither is a variable next to a step whose
+    distance lies outside, since its predictions are extrapolated.
+    """
+    free, not_free = [], list(analysis.not_free)
+    far = {each.step: each for each in outside if each.name == "dist"}
+    for variable in analysis.free:
+        beyond = far.get(variable.subgoal, far.get(variable.subgoal + 1))
+        if beyond is not None:
+            why = f"next to step {beyond.step + 1}, whose distance is outside the experience"
+            not_free.append(NotFree(variable.subgoal, variable.name, why, Cause.NO_EXPERIENCE))
+            continue
+        narrowed = variable
+        for low, high, said in _experienced(variable, chain, models):
+            if narrowed.domain.periodic:
+                continue
+            if min(high, narrowed.domain.high) <= max(low, narrowed.domain.low):
+                why = f"beyond the {said}"
+                not_free.append(NotFree(variable.subgoal, variable.name, why, Cause.NO_EXPERIENCE))
+                break
+            narrowed = _narrowed(narrowed, low, high, (said,))
+        else:
+            free.append(narrowed)
+    return Analysis(tuple(free), tuple(not_free), tuple(each.text for each in outside))
+
+
+def _experienced(
+    variable: FreeVariable, chain: TopChain, models: Mapping[str, PredictsPerformance]
+) -> Iterator[tuple[float, float, str]]:
+    """Yield the bounds of a variable by experience: low, high and a description."""
+    for action, direct in _known_as(variable, chain):
+        known = experience_of(models.get(action))
+        if direct in known:
+            low, high = known[direct]
+            yield low, high, f"experience of {action}: {direct} from {low:.2f} to {high:.2f}"
+    if variable.name == "speed" and variable.subgoal + 1 < len(chain.calls):
+        yield from _braked(chain.calls[variable.subgoal], chain.calls[variable.subgoal + 1], models)
+
+
+def _braked(
+    call: TopCall, following: TopCall, models: Mapping[str, PredictsPerformance]
+) -> Iterator[tuple[float, float, str]]:
+    """Yield the arrival speeds from which the next action can brake to its goal's speed.
+
+    Nothing is known if a place is free, or if the goals are for different points of the robot.
+    """
+    known = experience_of(models.get(following.top.action)).get("braking")
+    moved = any(step.opens(name) for step in (call, following) for name in ("x", "y"))
+    if known is None or moved or call.goal.point != following.goal.point:
+        return
+    way = call.goal.pose.distance(following.goal.pose)
+    left = 0.0 if following.opens("speed") else following.goal.speed
+    said = f"experience of {following.top.action}: braking at up to {known[1]:.2f} m/s^2"
+    yield 0.0, math.sqrt(left**2 + 2.0 * known[1] * way), said
+
+
+def _known_as(variable: FreeVariable, chain: TopChain) -> Iterator[tuple[str, str]]:
+    """Yield the actions that a variable affects, and its direct variable in each.
+
+    The place at which the next action starts is left out, since it is relative to its goal.
+    """
+    call = chain.calls[variable.subgoal]
+    yield call.top.action, direct_name(variable.name)
+    if variable.subgoal + 1 < len(chain.calls):
+        following = chain.calls[variable.subgoal + 1].top.action
+        for direct in sorted(start_variables(variable.name, call.goal.point) - {"x", "y", "yaw"}):
+            yield following, direct
+
+
+def within_regions(analysis: Analysis, regions: Regions, chain: TopChain) -> Analysis:
+    """Return `analysis` with the ranges narrowed to the candidates that the regions allow.
+
+    If a region allows none, the variables of the subgoal are not free.
+    """
+    free: list[FreeVariable] = []
+    not_free = list(analysis.not_free)
+    for index in range(len(chain.calls)):
+        variables = [variable for variable in analysis.free if variable.subgoal == index]
+        if not variables or not regions.bounds(index):
+            free += variables
+            continue
+        limits = regions.limits(index)
+        points = _points([variable.domain for variable in variables])
+        points = points[regions.allowed(index, points)]
+        if not len(points):
+            why = f"without an allowed value: {'; '.join(limits)}"
+            not_free += [NotFree(index, variable.name, why, Cause.REGION) for variable in variables]
+            continue
+        for variable, column in zip(variables, points.T, strict=True):
+            room = _ROOM * float(np.ptp(column))
+            narrowed = variable
+            if not variable.domain.periodic:
+                narrowed = _narrowed(variable, float(column.min()) - room, float(column.max()) + room, limits)
+            free.append(narrowed)
+    return dataclasses.replace(analysis, free=tuple(free), not_free=tuple(not_free))
+
+
+def _points(domains: Sequence[Range]) -> np.ndarray:
+    low = np.array([domain.low for domain in domains])
+    high = np.array([domain.high for domain in domains])
+    return np.asarray(low + (high - low) * spread_points(len(domains), 0, _POINTS))
+
+
+def _narrowed(variable: FreeVariable, low: float, high: float, limits: tuple[str, ...]) -> FreeVariable:
+    """Return the variable with its range cut to `low` to `high`, unless the cut is negligible."""
+    domain = variable.domain
+    width = domain.high - domain.low
+    low, high = max(low, domain.low), min(high, domain.high)
+    cut = max(low - domain.low, domain.high - high)
+    if cut <= NEGLIGIBLE * width or low >= high:
+        return variable
+    return dataclasses.replace(
+        variable,
+        domain=dataclasses.replace(domain, low=low, high=high),
+        limits=variable.limits + limits,
+    )
+
+
+# Changes
+
+
+def allowed_changes(
+    plan: TopChain, refined: TopChain, robot: Robot, ranges: Ranges
+) -> list[dict[str, float]]:
+    """Return, step by step, the goal variables that `refined` changes, with their new values.
+
+    Raises
+    ------
+    InvalidChainError
+        It has other steps or goal variables than `plan`, or changes what `plan` does not open or a condition
+        binds, or a value lies outside the variable's range, or it has none.
+    """
+    if [call.top for call in plan.calls] != [call.top for call in refined.calls]:
+        raise InvalidChainError("expected the steps of the question")
+    bound = bindings(tuple(call.top for call in plan.calls))
+    changes = []
+    for step, (old, new) in enumerate(zip(plan.calls, refined.calls, strict=True)):
+        if old.goal.values.keys() != new.goal.values.keys():
+            where = f"step {step + 1} ({old.top.name})"
+            raise InvalidChainError(f"{where}: expected the goal variables of the question")
+        values = _changed(old, new)
+        for name, value in values.items():
+            where = f"{name} of step {step + 1} ({old.top.name})"
+            if not old.opens(name):
+                raise InvalidChainError(f"{where}: expected {_value(old, name):g} as planned, got {value:g}")
+            if (step, name) in bound:
+                raise InvalidChainError(f"{where}: expected no change, it is {bound[step, name]}")
+            if name not in ranges:
+                raise InvalidChainError(f"{where}: expected no change, it has no range")
+            allowed = ranges[name](robot, old.goal)
+            if not allowed.contains(value):
+                expected = f"expected a number from {allowed.low:g} to {allowed.high:g}"
+                raise InvalidChainError(f"{where}: {expected}, got {value:g}")
+        changes.append(values)
+    return changes
+
+
+def _changed(old: TopCall, new: TopCall) -> dict[str, float]:
+    values = goal_values(new.goal)
+    return {name: value for name, value in values.items() if not _same(name, _value(old, name), value)}
+
+
+def _same(name: str, old: float, new: float) -> bool:
+    if not math.isfinite(new):
+        return False
+    difference = new - old
+    return abs(math.remainder(difference, math.tau) if name == "yaw" else difference) <= _SAME
+
+
+def _value(call: TopCall, name: str) -> float:
+    return goal_values(call.goal)[name]

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import ClassVar, Protocol
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
 
+from ator_ros.actions import DEFAULT_SET
+from ator_ros.files import load, save
 from ator_ros.geometry import wrap_angle
-from ator_ros.refinement.averaging import Widths
-from ator_ros.refinement.chain_model import ChainPrediction
+from ator_ros.printable import short
+from ator_ros.refinement import RefinementError
+from ator_ros.refinement.chain_prediction import ChainPrediction
+from ator_ros.refinement.search import Widths
+from ator_ros.schema import OneOf, SchemaError, Within, structured
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 
-#: What a gate decides from, with units.
 FEATURES: Mapping[str, str] = {
     "gain": "s, predicted",
     "relative_gain": "predicted gain over predicted cost before",
@@ -24,6 +31,7 @@ FEATURES: Mapping[str, str] = {
     "next_distance": "m, from the first subgoal to the next goal",
     "bend": "rad, 0 where robot, first subgoal and next goal lie on a line in this order",
 }
+"""The features of a gate, with their units."""
 
 
 def gate_features(
@@ -68,44 +76,36 @@ def _share(gain: float, before: float) -> float:
     return gain / before if before > 0.0 else 0.0
 
 
-class Gate(Protocol):
-    """Decides from the values of `FEATURES`; the sentence says why."""
-
-    kind: ClassVar[str]
-
-    @property
-    def widths(self) -> Widths:
-        """How widely costs are averaged before a chain is chosen; see `ator_ros.refinement.averaging`."""
-
-    @property
-    def room(self) -> float:
-        """Multiple of the way to stop that arrivals must leave free; see `ator_ros.refinement.room`."""
-
-    @property
-    def corrected(self) -> bool:
-        """Whether it decides from corrected predictions; see `ator_ros.refinement.calibration`."""
-
-    def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
-        """Return whether to refine, and the reason in words."""
-
-
-@dataclass(frozen=True, slots=True)
-class OpenGate:
-    """Refines whenever any gain is predicted.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gate:
+    """Decides from the values of `FEATURES` whether to refine.
 
     Attributes
     ----------
     widths : mapping
-        As in `Gate`.
+        Widths of the kernel with which costs are averaged before a chain is chosen, see
+        `ator_ros.refinement.search.Averages`.
     room : float
-        As in `Gate`.
+        Multiple of the stopping distance that arrivals must leave free, see
+        `ator_ros.refinement.chain_prediction.with_room`.
     corrected : bool
-        As in `Gate`.
+        Whether it decides from corrected predictions, see `ator_ros.refinement.calibration`.
     """
 
     widths: Widths = field(default_factory=dict)
     room: float = 0.0
     corrected: bool = False
+    kind: ClassVar[str]
+
+    def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
+        """Return whether to refine, and the reason in words."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, slots=True)
+class OpenGate(Gate):
+    """Refines whenever any gain is predicted."""
+
     kind: ClassVar[str] = "open"
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
@@ -115,7 +115,7 @@ class OpenGate:
 
 
 @dataclass(frozen=True, slots=True)
-class ThresholdGate:
+class ThresholdGate(Gate):
     """Refines where the predicted gain exceeds a threshold that grows with the models' spread.
 
     Attributes
@@ -124,19 +124,10 @@ class ThresholdGate:
         Least predicted gain in s.
     spread_factor : float
         Added to it per second of spread.
-    widths : mapping
-        As in `Gate`.
-    room : float
-        As in `Gate`.
-    corrected : bool
-        As in `Gate`.
     """
 
     gain: float
     spread_factor: float = 0.0
-    widths: Widths = field(default_factory=dict)
-    room: float = 0.0
-    corrected: bool = False
     kind: ClassVar[str] = "threshold"
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
@@ -152,7 +143,7 @@ class ThresholdGate:
 
 
 @dataclass(frozen=True, slots=True)
-class TreeGate:
+class TreeGate(Gate):
     """A decision tree that predicts Higher, Equal or Lower from `FEATURES` (paper): Higher is refined.
 
     Attributes
@@ -162,12 +153,6 @@ class TreeGate:
         otherwise; a leaf has an empty feature.
     label : sequence of str
         The label of each node.
-    widths : mapping
-        As in `Gate`.
-    room : float
-        As in `Gate`.
-    corrected : bool
-        As in `Gate`.
     """
 
     feature: Sequence[str]
@@ -175,9 +160,6 @@ class TreeGate:
     left: Sequence[int]
     right: Sequence[int]
     label: Sequence[str]
-    widths: Widths = field(default_factory=dict)
-    room: float = 0.0
-    corrected: bool = False
     kind: ClassVar[str] = "tree"
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
@@ -215,5 +197,164 @@ class TreeGate:
 
 
 def opened(gate: Gate) -> OpenGate:
-    """Return the open gate that has chains searched, and judges predictions, as `gate` does."""
-    return OpenGate(gate.widths, gate.room, gate.corrected)
+    """Return the open gate with the search settings of `gate`."""
+    return OpenGate(widths=gate.widths, room=gate.room, corrected=gate.corrected)
+
+
+# The file
+
+
+KIND = "gate"
+GATE = "gate.json"
+"""Name of the file beside the models."""
+_SHARED = ("widths", "room", "corrected")
+"""What all kinds of gate have; a file states what is not as usual."""
+
+
+@dataclass(frozen=True)
+class _GateFile:
+    """The fields of a gate's file; gate: those of the gate of this kind, but what all kinds have."""
+
+    action_set: str
+    kind: Annotated[str, OneOf((OpenGate.kind, ThresholdGate.kind, TreeGate.kind))]
+    gate: dict[str, Any]
+    widths: dict[str, Annotated[float, Within(0.0, math.inf)]] = field(default_factory=dict)
+    room: Annotated[float, Within(0.0, 10.0)] = 0.0  # m, around a robot of 10 m at most
+    corrected: bool = False
+    training: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class GateTraining:
+    """How a gate was chosen, as the tool `gate` writes it.
+
+    Attributes
+    ----------
+    seed, situations : int or None
+        Of the situations that it was learned from; None where the file does not say.
+    cross_validation : mapping of str to mapping
+        Measures by name, of every kind of gate that was compared.
+    tree_rules : tuple of str
+        The rules of the decision tree.
+    """
+
+    seed: int | None = None
+    situations: int | None = None
+    cross_validation: dict[str, dict[str, int | float]] = field(default_factory=dict)
+    tree_rules: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Threshold:
+    """The numbers of a `ThresholdGate`."""
+
+    gain: float
+    spread_factor: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Tree:
+    """The columns of a `TreeGate`."""
+
+    feature: tuple[Annotated[str, OneOf(("", *FEATURES))], ...]
+    threshold: tuple[float, ...]
+    left: tuple[int, ...]
+    right: tuple[int, ...]
+    label: tuple[Annotated[str, OneOf(("Higher", "Equal", "Lower"))], ...]
+
+    def __post_init__(self) -> None:
+        """Check that the columns make a tree."""
+        columns = (self.feature, self.threshold, self.left, self.right, self.label)
+        if len({len(column) for column in columns}) != 1 or not self.feature:
+            raise ValueError("expected lists of one length, at least 1")
+        for index, (name, *children) in enumerate(zip(self.feature, self.left, self.right, strict=True)):
+            # Children come after their parent, so that no tree can send the reader in circles.
+            if name and not all(index < child < len(self.feature) for child in children):
+                raise ValueError(f"node {index}: expected children from {index + 1}, got {children}")
+
+
+def save_gate(
+    path: Path,
+    gate: OpenGate | ThresholdGate | TreeGate,
+    training: Mapping[str, Any],
+    action_set: str = DEFAULT_SET,
+) -> None:
+    """Write a gate of an action set, with how it was trained, to `path`; atomic."""
+    fields = asdict(gate)
+    shared = {name: fields.pop(name) for name in _SHARED}
+    data = {
+        "action_set": action_set,
+        "kind": gate.kind,
+        "gate": fields,
+        **{name: value for name, value in shared.items() if value},
+        "training": dict(training),
+    }
+    save(path, KIND, data)
+
+
+def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
+    """Read the gate of an action set.
+
+    Raises
+    ------
+    RefinementError
+        The file cannot be read, is no gate, or was learned for other actions; the message names file and
+        field.
+    """
+    file = load(path, KIND, _GateFile, error=RefinementError)
+    try:
+        if file.action_set != action_set:
+            raise SchemaError(
+                f"action_set: expected {action_set!r}, got {short(file.action_set)}: "
+                "learn the gate of these actions with the tool gate"
+            )
+        return dataclasses.replace(_gate(file), **{name: getattr(file, name) for name in _SHARED})
+    except SchemaError as error:
+        raise RefinementError(f"{path}: {error}") from error
+
+
+def gate_in(folder: Path, action_set: str, *, otherwise: Gate | None = None) -> Gate:
+    """Read the gate beside the models of an action set; where there is none, return `otherwise`.
+
+    Parameters
+    ----------
+    folder : Path
+        Holds the models of the action set.
+    action_set : str
+        Its name.
+    otherwise : Gate, optional
+        By default an open gate.
+
+    Raises
+    ------
+    RefinementError
+        As for `load_gate`.
+    """
+    if os.path.lexists(folder / GATE):  # a link that leads nowhere is no missing gate
+        return load_gate(folder / GATE, action_set)
+    return OpenGate() if otherwise is None else otherwise
+
+
+def _gate(file: _GateFile) -> OpenGate | ThresholdGate | TreeGate:
+    if file.kind == OpenGate.kind:
+        return OpenGate()
+    if file.kind == ThresholdGate.kind:
+        threshold = structured(file.gate, _Threshold, "gate")
+        return ThresholdGate(threshold.gain, threshold.spread_factor)
+    tree = structured(file.gate, _Tree, "gate")
+    return TreeGate(tree.feature, tree.threshold, tree.left, tree.right, tree.label)
+
+
+def load_training(path: Path) -> GateTraining:
+    """Read how the gate in a file was chosen.
+
+    Raises
+    ------
+    RefinementError
+        As for `load_gate`; or this part of the file does not fit.
+    """
+    file = load(path, KIND, _GateFile, error=RefinementError)
+    try:
+        return structured(file.training, GateTraining, "training")
+    except SchemaError as error:
+        raise RefinementError(f"{path}: {error}") from error

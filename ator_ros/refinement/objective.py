@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement import RefinementError
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,40 +1,125 @@
-"""Automatic subgoal refinement: a chain in, the refined chain out (paper, section 4)."""
+"""Subgoal refinement: a chain in, the refined chain out (paper, section 4)."""
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
-from ator_ros.actions.goal_variables import goal_values
-from ator_ros.refinement.answer import Refinement, SubgoalCurve, remarks, why_nothing_free
-from ator_ros.refinement.averaging import Averages
-from ator_ros.refinement.bounds import outside_experience, within_experience, within_regions
+from ator_ros.actions.goal_variables import direct_name, with_values
+from ator_ros.geometry import FloatArray
+from ator_ros.refinement import RefinementError
 from ator_ros.refinement.calibration import Calibration
-from ator_ros.refinement.chain_model import ChainModel, ChainPrediction, Memory
-from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement.chain_prediction import (
+    ChainModel,
+    ChainPrediction,
+    Memory,
+    PredictsPerformance,
+    with_room,
+)
 from ator_ros.refinement.free_variables import (
     Analysis,
     FreeVariable,
-    PredictsPerformance,
+    NotFree,
+    Regions,
     analyse,
     names_of,
+    outside_experience,
+    within_experience,
+    within_regions,
 )
 from ator_ros.refinement.gate import Gate, OpenGate, gate_features
-from ator_ros.refinement.naive import fastest_alone, replaced
 from ator_ros.refinement.objective import Objective, expected_time
-from ator_ros.refinement.paths import Optimum
-from ator_ros.refinement.regions import Regions
-from ator_ros.refinement.room import with_room
-from ator_ros.refinement.search import searching, unsearched
-from ator_ros.refinement.slices import Slices, completed
+from ator_ros.refinement.search import (
+    Averages,
+    Deadline,
+    NoCandidateError,
+    Optimum,
+    no_deadline,
+    search,
+    unsearched,
+)
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
 from ator_ros.world.state import World
 
 LONGEST_CHAIN = 32
-"""Chains of more actions are refused, so that one request cannot occupy a node for long."""
+"""Most actions of a chain: longer ones would occupy a node for long."""
+MOST_ALTERNATIVES = 7
+"""Most alternatives of a request."""
+_MOST_LISTED = 6
 _CUT_SHORT = "its deadline cut the search short"
+
+
+@dataclass(frozen=True, slots=True)
+class SubgoalCurve:
+    """What was searched at one subgoal: candidates of its free variables and the best chain through each.
+
+    Attributes
+    ----------
+    subgoal : int
+        Counted from 0.
+    names : tuple of str, length k
+        The free variables.
+    values : ndarray, shape (n, k)
+        Candidates in m, rad, m/s.
+    totals : ndarray, shape (n,)
+        Cost of the whole chain, the other subgoals at their best for this candidate.
+    """
+
+    subgoal: int
+    names: tuple[str, ...]
+    values: FloatArray
+    totals: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Refinement:
+    """The answer to a request.
+
+    Attributes
+    ----------
+    chain : TopChain
+        The refined chain, or the chain of the request when `refined` is False.
+    refined : bool
+        Whether a subgoal was changed.
+    reason : str
+        Why the chain was refined or left alone.
+    original, best : TopChain
+        The chain compared with, which is the chain of the request with its placeholders filled in, and the
+        best chain found.
+    before, after : ChainPrediction
+        Predictions for `original` and for `best`, corrected by the calibration.
+    free : tuple of FreeVariable
+        The variables that were free.
+    not_free : tuple of NotFree
+        The variables that the plan opens and that were not free, with the reasons.
+    without_model : tuple of int
+        The steps (from 0) whose action has no performance model.
+    curves : tuple of SubgoalCurve
+        What was searched.
+    features : mapping
+        The features that the gate decided from, see `ator_ros.refinement.gate.FEATURES`, of uncorrected
+        predictions unless `Gate.corrected`. Empty where nothing was free.
+    complete : bool
+        Whether the search was completed; otherwise `best` is the best found until the deadline.
+    """
+
+    chain: TopChain
+    refined: bool
+    reason: str
+    original: TopChain
+    best: TopChain
+    before: ChainPrediction
+    after: ChainPrediction
+    free: tuple[FreeVariable, ...] = ()
+    not_free: tuple[NotFree, ...] = ()
+    without_model: tuple[int, ...] = ()
+    curves: tuple[SubgoalCurve, ...] = ()
+    features: Mapping[str, float] = field(default_factory=dict)
+    complete: bool = True
 
 
 class Refiner:
@@ -51,8 +136,8 @@ class Refiner:
     ranges : mapping, optional
         Goal variable to its range: those of a domain are `TopLibrary.ranges`; by default the usual ones.
     calibration : Calibration, optional
-        What the models' predictions miss. It is added to what is reported, and to what a gate judges that
-        wants it; the search does without.
+        Expected errors of the models' predictions. They are added to reported predictions, and to those that
+        a gate decides from if its file says so. The search does without.
     failure_cost : float
         Time in s that one failure costs where a request has no objective of its own, see `expected_time`.
     """
@@ -81,71 +166,137 @@ class Refiner:
         objective: Objective | None = None,
         *,
         placeholders: bool = False,
+        deadline: Deadline = no_deadline,
     ) -> Refinement:
         """Find the best free variables of `chain` from the state `world`, and change it where that pays.
 
         Parameters
         ----------
         world, chain
-            The request; whether the chain is a valid plan from there is not looked at.
+            The request; whether the chain is a valid plan is not checked.
         objective : Objective, optional
-            What shall be least; by default `expected_time` with the refiner's failure cost.
+            Defines the cost; by default `expected_time` with the refiner's failure cost.
         placeholders : bool
             The values of free variables are placeholders: the chain compared with is the naive one.
+        deadline : callable, optional
+            Once it has passed, the answer is the best found until then. Placeholders without a naive value
+            keep their values.
 
         Raises
         ------
         RefinementError
-            The request cannot be evaluated: a chain that is empty or too long, a number that is not finite,
-            no finite prediction for any candidate.
-        """
-        return completed(self.refining(world, chain, objective, placeholders=placeholders))
-
-    def refining(
-        self,
-        world: World,
-        chain: TopChain,
-        objective: Objective | None = None,
-        *,
-        placeholders: bool = False,
-    ) -> Slices[Refinement]:
-        """Refine as `refine` does, in slices.
-
-        When time is up, placeholders for which no naive value has been searched keep their values.
+            The request cannot be evaluated: a chain that is empty or too long, or no finite prediction for
+            any candidate.
         """
         objective = objective if objective is not None else expected_time(self.failure_cost)
         analysis, regions = self.bounded(world, chain)
-        memory: Memory | None = None  # without placeholders nothing is asked for twice
-        if placeholders:
-            memory = {}
-            chain = yield from fastest_alone(
-                world, chain, analysis.free, regions, models=self.models, robot=self.robot, memory=memory
-            )
-        late = yield
+        memory: Memory | None = {} if placeholders else None
+        if memory is not None:
+            chain = self._fastest_alone(world, chain, analysis.free, regions, memory, deadline)
+        names = names_of(chain, analysis.free)
         model = ChainModel(
-            world, chain, self.robot,
-            models=self.models, free=analysis.free, objective=objective, memory=memory,
-        )  # fmt: skip
+            world, chain, self.robot, models=self.models, names=names, objective=objective, memory=memory
+        )
         if not analysis.free:
-            prediction = yield from model.predicting(model.given)
-            yield
-            told = self._corrected(world, (chain,), (prediction,), (), objective)
-            return self._left_alone(chain, analysis, *told)
-        if late:
-            before = after = yield from model.predicting(model.given)
+            return self._left_alone(world, chain, analysis, model, objective)
+        if deadline():
+            before = after = model.predict(model.given)
             optimum = unsearched(model.given, before.cost)
         else:
-            axes, allowed = _axes(chain, analysis.free), regions.allowing()
-            cost = with_room(model.step_cost, chain, model.names, self.robot, self.gate.room)
-            optimum = yield from searching(cost, axes, model.given, allowed, self._averages(model, axes))
-            before = yield from model.predicting(model.given)
-            after = yield from model.predicting(optimum.values)
-        yield
+            axes = _axes(chain, analysis.free)
+            optimum = search(
+                with_room(model.step_cost, chain, names, self.robot, self.gate.room),
+                axes,
+                model.given,
+                allowed=regions.allowing(),
+                averages=self._averages(names, axes),
+                deadline=deadline,
+            )
+            before, after = model.predict(model.given), model.predict(optimum.values)
         if not math.isfinite(optimum.cost):
             raise RefinementError(
                 "expected a finite prediction for some candidate, got none: check the distances"
             )
         return self._answer(world, chain, analysis, model, optimum, objective, (before, after))
+
+    def naive(self, world: World, chain: TopChain) -> TopChain:
+        """Return the chain that the paper compares with: each subgoal suits the action leading to it alone.
+
+        Free variables with a rest value (arrival speed: 0) take it; the others those at which the action is
+        predicted to be fastest. A variable that affects only the action after it keeps its value, and so does
+        one that is bounded by a region in which no candidate is found.
+
+        Raises
+        ------
+        RefinementError
+            As in `refine`.
+        """
+        analysis, regions = self.bounded(world, chain)
+        return self._fastest_alone(world, chain, analysis.free, regions, {}, no_deadline)
+
+    def _fastest_alone(
+        self,
+        world: World,
+        chain: TopChain,
+        free: Sequence[FreeVariable],
+        regions: Regions,
+        memory: Memory,
+        deadline: Deadline,
+    ) -> TopChain:
+        """Return `chain` with naive values of its free variables, as far as the deadline allows."""
+        for variable in free:
+            if variable.domain.rest is not None:
+                chain = replaced(chain, variable.subgoal, {variable.name: variable.domain.rest})
+        searched = [v for v in free if v.domain.rest is None and self._is_used(chain, v)]
+        for index in sorted({variable.subgoal for variable in searched}):
+            if deadline():
+                break
+            alone = [variable for variable in searched if variable.subgoal == index]
+            part, objective = TopChain(chain.calls[: index + 1]), Objective()
+            names = names_of(part, alone)
+            model = ChainModel(
+                world, part, self.robot, models=self.models, names=names, objective=objective, memory=memory
+            )
+            cost = functools.partial(_cost_of_step, model, index)
+            allowed = regions.of_subgoal(chain, index, names[index])
+            try:
+                optimum = search(cost, [[v.domain for v in alone]], allowed=allowed, deadline=deadline)
+            except NoCandidateError:  # the region is tiny: the given value is the only candidate
+                continue
+            if not math.isfinite(optimum.cost):
+                top = chain.calls[index].top.name
+                raise RefinementError(f"step {index + 1} ({top}): expected a finite prediction, got none")
+            chain = replaced(chain, index, dict(zip(names[index], optimum.values[0], strict=True)))
+        return chain
+
+    def _is_used(self, chain: TopChain, variable: FreeVariable) -> bool:
+        """Return whether the model of the action that leads to a subgoal uses its variable."""
+        model = self.models[chain.calls[variable.subgoal].top.action]
+        return direct_name(variable.name) in model.used_variables
+
+    def bounded(self, world: World, chain: TopChain) -> tuple[Analysis, Regions]:
+        """Return the free variables of `chain`, bounded by experience and regions, and the regions.
+
+        Raises
+        ------
+        RefinementError
+            The chain is empty or too long.
+        """
+        if not 1 <= len(chain.calls) <= LONGEST_CHAIN:
+            raise RefinementError(f"chain: expected 1 to {LONGEST_CHAIN} actions, got {len(chain.calls)}")
+        analysis = analyse(chain, self.models, self.robot, self._ranges)
+        outside = outside_experience(world, chain, self.models, self.robot)
+        analysis = within_experience(analysis, chain, self.models, outside)
+        regions = Regions(world, chain, self.robot, names_of(chain, analysis.free), self.models)
+        if regions.allowing() is None:
+            return analysis, regions
+        analysis = within_regions(analysis, regions, chain)
+        return analysis, regions.narrowed_to(names_of(chain, analysis.free))
+
+    def _averages(self, names: Sequence[tuple[str, ...]], axes: Sequence[Sequence[Range]]) -> Averages | None:
+        """Return how costs are averaged, with the widths of the gate's file; None if they are not."""
+        widths = [[self.gate.widths.get(name, 0.0) for name in of_subgoal] for of_subgoal in names]
+        return Averages(axes, widths) if any(map(any, widths)) else None
 
     def _corrected(
         self,
@@ -155,74 +306,13 @@ class Refiner:
         free: Sequence[FreeVariable],
         objective: Objective,
     ) -> list[ChainPrediction]:
-        """Return the predictions of chains of the same TOPs with what they are expected to miss added."""
+        """Return the predictions of chains of the same TOPs with their expected errors added."""
         predicted = list(zip(chains, predictions, strict=True))
         turned = {variable.subgoal for variable in free if variable.name == "yaw"}
         chosen = [index in turned for index in range(len(chains[0].calls))]
         return self._calibration.corrected(
             predicted, world, self.models, self.robot, objective, chosen=chosen
         )
-
-    def naive(self, world: World, chain: TopChain) -> TopChain:
-        """Return the chain that the paper compares with: each subgoal suits the action leading to it alone.
-
-        Free variables with a rest value (arrival speed: 0) take it; the others those at which the action is
-        predicted to be fastest. What changes only the action after it keeps its value.
-
-        Raises
-        ------
-        RefinementError
-            As in `refine`.
-        """
-        analysis, regions = self.bounded(world, chain)
-        return completed(
-            fastest_alone(
-                world, chain, analysis.free, regions, models=self.models, robot=self.robot, memory={}
-            )
-        )
-
-    def analyse(self, world: World, chain: TopChain) -> Analysis:
-        """Return the free variables of `chain`, and those that it opens in vain.
-
-        Raises
-        ------
-        RefinementError
-            The chain is empty or too long, or a number is not finite.
-        """
-        if not 1 <= len(chain.calls) <= LONGEST_CHAIN:
-            raise RefinementError(f"chain: expected 1 to {LONGEST_CHAIN} actions, got {len(chain.calls)}")
-        robot = world.robot
-        if not all(map(math.isfinite, (*robot.pose, robot.v, robot.w))):
-            raise RefinementError(f"robot: expected a finite state, got {robot}")
-        for index, call in enumerate(chain.calls):
-            for name, value in goal_values(call.goal).items():
-                if not math.isfinite(value):
-                    raise RefinementError(
-                        f"{name} of step {index + 1} ({call.top.name}): expected a finite number, got {value}"
-                    )
-        return analyse(chain, self.models, self.robot, self._ranges)
-
-    def bounded(self, world: World, chain: TopChain) -> tuple[Analysis, Regions]:
-        """Return the analysis of `chain` with its variables bounded by regions and experience, and these.
-
-        Raises
-        ------
-        RefinementError
-            As in `analyse`.
-        """
-        analysis = self.analyse(world, chain)
-        outside = outside_experience(world, chain, self.models, self.robot)
-        analysis = within_experience(analysis, chain, self.models, outside)
-        regions = Regions(world, chain, self.robot, names_of(chain, analysis.free), self.models)
-        if regions.allowing() is None:
-            return analysis, regions
-        analysis = within_regions(analysis, regions, chain)
-        return analysis, regions.narrowed_to(names_of(chain, analysis.free))
-
-    def _averages(self, model: ChainModel, axes: Sequence[Sequence[Range]]) -> Averages | None:
-        """Return how the gate wants costs to be averaged; None where it does not."""
-        widths = [[self.gate.widths.get(name, 0.0) for name in names] for names in model.names]
-        return Averages(axes, widths) if any(map(any, widths)) else None
 
     def _answer(
         self,
@@ -234,12 +324,13 @@ class Refiner:
         objective: Objective,
         predicted: tuple[ChainPrediction, ChainPrediction],
     ) -> Refinement:
+        """Return the answer after a search: the gate decides."""
         best = chain
         for index, names in enumerate(model.names):
             if names:
                 best = replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
-        told = self._corrected(world, (chain, best), predicted, analysis.free, objective)
-        judged = told if self.gate.corrected else predicted
+        corrected = self._corrected(world, (chain, best), predicted, analysis.free, objective)
+        judged = corrected if self.gate.corrected else predicted
         averaged = math.inf if optimum.given is None else optimum.given - optimum.cost
         features = gate_features(world, chain, best, *judged, averaged=averaged)
         pays, reason = self.gate.decide(features)
@@ -252,40 +343,67 @@ class Refiner:
             reason = f"the best chain found is no valid plan: {'; '.join(invalid)}"
         if not optimum.complete:
             reason = f"{reason}; {_CUT_SHORT}"
-        lacking = self._without_model(chain)
         return Refinement(
             best if changed else chain,
             changed,
-            reason + remarks(chain, analysis.not_free, lacking, analysis.outside),
+            reason + self._remarks(chain, analysis, analysis.not_free),
             original=chain,
             best=best,
-            before=told[0],
-            after=told[1],
+            before=corrected[0],
+            after=corrected[1],
             free=analysis.free,
             not_free=analysis.not_free,
-            without_model=lacking,
+            without_model=self._without_model(chain),
             curves=_curves(model, optimum),
             features=features,
             complete=optimum.complete,
         )
 
-    def _left_alone(self, chain: TopChain, analysis: Analysis, prediction: ChainPrediction) -> Refinement:
+    def _left_alone(
+        self, world: World, chain: TopChain, analysis: Analysis, model: ChainModel, objective: Objective
+    ) -> Refinement:
         """Return the answer where nothing is free."""
-        lacking = self._without_model(chain)
+        prediction = model.predict(model.given)
+        (corrected,) = self._corrected(world, (chain,), (prediction,), (), objective)
         return Refinement(
             chain,
             False,
-            why_nothing_free(chain, analysis.not_free) + remarks(chain, (), lacking, analysis.outside),
+            _why_nothing_free(chain, analysis.not_free) + self._remarks(chain, analysis, ()),
             original=chain,
             best=chain,
-            before=prediction,
-            after=prediction,
+            before=corrected,
+            after=corrected,
             not_free=analysis.not_free,
-            without_model=lacking,
+            without_model=self._without_model(chain),
         )
 
     def _without_model(self, chain: TopChain) -> tuple[int, ...]:
         return tuple(step for step, call in enumerate(chain.calls) if call.top.action not in self.models)
+
+    def _remarks(self, chain: TopChain, analysis: Analysis, not_free: Sequence[NotFree]) -> str:
+        """Return remarks to add to the reason; empty, or they begin with a semicolon.
+
+        What "*" opened appears only in `Refinement.not_free`: not all of it is expected to be free.
+        """
+        text = ""
+        named = [each for each in not_free if each.name in chain.calls[each.subgoal].open]
+        if named:
+            text += f"; not free: {_described(chain, named)}"
+        if without_model := self._without_model(chain):
+            steps = _listed([f"step {step + 1} ({chain.calls[step].top.action})" for step in without_model])
+            text += f"; no performance model for {steps}: neither predicted nor counted"
+        if analysis.outside:
+            text += f"; extrapolated: {_listed(analysis.outside)}"
+        return text
+
+
+def replaced(chain: TopChain, index: int, values: Mapping[str, float]) -> TopChain:
+    """Return the chain with some goal variables of a subgoal replaced."""
+    return chain.with_goal(index, with_values(chain.calls[index].goal, values))
+
+
+def _cost_of_step(model: ChainModel, index: int, _: int, before: FloatArray, after: FloatArray) -> FloatArray:
+    return model.step_cost(index, before, after)
 
 
 def _curves(model: ChainModel, optimum: Optimum) -> tuple[SubgoalCurve, ...]:
@@ -301,3 +419,120 @@ def _axes(chain: TopChain, free: Sequence[FreeVariable]) -> list[list[Range]]:
         [variable.domain for variable in free if variable.subgoal == index]
         for index in range(len(chain.calls))
     ]
+
+
+def _why_nothing_free(chain: TopChain, not_free: Sequence[NotFree]) -> str:
+    """Return why nothing of a chain can be refined, in words."""
+    if not any(call.open for call in chain.calls):
+        return "nothing is open: the plan commits to every goal variable"
+    return f"nothing is free: {_described(chain, not_free)}"
+
+
+def _described(chain: TopChain, not_free: Sequence[NotFree]) -> str:
+    tops = [chain.calls[each.subgoal].top.name for each in not_free]
+    return _listed(
+        [
+            f"{each.name} of step {each.subgoal + 1} ({top}) is {each.reason}"
+            for each, top in zip(not_free, tops, strict=True)
+        ]
+    )
+
+
+def _listed(items: Sequence[str]) -> str:
+    """Join a few items; of many, the first ones and how many more there are."""
+    more = len(items) - _MOST_LISTED
+    return "; ".join(items[:_MOST_LISTED]) + (f"; and {more} more" if more > 0 else "")
+
+
+# Alternatives
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """One of several chains: its refinement, or why it was skipped."""
+
+    reason: str
+    refinement: Refinement | None = None
+
+    @property
+    def prediction(self) -> ChainPrediction | None:
+        """The prediction of the chain to execute; None where it was skipped."""
+        found = self.refinement
+        if found is None:
+            return None
+        return found.after if found.refined else found.before
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """Sort key: the cost; chains with steps that are not predicted come after the others."""
+        found, prediction = self.refinement, self.prediction
+        if found is None or prediction is None:
+            return math.inf, math.inf
+        return float(len(found.without_model)), prediction.cost
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """The chains of a request in their order, and the number, from 0, of the best."""
+
+    judged: tuple[Judged, ...]
+    number: int
+
+    @property
+    def refinement(self) -> Refinement:
+        """The refinement of the chosen chain."""
+        found = self.judged[self.number].refinement
+        assert found is not None
+        return found
+
+
+def choose(
+    refiner: Refiner,
+    world: World,
+    chains: Sequence[TopChain | str],
+    objective: Objective | None = None,
+    *,
+    placeholders: bool = False,
+    deadline: Deadline = no_deadline,
+) -> Selection:
+    """Refine each of `chains` and choose the best; once the deadline has passed, the rest is only predicted.
+
+    Parameters
+    ----------
+    refiner, world, objective, placeholders, deadline
+        As for `Refiner.refine`.
+    chains : sequence of TopChain or str
+        The chains, or why one cannot be used. One that is no valid plan from `world` is skipped.
+
+    Raises
+    ------
+    RefinementError
+        None of them can be used; the message says why, for each.
+    """
+    judged = tuple(_judged(refiner, world, chain, objective, placeholders, deadline) for chain in chains)
+    number = min(range(len(judged)), key=lambda index: judged[index].rank)
+    if judged[number].refinement is None:
+        first, *others = (each.reason for each in judged)
+        reasons = [first, *(f"alternative {index}: {why}" for index, why in enumerate(others, 1))]
+        raise RefinementError("; ".join(reasons))
+    return Selection(judged, number)
+
+
+def _judged(
+    refiner: Refiner,
+    world: World,
+    chain: TopChain | str,
+    objective: Objective | None,
+    placeholders: bool,
+    deadline: Deadline,
+) -> Judged:
+    if isinstance(chain, str):
+        return Judged(chain)
+    violations = chain.violations(world, refiner.robot)
+    if violations:
+        return Judged(f"no valid plan: {'; '.join(violations)}")
+    try:
+        found = refiner.refine(world, chain, objective, placeholders=placeholders, deadline=deadline)
+    except RefinementError as error:
+        return Judged(str(error))
+    return Judged(found.reason, found)

@@ -16,8 +16,7 @@ from ator_ros.evaluation.toolset import make_library
 from ator_ros.evaluation.trials import SEEDS
 from ator_ros.evaluation.worst_runs import WorstRun, policy_shown
 from ator_ros.files import write_text
-from ator_ros.refinement.gate import Gate, OpenGate, ThresholdGate
-from ator_ros.refinement.gate_file import GATE, load_training
+from ator_ros.refinement.gate import GATE, Gate, OpenGate, ThresholdGate, load_training
 from ator_ros.report import charts
 from ator_ros.report.page import code, figure, page, paragraph, section, table
 from ator_ros.report.report_tables import headline, policies, table1, verdict

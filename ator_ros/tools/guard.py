@@ -67,7 +67,7 @@ def expected_errors() -> tuple[type[Exception], ...]:
     from ator_ros.performance.model_file import ModelFileError
     from ator_ros.performance.training import TrainingError
     from ator_ros.planning.errors import PlanningError
-    from ator_ros.refinement.errors import RefinementError
+    from ator_ros.refinement import RefinementError
     from ator_ros.robot.description import ConfigError
     from ator_ros.robot.probe_drive import DriveError
     from ator_ros.schema import SchemaError

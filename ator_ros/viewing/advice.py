@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ator_ros.refinement.alternatives import Judged, Selection
-from ator_ros.refinement.answer import Refinement, SubgoalCurve
+from ator_ros.refinement.refiner import Judged, Refinement, Selection, SubgoalCurve
 from ator_ros.tops.chain import TopChain
 
 

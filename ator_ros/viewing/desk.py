@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.trials import Trial
 from ator_ros.geometry import Pose
-from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement import RefinementError
 from ator_ros.tops.library import TopLibrary
 from ator_ros.viewing.advice import Advice
 from ator_ros.viewing.draft import Draft

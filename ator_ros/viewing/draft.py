@@ -7,8 +7,8 @@ import math
 from collections.abc import Callable, Mapping
 
 from ator_ros.geometry import Pose
-from ator_ros.refinement.alternatives import MOST_ALTERNATIVES
 from ator_ros.refinement.objective import Objective
+from ator_ros.refinement.refiner import MOST_ALTERNATIVES
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import followed

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.refinement.projection import chain_situations
+from ator_ros.refinement.chain_prediction import chain_situations
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.viewing.advice import Advice

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
-from ator_ros.refinement.answer import SubgoalCurve
+from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.tops.chain import TopChain
 from ator_ros.viewing.shapes import BLUE, Segments
 

@@ -12,7 +12,7 @@ from ros_client import Client
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, GoalValue, Outcome, TopCall
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 
 

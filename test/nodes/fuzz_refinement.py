@@ -1,4 +1,4 @@
-"""Send generated requests through conversions and refinement; only our own errors may come out.
+"""Send generated requests through the checks of messages and refinement; only our own errors may come out.
 
 scripts/run python test/nodes/fuzz_refinement.py --requests 100000 --out docs/fuzz.json
 
@@ -23,14 +23,13 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.table import library_versions
 from ator_ros.files import write_text
 from ator_ros.formats import Format
-from ator_ros.nodes import conversions
-from ator_ros.nodes.refinement import refining_of
-from ator_ros.nodes.refinement_answers import answer_of
+from ator_ros.nodes import messages
+from ator_ros.nodes.messages import answer_of
+from ator_ros.nodes.refinement import refine_request
 from ator_ros.performance.model_file import load_models
-from ator_ros.refinement.changes import allowed_changes
-from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement import RefinementError
+from ator_ros.refinement.free_variables import allowed_changes
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.refinement.slices import completed
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.messages import FARTHEST, FASTEST, MessageError
@@ -90,7 +89,7 @@ class Generator:
             call.open.append(draw.choice(("x", "beauty")))
         return call
 
-    def _fill(self, pose: conversions.PoseMessage) -> None:
+    def _fill(self, pose: messages.PoseMessage) -> None:
         pose.position.x, pose.position.y = self._number(FARTHEST), self._number(FARTHEST)
         half = self._random.uniform(-math.pi, math.pi)
         pose.orientation.z = math.sin(half)
@@ -123,11 +122,11 @@ def place_ball(request: RefineSubgoal.Request) -> None:
 def serve(request: RefineSubgoal.Request, refiner: Refiner, library: TopLibrary) -> str:
     """Do what the node does with a request; give "answered" or "refused"."""
     try:
-        choice = completed(refining_of(request, refiner, library, frame=FRAME))
+        choice = refine_request(request, refiner, library, frame=FRAME)
     except (MessageError, RefinementError) as error:
         return f"refused: {kind_of(str(error))}"
-    answer = answer_of(choice, request, action_set="default", frame=FRAME, want_curve=request.want_curve)
-    plan, chain = (conversions.chain_from(c, library, frame=FRAME) for c in (request.chain, answer.chain))
+    answer = answer_of(choice, request, action_set="default", frame=FRAME)
+    plan, chain = (messages.chain_from(c, library, frame=FRAME) for c in (request.chain, answer.chain))
     allowed_changes(plan, chain, library.robot, library.ranges)  # as the executor sees to it
     return "refined" if choice.refinement.refined else "left alone"
 

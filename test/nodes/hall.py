@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 from ros_client import Client
 
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import odometry_of
+from ator_ros.nodes.messages import odometry_of
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.world.state import RobotState
 

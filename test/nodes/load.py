@@ -14,7 +14,7 @@ from rclpy.node import Node
 from ator_interfaces.msg import ObjectState, TopCall
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.messages import pose_of
 from ator_ros.tools.benchmarks.requests import worst_request
 
 

@@ -11,7 +11,7 @@ from rclpy.qos import QoSProfile
 from ros_client import Client
 
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import odometry_of
+from ator_ros.nodes.messages import odometry_of
 from ator_ros.nodes.qos import SENSOR_DATA, STATES
 from ator_ros.world.state import RobotState
 

@@ -10,7 +10,7 @@ from ros_client import Client
 from ator_interfaces.msg import ObjectState, TopCall
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.messages import pose_of
 from ator_ros.performance.model_file import save_model
 from ator_ros.robot.description import load_robot
 

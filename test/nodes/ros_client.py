@@ -16,8 +16,8 @@ from rclpy.node import Node
 
 from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import pose_of
 from ator_ros.nodes.meeting import nobodys_goal
+from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
 from ator_ros.nodes.spinning import Spinning
 from ator_ros.world.messages import ObjectReader, ObjectSource, robot_from, seconds_from

@@ -18,7 +18,7 @@ from ator_interfaces.msg import ActionPerformance
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.recordings import RecordingError, read_recording
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import odometry_of, pose_of
+from ator_ros.nodes.messages import odometry_of, pose_of
 from ator_ros.world.state import RobotState
 
 TOUR = find_domain("tour")

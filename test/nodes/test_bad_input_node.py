@@ -17,7 +17,7 @@ from std_msgs.msg import String
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome, TopCall
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import object_odometry_of, odometry_of
+from ator_ros.nodes.messages import object_odometry_of, odometry_of
 from ator_ros.nodes.network import PROFILES, free_domain
 from ator_ros.nodes.qos import RESULTS, SENSOR_DATA
 from ator_ros.world.state import ObjectState, RobotState

@@ -6,7 +6,7 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import random_trial
-from ator_ros.nodes.conversions import chain_of, situation_of
+from ator_ros.nodes.messages import chain_of, situation_of
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.benchmarks.service import YARDSTICKS
 

@@ -18,7 +18,7 @@ from ator_ros.domains.soccer.ball import ball_of, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.planned.shoot import Shoot
 from ator_ros.geometry import Pose, wrap_angle
-from ator_ros.nodes import conversions
+from ator_ros.nodes import messages
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.messages import (
@@ -58,7 +58,7 @@ def near(first: Pose, second: Pose) -> bool:
 
 @given(worlds)
 def test_a_world_survives_the_way_through_a_message(world: World) -> None:
-    back = conversions.world_from(conversions.situation_of(world, frame=FRAME), frame=FRAME)
+    back = messages.world_from(messages.situation_of(world, frame=FRAME), frame=FRAME)
     assert back.time == pytest.approx(world.time, abs=1e-8)
     assert near(back.robot.pose, world.robot.pose)
     assert (back.robot.v, back.robot.w, ball_of(back)) == (world.robot.v, world.robot.w, ball_of(world))
@@ -66,12 +66,12 @@ def test_a_world_survives_the_way_through_a_message(world: World) -> None:
 
 @given(st.builds(RobotState, poses, speeds, speeds), balls)
 def test_odometry_survives_the_way_through_a_message(robot: RobotState, ball: ObjectState) -> None:
-    message = conversions.odometry_of(1.25, robot, frame=FRAME, child="base_link")
+    message = messages.odometry_of(1.25, robot, frame=FRAME, child="base_link")
     time, back = robot_from(message, frame=FRAME)
     assert time == 1.25
     assert near(back.pose, robot.pose)
     assert (back.v, back.w) == (robot.v, robot.w)
-    message = conversions.object_odometry_of(1.25, ball, frame=FRAME, height=0.1)
+    message = messages.object_odometry_of(1.25, ball, frame=FRAME, height=0.1)
     assert BALL.read(message) == (1.25, ball)
 
 
@@ -81,10 +81,10 @@ def test_odometry_survives_the_way_through_a_message(robot: RobotState, ball: Ob
 def test_a_chain_survives_the_way_through_a_message(steps: list[tuple[str, Pose, float]]) -> None:
     message = TopChain(calls=[TopCall(top=top, speed=speed, open=["yaw", "*"]) for top, _, speed in steps])
     for call, (_, pose, _) in zip(message.calls, steps, strict=True):
-        call.goal.pose = conversions.pose_of(pose)
-    chain = conversions.chain_from(message, LIBRARY, frame=FRAME)
-    again = conversions.chain_of(chain, action_set="default", frame=FRAME)
-    back = conversions.chain_from(again, LIBRARY, frame=FRAME)
+        call.goal.pose = messages.pose_of(pose)
+    chain = messages.chain_from(message, LIBRARY, frame=FRAME)
+    again = messages.chain_of(chain, action_set="default", frame=FRAME)
+    back = messages.chain_from(again, LIBRARY, frame=FRAME)
     for first, second, (top, pose, speed) in zip(chain.calls, back.calls, steps, strict=True):
         assert first.top.name == second.top.name == top
         assert near(first.goal.pose, pose)
@@ -111,10 +111,10 @@ def lifted(**values: float) -> TopChain:
 
 @given(st.floats(LIFT.low, LIFT.high))
 def test_declared_values_survive_the_way_through_a_message(value: float) -> None:
-    chain = conversions.chain_from(lifted(lift=value), LIFTING, frame=FRAME)
+    chain = messages.chain_from(lifted(lift=value), LIFTING, frame=FRAME)
     assert chain.calls[0].goal.values == {"lift": value}
-    again = conversions.chain_of(chain, action_set="default", frame=FRAME)
-    assert conversions.chain_from(again, LIFTING, frame=FRAME) == chain
+    again = messages.chain_of(chain, action_set="default", frame=FRAME)
+    assert messages.chain_from(again, LIFTING, frame=FRAME) == chain
 
 
 @pytest.mark.parametrize(
@@ -130,32 +130,32 @@ def test_declared_values_survive_the_way_through_a_message(value: float) -> None
 )
 def test_values_that_are_not_those_declared_are_refused(chain: TopChain, expected: str) -> None:
     with pytest.raises(MessageError, match=expected):
-        conversions.chain_from(chain, LIFTING, frame=FRAME)
+        messages.chain_from(chain, LIFTING, frame=FRAME)
 
 
 def test_an_action_that_declares_none_takes_no_values() -> None:
     with pytest.raises(MessageError, match=r"values: expected names of \[\], each once"):
-        conversions.chain_from(lifted(lift=0.5), LIBRARY, frame=FRAME)
+        messages.chain_from(lifted(lift=0.5), LIBRARY, frame=FRAME)
 
 
 def test_values_are_sent_back_unless_they_are_too_many_or_too_long() -> None:
-    assert conversions.echo_of(lifted(force=1.0)).calls
-    assert not conversions.echo_of(lifted(**{f"v{number}": 0.0 for number in range(17)})).calls
-    assert not conversions.echo_of(lifted(**{"v" * 300: 0.0})).calls
+    assert messages.echo_of(lifted(force=1.0)).calls
+    assert not messages.echo_of(lifted(**{f"v{number}": 0.0 for number in range(17)})).calls
+    assert not messages.echo_of(lifted(**{"v" * 300: 0.0})).calls
 
 
 def test_a_goal_is_not_judged_by_the_area_but_by_the_speed_that_the_robot_reaches() -> None:
     chain = TopChain(calls=[TopCall(top="goToPose", speed=3.1 * LIBRARY.robot.limits.v)])
-    chain.calls[0].goal.pose = conversions.pose_of(Pose(500_010.0, 5_200_000.0, 0.0))
+    chain.calls[0].goal.pose = messages.pose_of(Pose(500_010.0, 5_200_000.0, 0.0))
     with pytest.raises(MessageError, match=r"speed: expected a finite number from 0 to .* m/s, got"):
-        conversions.chain_from(chain, LIBRARY, frame=FRAME)
+        messages.chain_from(chain, LIBRARY, frame=FRAME)
     chain.calls[0].speed = 0.0
-    assert conversions.chain_from(chain, LIBRARY, frame=FRAME).calls[0].goal.pose.y == 5_200_000.0
+    assert messages.chain_from(chain, LIBRARY, frame=FRAME).calls[0].goal.pose.y == 5_200_000.0
 
 
 @given(st.floats(0.0, 2e9))
 def test_stamps_hold_nanoseconds(seconds: float) -> None:
-    assert seconds_from(conversions.stamp_of(seconds)) == pytest.approx(seconds, abs=1e-6)
+    assert seconds_from(messages.stamp_of(seconds)) == pytest.approx(seconds, abs=1e-6)
 
 
 def scrambled(message: Any, draw: st.DrawFn) -> Any:
@@ -183,13 +183,13 @@ def test_whatever_comes_in_is_read_or_refused(data: st.DataObject) -> None:
     readers = [
         lambda: robot_from(scrambled(Odometry(), data.draw), frame=FRAME),
         lambda: BALL.read(scrambled(Odometry(), data.draw)),
-        lambda: conversions.world_from(
+        lambda: messages.world_from(
             scrambled(Situation(objects=[scrambled(ball, data.draw)]), data.draw), frame=FRAME
         ),
         lambda: command_from(scrambled(Twist(), data.draw), "cmd_vel"),
-        lambda: conversions.objective_from(scrambled(Objective(), data.draw)),
-        lambda: conversions.chain_from(chain, LIBRARY, frame=FRAME),
-        lambda: conversions.action_set_from(chain, allowed={"default": None}),
+        lambda: messages.objective_from(scrambled(Objective(), data.draw)),
+        lambda: messages.chain_from(chain, LIBRARY, frame=FRAME),
+        lambda: messages.action_set_from(chain, allowed={"default": None}),
     ]
     reason = "expected nothing else"
     try:
@@ -200,7 +200,7 @@ def test_whatever_comes_in_is_read_or_refused(data: st.DataObject) -> None:
 
 
 def test_a_command_that_a_wheeled_robot_cannot_follow_is_refused() -> None:
-    message = conversions.twist_of(Command(0.5, 0.1))
+    message = messages.twist_of(Command(0.5, 0.1))
     assert command_from(message, "cmd_vel") == Command(0.5, 0.1)
     message.linear.y = 0.2
     with pytest.raises(MessageError, match=r"linear\.y.*expected 0"):
@@ -208,7 +208,7 @@ def test_a_command_that_a_wheeled_robot_cannot_follow_is_refused() -> None:
 
 
 def test_unknown_performance_is_nan() -> None:
-    message = conversions.performance_of({"duration": 2.0, "of another measure": 1.0})
+    message = messages.performance_of({"duration": 2.0, "of another measure": 1.0})
     assert message.duration == 2.0
     assert all(math.isnan(value) for value in (message.spread, message.success, message.accuracy))
 
@@ -217,4 +217,4 @@ def test_a_top_without_its_action_is_refused_by_name() -> None:
     small = TopLibrary(LIBRARY.robot, "small", tops=LIBRARY.values(), actions={"goToPose": Shoot})
     told = r"^chain.calls\[0\].top: shoot needs the action shoot; action set small has none of that name$"
     with pytest.raises(MessageError, match=told):
-        conversions.chain_from(TopChain(calls=[TopCall(top="shoot")]), small, frame="odom")
+        messages.chain_from(TopChain(calls=[TopCall(top="shoot")]), small, frame="odom")

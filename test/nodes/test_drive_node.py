@@ -17,7 +17,7 @@ from ator_interfaces.msg import Outcome
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.drive import DRIVE
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.messages import pose_of
 from ator_ros.performance.model_file import save_model
 from ator_ros.performance.training import train
 

@@ -13,7 +13,7 @@ from ros_client import Client
 from ator_interfaces.msg import Outcome
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.messages import pose_of
 from ator_ros.world.messages import pose_from
 
 FILLED_IN = 0.9

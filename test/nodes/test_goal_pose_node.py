@@ -12,7 +12,7 @@ from rclpy.publisher import Publisher
 from ros_client import Client
 
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import RESULTS
 
 pytestmark = [pytest.mark.node, pytest.mark.long]

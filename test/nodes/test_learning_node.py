@@ -28,7 +28,7 @@ from ator_ros.experience.episode import Episode
 from ator_ros.experience.store_reading import read_records
 from ator_ros.learning.round import Source, learn
 from ator_ros.learning.sets import RECORDS, current_set, locked, point_to, publish, read_manifest
-from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.parameters import SetupError
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.performance.model_file import save_model

@@ -17,7 +17,7 @@ from std_srvs.srv import SetBool
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import stamp_of
+from ator_ros.nodes.messages import stamp_of
 from ator_ros.nodes.qos import RESULTS, STATES
 
 pytestmark = pytest.mark.node

@@ -14,7 +14,7 @@ from test_tf_source import PERIOD, Base
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import odometry_of
+from ator_ros.nodes.messages import odometry_of
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.world.state import STOP, Command, RobotState
 

@@ -17,7 +17,7 @@ from ros_client import Client
 from ator_interfaces.msg import GoalTerm, ObjectState, Outcome, PlanGoal
 from ator_interfaces.srv import PlanChains
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.planning.errors import PlanningError
 from ator_ros.planning.process import PlanProcess

@@ -16,15 +16,13 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.examples.call import filled
-from ator_ros.nodes.conversions import chain_from
+from ator_ros.nodes.messages import answer_of, chain_from
 from ator_ros.nodes.qos import LATCHED, RESULTS
-from ator_ros.nodes.refinement import refining_of
-from ator_ros.nodes.refinement_answers import answer_of
+from ator_ros.nodes.refinement import refine_request
 from ator_ros.performance.model_file import load_models, model_path
-from ator_ros.refinement.calibration_file import load_calibration_if_any
-from ator_ros.refinement.gate_file import load_gate
+from ator_ros.refinement.calibration import load_calibration_if_any
+from ator_ros.refinement.gate import load_gate
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.refinement.slices import completed
 from ator_ros.robot.description import load_robot
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -47,8 +45,8 @@ def answered(request: RefineSubgoal.Request) -> RefineSubgoal.Response:
     gate = load_gate(ROOT / "models" / model_path("gate", "default"))
     calibration = load_calibration_if_any(ROOT / "models")
     refiner = Refiner(ROBOT, models, gate, ranges=SOCCER.ranges, calibration=calibration)
-    found = completed(refining_of(request, refiner, LIBRARY, frame="odom"))
-    return answer_of(found, request, action_set="default", frame="odom", want_curve=False)
+    found = refine_request(request, refiner, LIBRARY, frame="odom")
+    return answer_of(found, request, action_set="default", frame="odom")
 
 
 def durations(field: str) -> list[str]:

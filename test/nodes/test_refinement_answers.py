@@ -11,12 +11,10 @@ from refinement_fakes import LIBRARY, ROBOT, models
 from ator_interfaces.msg import ObjectState, TopCall, TopChain
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import pose_of
-from ator_ros.nodes.refinement import refining_of
-from ator_ros.nodes.refinement_answers import answer_of
-from ator_ros.refinement.errors import RefinementError
+from ator_ros.nodes.messages import answer_of, pose_of
+from ator_ros.nodes.refinement import refine_request
+from ator_ros.refinement import RefinementError
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.refinement.slices import completed
 
 
 def request(*calls: TopCall) -> RefineSubgoal.Request:
@@ -30,8 +28,8 @@ def request(*calls: TopCall) -> RefineSubgoal.Request:
 
 def answered(asked: RefineSubgoal.Request, *without: str) -> RefineSubgoal.Response:
     known = {action: model for action, model in models().items() if action not in without}
-    found = completed(refining_of(asked, Refiner(ROBOT, known, ranges=LIBRARY.ranges), LIBRARY, frame="odom"))
-    return answer_of(found, asked, action_set="default", frame="odom", want_curve=False)
+    found = refine_request(asked, Refiner(ROBOT, known, ranges=LIBRARY.ranges), LIBRARY, frame="odom")
+    return answer_of(found, asked, action_set="default", frame="odom")
 
 
 def test_a_step_without_a_model_is_named_and_the_others_are_refined() -> None:

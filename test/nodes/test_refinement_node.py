@@ -23,8 +23,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.performance.model_file import load_models, model_path
-from ator_ros.refinement.gate import ThresholdGate
-from ator_ros.refinement.gate_file import save_gate
+from ator_ros.refinement.gate import ThresholdGate, save_gate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import load_robot
 

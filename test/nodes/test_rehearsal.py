@@ -16,8 +16,7 @@ from ator_ros.domains.soccer.planned import planner, run_up, screening
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.rehearsal import rehearse, rehearse_refinement
 from ator_ros.motion import displacements, search
-from ator_ros.refinement.answer import Refinement
-from ator_ros.refinement.refiner import Refiner
+from ator_ros.refinement.refiner import Refinement, Refiner
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.library import TopLibrary

@@ -16,7 +16,7 @@ from tf2_msgs.msg import TFMessage
 
 from ator_interfaces.srv import PlaceRobot
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.parameters import SetupError
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.simulation_settings import names_of, parameters_for, robots_of, simulated_of, world_of

@@ -26,7 +26,7 @@ from tf2_msgs.msg import TFMessage
 
 from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose, yaw_from_quaternion
-from ator_ros.nodes.conversions import pose_of
+from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.robot.description import load_robot

@@ -6,7 +6,7 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.base import Goal
 from ator_ros.evaluation.toolset import ToolsetSource, make_library
 from ator_ros.geometry import Pose
-from ator_ros.nodes import conversions
+from ator_ros.nodes import messages
 from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
@@ -21,8 +21,8 @@ def worst_request(source: ToolsetSource = _SHIPPED) -> RefineSubgoal.Request:
     """Return a request for everything that may be free in the longest chain."""
     world, chain = long_chain(make_library(source.described(), source), LONGEST_CHAIN)
     return RefineSubgoal.Request(
-        situation=conversions.situation_of(world, frame=_FRAME),
-        chain=conversions.chain_of(chain, action_set=source.action_set, frame=_FRAME),
+        situation=messages.situation_of(world, frame=_FRAME),
+        chain=messages.chain_of(chain, action_set=source.action_set, frame=_FRAME),
     )
 
 

@@ -27,12 +27,11 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
 from ator_ros.evaluation.trials import random_trial
-from ator_ros.nodes import conversions
-from ator_ros.nodes.refinement_answers import answer_of
+from ator_ros.nodes import messages
+from ator_ros.nodes.messages import answer_of
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.spinning import Spinning
-from ator_ros.refinement.alternatives import Selection, choosing
-from ator_ros.refinement.slices import completed
+from ator_ros.refinement.refiner import Selection, choose
 from ator_ros.schema import structured, unstructured
 from ator_ros.tools.benchmarks.requests import worst_request
 from ator_ros.tools.benchmarks.rows import DelayedTrip, RoundTrip, ServiceTime
@@ -69,12 +68,12 @@ def _messages_alone(source: ToolsetSource) -> Answer:
     known: list[Selection] = []
 
     def answer(request: RefineSubgoal.Request, _: RefineSubgoal.Response) -> RefineSubgoal.Response:
-        world = conversions.world_from(request.situation, frame=_FRAME)
-        chain = conversions.chain_from(request.chain, library, frame=_FRAME)
-        objective = conversions.objective_from(request.objective)
+        world = messages.world_from(request.situation, frame=_FRAME)
+        chain = messages.chain_from(request.chain, library, frame=_FRAME)
+        objective = messages.objective_from(request.objective)
         if not known:
-            known.append(completed(choosing(refiner, world, [chain], objective)))
-        return answer_of(known[0], request, action_set=library.action_set, frame=_FRAME, want_curve=False)
+            known.append(choose(refiner, world, [chain], objective))
+        return answer_of(known[0], request, action_set=library.action_set, frame=_FRAME)
 
     return answer
 
@@ -208,8 +207,8 @@ def _times(source: ToolsetSource, clients: list[Any], count: int, first: int) ->
     for index in range(first, first + count):
         trial = random_trial(domain, next(iter(domain.chains)), library, seed=SEED, index=index)
         request = RefineSubgoal.Request(
-            situation=conversions.situation_of(trial.world, frame=_FRAME),
-            chain=conversions.chain_of(trial.chain, action_set=source.action_set, frame=_FRAME),
+            situation=messages.situation_of(trial.world, frame=_FRAME),
+            chain=messages.chain_of(trial.chain, action_set=source.action_set, frame=_FRAME),
         )
         for client, taken in zip(clients, times, strict=True):
             began = time.perf_counter()

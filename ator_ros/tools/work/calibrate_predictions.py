@@ -21,8 +21,12 @@ from ator_ros.evaluation.storage import RESULT, read_result, to_records
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.files import read_json, write_text
 from ator_ros.printable import short
-from ator_ros.refinement.calibration import Calibration
-from ator_ros.refinement.calibration_file import CALIBRATION, load_calibration_if_any, save_calibration
+from ator_ros.refinement.calibration import (
+    CALIBRATION,
+    Calibration,
+    load_calibration_if_any,
+    save_calibration,
+)
 from ator_ros.report.prediction_report import prediction_report
 from ator_ros.tools.command_line import source_of
 

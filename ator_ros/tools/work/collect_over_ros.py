@@ -13,7 +13,7 @@ from ator_ros.experience.collect import episode_generator
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.records import ENDED, episode_of
 from ator_ros.experience.table import episode_frame
-from ator_ros.nodes.conversions import chain_of
+from ator_ros.nodes.messages import chain_of
 from ator_ros.robot.description import Robot
 from ator_ros.tools.processes import all_nodes, node_setting
 from ator_ros.tools.work.demo_client import DemoClient

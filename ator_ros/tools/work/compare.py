@@ -79,7 +79,7 @@ def _runs(options: argparse.Namespace, domain: Domain) -> Iterator[Compared]:
 
 def _over_ros(client: Any, trial: Trial, action_set: str) -> tuple[float, float]:
     """Return how long a chain took over ROS, 0 if it failed, and what the executor predicted, both in s."""
-    from ator_ros.nodes.conversions import chain_of
+    from ator_ros.nodes.messages import chain_of
 
     client.place(trial.world)
     run = client.execute(chain_of(trial.chain, action_set=action_set, frame=_FRAME), refine=False)

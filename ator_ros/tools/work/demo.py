@@ -66,7 +66,7 @@ def _play(options: argparse.Namespace, domain: Domain, robot: Robot) -> Iterator
 
 def _both(client: object, trial: Trial, name: str) -> DemoSituation:
     """Play one situation naive and refined."""
-    from ator_ros.nodes.conversions import chain_of
+    from ator_ros.nodes.messages import chain_of
     from ator_ros.tools.work.demo_client import DemoClient, predicted_as
 
     assert isinstance(client, DemoClient)

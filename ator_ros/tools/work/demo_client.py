@@ -18,7 +18,7 @@ from ator_interfaces.msg import ChainPerformance, Outcome, Performance
 from ator_interfaces.msg import TopChain as TopChainMessage
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
-from ator_ros.nodes.conversions import situation_of
+from ator_ros.nodes.messages import situation_of
 from ator_ros.nodes.placing import Placing
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.nodes.spun_node import SpunNode

@@ -26,8 +26,7 @@ from ator_ros.evaluation.running import results_in
 from ator_ros.evaluation.situation import Record, Settings
 from ator_ros.evaluation.toolset import BASELINES, ToolsetSource, make_library, read_rows, tools_of
 from ator_ros.files import reserved, write_text
-from ator_ros.refinement.gate import Gate, OpenGate, opened
-from ator_ros.refinement.gate_file import GATE, gate_in, save_gate
+from ator_ros.refinement.gate import GATE, Gate, OpenGate, gate_in, opened, save_gate
 from ator_ros.tools.command_line import source_of
 from ator_ros.tools.work.calibrate_predictions import save_learned
 from ator_ros.tools.work.situations import executed
@@ -103,7 +102,10 @@ def _with_room(settings: Settings, folder: Path, action_set: str) -> Settings:
         if file.name != GATE:
             write_text(copied.folder() / file.name, file.read_text(encoding="utf-8"))
     save_gate(
-        copied.folder() / GATE, OpenGate(gate_in(source.folder(), action_set).widths, ROOM), {}, action_set
+        copied.folder() / GATE,
+        OpenGate(widths=gate_in(source.folder(), action_set).widths, room=ROOM),
+        {},
+        action_set,
     )
     return dataclasses.replace(settings, source=copied)
 

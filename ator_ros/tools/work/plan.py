@@ -12,11 +12,8 @@ from ator_ros.planning.errors import PlanningError
 from ator_ros.planning.planner import chains_for
 from ator_ros.planning.search import search
 from ator_ros.planning.wanted import Wish, wish_from
-from ator_ros.refinement.alternatives import Judged, choosing
-from ator_ros.refinement.gate import opened
-from ator_ros.refinement.gate_file import gate_in
-from ator_ros.refinement.refiner import Refiner
-from ator_ros.refinement.slices import completed
+from ator_ros.refinement.gate import gate_in, opened
+from ator_ros.refinement.refiner import Judged, Refiner, choose
 from ator_ros.robot.description import Robot
 from ator_ros.tools.option_types import finite
 from ator_ros.tops.chain import TopChain
@@ -40,7 +37,7 @@ def run(options: argparse.Namespace, domain: Domain) -> int:
     models = load_models(robot, domain.known_features, action_set=options.action_set, folder=folder)
     gate = gate_in(folder / model_path("gate", options.action_set).parent, options.action_set)
     refiner = Refiner(robot, models, opened(gate), ranges=library.ranges)
-    judged = completed(choosing(refiner, world, chains, placeholders=True)).judged
+    judged = choose(refiner, world, chains, placeholders=True).judged
     for each, chain in sorted(zip(judged, chains, strict=True), key=lambda pair: pair[0].rank):
         print(_line(each, chain))
     return 0

@@ -93,7 +93,7 @@ class SoakRun:
         self.soak.idle_cpu = {name: (after[name] - before[name]) / took for name in NODES}
 
     def _chain(self, index: int, *, counts: bool) -> None:
-        from ator_ros.nodes.conversions import chain_of
+        from ator_ros.nodes.messages import chain_of
 
         trial = random_trial(
             self._domain, self._options.chain, self._library, seed=self._options.seed, index=index

@@ -26,7 +26,7 @@ from ator_ros.evaluation.trials import random_trial
 from ator_ros.experience.table import join, read_experience
 from ator_ros.files import read_json, write_text
 from ator_ros.performance.model_file import load_model
-from ator_ros.refinement.gate_file import GATE
+from ator_ros.refinement.gate import GATE
 from ator_ros.report.study_page import study_page
 from ator_ros.robot.description import Robot
 from ator_ros.schema import SchemaError, structured, unstructured

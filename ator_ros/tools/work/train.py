@@ -36,7 +36,7 @@ from ator_ros.performance.training import (
     start_ranges,
     train,
 )
-from ator_ros.refinement.gate_file import save_gate
+from ator_ros.refinement.gate import save_gate
 from ator_ros.report.accuracy_tables import ablation_table, accuracy_table, success_table
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.tools.work.possible import possible_chain

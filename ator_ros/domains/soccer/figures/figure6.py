@@ -20,8 +20,8 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.drawing import BLUE, GREY, ORANGE, draw_robot, new_figure, save_svg
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.performance.model_file import ModelFileError, load_models
-from ator_ros.refinement.chain_model import ChainModel
-from ator_ros.refinement.free_variables import analyse
+from ator_ros.refinement.chain_prediction import ChainModel
+from ator_ros.refinement.free_variables import analyse, names_of
 from ator_ros.refinement.objective import Objective
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.tops.chain import TopCall, TopChain
@@ -51,7 +51,7 @@ def curves(robot: Robot, models: Models, library: TopLibrary) -> tuple[FloatArra
     """Return the headings (rad), shape (n,), and the predicted durations (s) of both actions there."""
     world, chain = example(library)
     free = analyse(chain, models, robot).free
-    model = ChainModel(world, chain, robot, models=models, free=free, objective=Objective())
+    model = ChainModel(world, chain, robot, models=models, names=names_of(chain, free), objective=Objective())
     headings = np.linspace(-math.pi, math.pi, CANDIDATES, endpoint=False)
     nothing = np.zeros((1, 0))
     first = model.step_cost(0, nothing, headings[:, None])

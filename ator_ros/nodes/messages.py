@@ -1,4 +1,4 @@
-"""Our messages to the core's types, checked as in `world.messages`, and the core's types to messages.
+"""Conversions between ROS messages and the core's types, with all checks of requests and goals.
 
 Every function that reads a message raises MessageError, with `where` naming the message in its text.
 """
@@ -8,24 +8,33 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 
+import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import Quaternion, Twist
 from nav_msgs.msg import Odometry
 
 import ator_interfaces.msg as msg
+from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
-from ator_ros.actions.goal_variables import GOAL_VARIABLES, MOST_GOAL_VARIABLES, GoalVariable
+from ator_ros.actions.goal_variables import GOAL_VARIABLES, MOST_GOAL_VARIABLES, GoalVariable, goal_values
 from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose, quaternion_from_yaw
-from ator_ros.refinement.alternatives import MOST_ALTERNATIVES
-from ator_ros.refinement.errors import RefinementError
+from ator_ros.refinement import RefinementError
+from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.refinement.objective import Objective
-from ator_ros.refinement.refiner import LONGEST_CHAIN
+from ator_ros.refinement.refiner import (
+    LONGEST_CHAIN,
+    MOST_ALTERNATIVES,
+    Judged,
+    Refinement,
+    Selection,
+    SubgoalCurve,
+)
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.library import LeftOutError, TopLibrary
-from ator_ros.world import messages
+from ator_ros.world import messages as checks
 from ator_ros.world.messages import MessageError, pose_from, seconds_from
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
@@ -83,13 +92,13 @@ def object_odometry_of(time: float, there: ObjectState, *, frame: str, height: f
 
 def world_from(situation: msg.Situation, *, frame: str, where: str = "situation") -> World:
     """Read a situation."""
-    messages.frame(situation.header.frame_id, f"{where}.header.frame_id", expected=frame)
+    checks.frame(situation.header.frame_id, f"{where}.header.frame_id", expected=frame)
     robot = RobotState(
         pose_from(situation.robot, f"{where}.robot"),
-        messages.velocity(situation.v, f"{where}.v"),
-        messages.velocity(situation.w, f"{where}.w", "rad/s"),
+        checks.velocity(situation.v, f"{where}.v"),
+        checks.velocity(situation.w, f"{where}.w", "rad/s"),
     )
-    messages.count(situation.objects, f"{where}.objects", least=0, most=MOST_OBJECTS)
+    checks.count(situation.objects, f"{where}.objects", least=0, most=MOST_OBJECTS)
     objects = dict(
         _named_object(item, f"{where}.objects[{number}]") for number, item in enumerate(situation.objects)
     )
@@ -99,8 +108,8 @@ def world_from(situation: msg.Situation, *, frame: str, where: str = "situation"
 
 
 def _named_object(item: msg.ObjectState, where: str) -> tuple[str, ObjectState]:
-    name = messages.plain_name(item.name, f"{where}.name")
-    return name, messages.object_from(item.position, item.velocity, where)
+    name = checks.plain_name(item.name, f"{where}.name")
+    return name, checks.object_from(item.position, item.velocity, where)
 
 
 def situation_of(world: World, *, frame: str) -> msg.Situation:
@@ -121,7 +130,7 @@ def situation_of(world: World, *, frame: str) -> msg.Situation:
 
 def action_set_from(chain: msg.TopChain, *, allowed: Collection[str], where: str = "chain") -> str:
     """Read the name of a chain's action set, of those in `allowed`; empty means the default."""
-    return messages.name(chain.action_set or DEFAULT_SET, f"{where}.action_set", allowed=allowed)
+    return checks.name(chain.action_set or DEFAULT_SET, f"{where}.action_set", allowed=allowed)
 
 
 def echo_of(chain: msg.TopChain) -> msg.TopChain:
@@ -134,7 +143,7 @@ def echo_of(chain: msg.TopChain) -> msg.TopChain:
         if len(call.values) > most or len(call.open) > len(GOAL_VARIABLES) + most + 1:  # and `EVERYTHING`
             return msg.TopChain()
         texts += [call.top, call.goal.header.frame_id, *call.open, *(item.name for item in call.values)]
-    return chain if all(len(text) <= messages.LONGEST_NAME for text in texts) else msg.TopChain()
+    return chain if all(len(text) <= checks.LONGEST_NAME for text in texts) else msg.TopChain()
 
 
 def chain_from(
@@ -156,7 +165,7 @@ def chain_from(
     fence : Fence, optional
         A chain that leads out of it raises MessageError.
     """
-    messages.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
+    checks.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
     calls = [_call_from(call, library, frame, f"{where}.calls[{i}]") for i, call in enumerate(chain.calls)]
     read = TopChain(tuple(calls))
     violation = None if fence is None else fence.violation(read, library.robot, where)
@@ -169,7 +178,7 @@ def alternatives_from(
     chains: Sequence[msg.TopChain], library: TopLibrary, *, frame: str, fence: Fence | None = None
 ) -> list[TopChain | str]:
     """Read the alternatives of a chain: each as a chain, or why it cannot be used."""
-    messages.count(chains, "alternatives", least=0, most=MOST_ALTERNATIVES)
+    checks.count(chains, "alternatives", least=0, most=MOST_ALTERNATIVES)
     return [
         _alternative_from(chain, library, frame, f"alternatives[{number}]", fence)
         for number, chain in enumerate(chains)
@@ -188,15 +197,15 @@ def _alternative_from(
 
 def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -> TopCall:
     try:
-        top = library[messages.name(call.top, f"{where}.top", allowed=[*library, *library.left_out])]
+        top = library[checks.name(call.top, f"{where}.top", allowed=[*library, *library.left_out])]
     except LeftOutError as error:
         raise MessageError(f"{where}.top: {error}") from None
-    messages.frame(call.goal.header.frame_id, f"{where}.goal.header.frame_id", expected=frame)
+    checks.frame(call.goal.header.frame_id, f"{where}.goal.header.frame_id", expected=frame)
     fastest = _FASTEST_GOAL * library.robot.limits.v
-    speed = messages.number(call.speed, f"{where}.speed", low=0.0, high=fastest, unit="m/s")
+    speed = checks.number(call.speed, f"{where}.speed", low=0.0, high=fastest, unit="m/s")
     pose = pose_from(call.goal.pose, f"{where}.goal.pose")
     values = _values_from(call.values, library.goal_variables(top), f"{where}.values")
-    opened = messages.names(call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, *values, EVERYTHING))
+    opened = checks.names(call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, *values, EVERYTHING))
     return TopCall(top, Goal(pose, speed, top.point, values), opened)
 
 
@@ -205,12 +214,12 @@ def _values_from(
 ) -> dict[str, float]:
     """Read the values of the goal variables that an action declares."""
     wanted = [variable.name for variable in declared]
-    given = messages.names([item.name for item in values], where, allowed=wanted)
+    given = checks.names([item.name for item in values], where, allowed=wanted)
     if missing := [name for name in wanted if name not in given]:
         raise MessageError(f"{where}: expected values of {wanted}, {missing} are missing")
     by_name = {item.name: item.value for item in values}
     return {
-        variable.name: messages.number(
+        variable.name: checks.number(
             by_name[variable.name],
             f"{where}: {variable.name}",
             low=variable.low,
@@ -253,3 +262,118 @@ def performance_of(values: Mapping[str, float] | None = None) -> msg.Performance
     """Write a performance: what is not among `values` is NaN, what the message lacks is left out."""
     names = msg.Performance.get_fields_and_field_types()
     return msg.Performance(**{name: float((values or {}).get(name, math.nan)) for name in names})
+
+
+# Answers of refinement
+
+
+def answer_of(
+    choice: Selection, request: RefineSubgoal.Request, *, action_set: str, frame: str
+) -> RefineSubgoal.Response:
+    """Write the answer to a request."""
+    curve = request.want_curve
+    response = _response_of(choice.refinement, action_set=action_set, frame=frame, want_curve=curve)
+    if request.alternatives:
+        response.chosen = choice.number
+        sent = (request.chain, *request.alternatives)
+        response.alternatives = [
+            _alternative(judged, chain, action_set=action_set, frame=frame)
+            for judged, chain in zip(choice.judged, sent, strict=True)
+        ]
+    return response
+
+
+def _alternative(judged: Judged, sent: msg.TopChain, *, action_set: str, frame: str) -> msg.Alternative:
+    """Write the refinement of one of several chains, which was `sent`."""
+    found, prediction = judged.refinement, judged.prediction
+    if found is None or prediction is None:
+        return msg.Alternative(
+            reason=judged.reason, chain=echo_of(sent), predicted=performance_of(), cost=math.nan
+        )
+    return msg.Alternative(
+        accepted=True,
+        complete=found.complete,
+        reason=judged.reason,
+        chain=chain_of(found.chain, action_set=action_set, frame=frame),
+        predicted=chain_performance_of(prediction),
+        cost=prediction.cost,
+    )
+
+
+def _response_of(
+    refinement: Refinement, *, action_set: str, frame: str, want_curve: bool
+) -> RefineSubgoal.Response:
+    before, after = refinement.before, refinement.after
+    return RefineSubgoal.Response(
+        accepted=True,
+        refined=refinement.refined,
+        cut_short=not refinement.complete,
+        reason=refinement.reason,
+        chain=chain_of(refinement.chain, action_set=action_set, frame=frame),
+        original=chain_of(refinement.original, action_set=action_set, frame=frame),
+        free=_free_variables(refinement),
+        not_free=[msg.NotFree(subgoal=n.subgoal, name=n.name, reason=n.reason) for n in refinement.not_free],
+        without_model=list(refinement.without_model),
+        before=chain_performance_of(before),
+        after=chain_performance_of(after),
+        before_actions=_actions(before),
+        after_actions=_actions(after),
+        cost_before=before.cost,
+        cost_after=after.cost,
+        curves=[_curve(curve) for curve in refinement.curves] if want_curve else [],
+    )
+
+
+def refused(reason: str, chain: msg.TopChain | None = None) -> RefineSubgoal.Response:
+    """Write the answer to a request that is not evaluated, with its `chain` if it is not too large."""
+    nothing = performance_of()
+    sent = msg.TopChain() if chain is None else chain
+    return RefineSubgoal.Response(
+        reason=reason,
+        chain=sent,
+        original=sent,
+        before=nothing,
+        after=nothing,
+        cost_before=math.nan,
+        cost_after=math.nan,
+    )
+
+
+def chain_performance_of(prediction: ChainPrediction | None) -> msg.Performance:
+    """Write the predicted performance of a whole chain; NaN without a prediction."""
+    if prediction is None:
+        return performance_of()
+    success = math.prod(action.get("success", math.nan) for action in prediction.actions)
+    spread = prediction.spread if math.isfinite(prediction.duration) else math.nan
+    return performance_of({"duration": prediction.duration, "spread": spread, "success": success})
+
+
+def _actions(prediction: ChainPrediction) -> list[msg.Performance]:
+    return [performance_of(action) for action in prediction.actions]
+
+
+def _free_variables(refinement: Refinement) -> list[msg.FreeVariable]:
+    def value(chain: TopChain, subgoal: int, name: str) -> float:
+        return goal_values(chain.calls[subgoal].goal)[name]
+
+    return [
+        msg.FreeVariable(
+            subgoal=variable.subgoal,
+            name=variable.name,
+            before=value(refinement.original, variable.subgoal, variable.name),
+            after=value(refinement.best, variable.subgoal, variable.name),
+            low=variable.domain.low,
+            high=variable.domain.high,
+            limits=list(variable.limits),
+        )
+        for variable in refinement.free
+    ]
+
+
+def _curve(curve: SubgoalCurve) -> msg.SearchCurve:
+    return msg.SearchCurve(
+        subgoal=curve.subgoal,
+        variables=list(curve.names),
+        values=np.ravel(curve.values).tolist(),
+        totals=np.ravel(curve.totals).tolist(),
+    )
