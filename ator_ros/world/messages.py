@@ -75,8 +75,6 @@ FARTHEST = 1e8
 15 nm that a float64 resolves begin to matter to motions of one control tick."""
 FASTEST = 100.0
 """Greatest velocity in m/s or rad/s: far above wheeled robots and what they push; more is a wrong unit."""
-MOST_ITEMS = 64
-"""Items of a sequence that are converted: twice the longest sequence that is accepted."""
 LONGEST_NAME = 200
 """Greatest number of characters in a name: ROS limits topics to 255, and names are quoted in answers."""
 _ROUNDING = 1e-3
@@ -145,16 +143,14 @@ def count(items: Sized, where: str, *, least: int, most: int) -> None:
     """Raise MessageError unless there are `least` to `most` items."""
     if not least <= len(items) <= most:
         expected = f"{least}" if least == most else f"{least} to {most}"
-        more = " or more" if len(items) >= MOST_ITEMS else ""
-        raise MessageError(f"{where}: expected {expected} items, got {len(items)}{more}")
+        raise MessageError(f"{where}: expected {expected} items, got {len(items)}")
 
 
 def names(items: Collection[str], where: str, *, allowed: Collection[str]) -> frozenset[str]:
     """Return the names as a set; raise MessageError if one is not allowed, or comes twice."""
     expected = f"{where}: expected names of {sorted(allowed)}, each once"
     if len(items) > len(allowed):
-        more = " or more" if len(items) >= MOST_ITEMS else ""
-        raise MessageError(f"{expected}, got {len(items)}{more} items")
+        raise MessageError(f"{expected}, got {len(items)} items")
     unknown = [item for item in items if len(item) > LONGEST_NAME or item not in allowed]
     if unknown:
         raise MessageError(f"{expected}, got {quoted(unknown[0])}")

@@ -81,7 +81,7 @@ def test_a_goal_that_cannot_be_read_leaves_the_one_that_waits_for_its_plan(hall:
 def test_a_goal_that_comes_while_the_node_ends_is_rejected(hosted: Hosted, client: Client) -> None:
     base, chains = Base(client), ChainClient(client)
     client.robot()
-    hosted.node._server.admit_no_more()  # as `stop` does first
+    hosted.node._stopping = True  # as `stop` does first
     with pytest.raises(AssertionError):
         chains.send([call("goToPose", Pose(1.0, 0.0, 0.0))])
     assert not chains.commands

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import pytest
 from chain_client import ChainClient, call
 from conftest import Host, Start
 from nav_msgs.msg import Odometry
-from process import PATIENCE
 from refinement_requests import save_small_models
 from ros_client import Client
 
@@ -19,8 +17,6 @@ from ator_interfaces.srv import PlanChains
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import SENSOR_DATA
-from ator_ros.planning.errors import PlanningError
-from ator_ros.planning.process import PlanProcess
 
 pytestmark = pytest.mark.node
 
@@ -119,31 +115,3 @@ def test_a_goal_that_waits_for_its_plan_can_be_canceled_and_is_given_up_in_time(
     late = chains.send([], wanted=PlanGoal(name="ball_held")).result().outcome
     assert late.code == Outcome.REFUSED
     assert late.reason == "no plan: expected the service plan_chains in time, got none"
-
-
-def test_a_plan_that_comes_after_the_end_of_its_node_raises_nothing(
-    host: Host, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    begun, goes_on = threading.Event(), threading.Event()
-
-    def late(*_: object) -> object:
-        begun.set()
-        goes_on.wait(PATIENCE)
-        raise PlanningError("too late")
-
-    raised: list[object] = []
-    monkeypatch.setattr(PlanProcess, "chains", late)
-    monkeypatch.setattr(threading, "excepthook", raised.append)
-    save_small_models(tmp_path)
-    node = host("refinement", models=tmp_path)
-    service = client.node.create_client(PlanChains, "plan_chains")
-    assert service.wait_for_service(PATIENCE)
-    service.call_async(asked(PlanGoal(name="ball_in_goal")))
-    assert begun.wait(PATIENCE)
-    [planning] = [thread for thread in threading.enumerate() if "(_plan)" in thread.name]
-    node.node.stop()  # type: ignore[attr-defined]
-    node.close()
-    goes_on.set()
-    planning.join(PATIENCE)
-    assert not planning.is_alive()
-    assert raised == []

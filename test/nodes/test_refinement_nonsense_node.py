@@ -85,7 +85,7 @@ NONSENSE = {
     unknown_top: "chain.calls[0].top: expected one of ['dribbleBall', 'goToBall', ",
     wrong_frame: "chain.calls[0].goal.header.frame_id: expected the frame 'odom', got 'moon'",
     empty_chain: "chain.calls: expected 1 to 32 items, got 0",
-    enormous_chain: "chain.calls: expected 1 to 32 items, got 64 or more",
+    enormous_chain: "chain.calls: expected 1 to 32 items, got 5000",
     negative_weight: "objective: expected a weight of accuracy that is 0 or from 1e-06 to 1e+06, got -1",
     no_weight: "objective: expected at least one weight above 0, got none",
     unknown_set: "chain.action_set: expected one of",
