@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from ator_ros.experience.columns import columns, object_columns, objects_of_colu
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.recordings import RecordingError, read_recording
 from ator_ros.experience.sources import read_sources
-from ator_ros.experience.table import Experience, join, read_experience, require_pyarrow, write_experience
+from ator_ros.experience.table import Experience, join, read_experience, write_experience
 from ator_ros.experience.vocabulary import drive_between
 from ator_ros.geometry import Pose
 from ator_ros.performance.model_file import load_model
@@ -64,29 +63,6 @@ def test_a_domain_of_any_objects_is_collected_and_learned(installed: Domain, tmp
     )
 
 
-def old_table(file: Path) -> Path:
-    """Write a table as it was before domains and objects were named."""
-    rows = made_up_experience("goToPose", episodes=40)
-    write_experience(file, Experience(rows.assign(ball_x=1.5), {"robot_digest": ROBOT.digest()}))
-    _, parquet = require_pyarrow()
-    table = parquet.read_table(file)
-    metadata = json.loads(table.schema.metadata[b"ator_ros"])
-    del metadata["objects"]
-    text = json.dumps(metadata).encode()
-    parquet.write_table(table.replace_schema_metadata({b"ator_ros": text}), file)
-    return file
-
-
-def test_a_table_of_before_is_one_of_soccer(tmp_path: Path) -> None:
-    file = old_table(tmp_path / "old.parquet")
-    assert read_experience(file).objects == ("ball",)
-    experience = read_sources([file], ROBOT, SOCCER)
-    assert experience.frame["ball_x"].tolist() == [1.5] * 40
-    assert experience.metadata["domain"] == "soccer"
-    with pytest.raises(ExperienceError, match=r"old\.parquet: metadata\.domain: expected .parcels., got a"):
-        read_sources([file], ROBOT, PARCELS)
-
-
 def test_a_table_of_another_domain_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "table.parquet"
     write_experience(file, Experience(made_up_experience("goToPose"), {"domain": "soccer"}))
@@ -98,7 +74,7 @@ def test_a_table_of_another_domain_is_refused(tmp_path: Path) -> None:
 def test_objects_that_are_no_names_are_refused(tmp_path: Path, objects: Any) -> None:
     file = tmp_path / "table.parquet"
     write_experience(file, Experience(made_up_experience("goToPose"), {"objects": objects}))
-    with pytest.raises(ExperienceError, match=r"metadata\.objects: expected at most 16 names"):
+    with pytest.raises(ExperienceError, match=r"metadata\.objects.*: expected"):
         read_experience(file)
 
 

@@ -144,7 +144,7 @@ def test_tables_with_names_that_are_none_are_refused(
 ) -> None:
     file = tmp_path / "table.parquet"
     write_experience(file, Experience(collected.frame, {"goal_variables": names}))
-    with pytest.raises(ExperienceError, match=r"metadata\.goal_variables: expected at most 16 names"):
+    with pytest.raises(ExperienceError, match=r"metadata\.goal_variables.*: expected"):
         read_experience(file)
 
 
