@@ -10,19 +10,15 @@ import pytest
 from robots import PIONEER, loaded
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.features import shot
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose
-from ator_ros.performance.derived import Geometry
-from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.model_file import load_model
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import TopChain
-from ator_ros.viewing.surroundings import surroundings
 from ator_ros.world.state import World
 
 UTM = (5e5, 5e6)
@@ -105,18 +101,6 @@ def test_actions_along_curves_do_not_depend_on_where_the_area_is_either(name: st
     assert away.duration == pytest.approx(ran.duration, abs=0.051)
 
 
-@pytest.mark.parametrize("action", ["goToPose", "dribbleBall", "shoot"])
-def test_situations_lie_in_the_area(action: str) -> None:
-    there = moved_robot(*UTM)
-    sample = SOCCER.actions()[action].sample
-    for seed in range(5):
-        here, away = (sample(robot, np.random.default_rng(seed)) for robot in (PIONEER, there))
-        assert away.robot.pose == pytest.approx(
-            here.robot.pose._replace(x=here.robot.pose.x + UTM[0], y=here.robot.pose.y + UTM[1])
-        )
-        assert there.scene.area.has_floor(away.goal.pose.x, away.goal.pose.y)
-
-
 def test_free_places_and_the_fence_are_those_of_the_area() -> None:
     there = moved_robot(*UTM)
     goal = SOCCER.library(there).goal(SOCCER.library(there)["goToPose"], Pose(*UTM, 0.0))
@@ -125,22 +109,6 @@ def test_free_places_and_the_fence_are_those_of_the_area() -> None:
     assert Fence.around(there) == Fence(499_995.0, 4_999_996.5, 500_005.0, 5_000_003.5)
     assert x.contains(500_004.0)
     assert not x.contains(500_004.1)
-
-
-def test_ideal_shots_are_those_at_the_goal_that_is_meant() -> None:
-    there = moved_robot(*UTM)
-    numbers = dict.fromkeys(DIRECT_VARIABLES, 0.0) | {"x": -2.5, "yaw": 3.0, "xg": -4.0, "hold": 1.0}
-    away = numbers | {"x": UTM[0] - 2.5, "y": UTM[1], "xg": UTM[0] - 4.0, "yg": UTM[1]}
-    times = [shot(Geometry(direct, robot)).time for direct, robot in ((numbers, PIONEER), (away, there))]
-    assert times[1] == pytest.approx(times[0], abs=1e-4)
-
-
-def test_experience_moves_with_the_area() -> None:
-    there = moved_robot(*UTM)
-    file = resource_path("models", "goToPose.json")
-    here, away = (load_model(file, robot, SOCCER.known_features).experience for robot in (PIONEER, there))
-    assert away["xg"] == pytest.approx([value + UTM[0] for value in here["xg"]])
-    assert away["way"] == here["way"]
 
 
 def test_the_simulation_is_as_exact_far_from_the_origin() -> None:
@@ -157,22 +125,9 @@ def test_the_simulation_is_as_exact_far_from_the_origin() -> None:
     assert ball_far.vx == pytest.approx(ball.vx, abs=1e-9)
 
 
-def test_the_lines_of_the_field_are_drawn_where_it_is() -> None:
-    for shape in surroundings(SOCCER, moved_robot(*UTM)):
-        assert np.abs(shape.points - UTM).max() < 6.0
-
-
 def test_goals_have_to_be_on_the_lines_of_the_moved_area(tmp_path: Path) -> None:
     data = PIONEER.sections()
     data["scene"]["area"] |= {"x": 4.0, "y": 2.5}
     data["scene"]["bays"] = list(data["scene"]["bays"])
     with pytest.raises(ValueError, match=r"two equal goals on the lines x = 0 and x = 8 at y = 2.5"):
         SOCCER.equip(loaded(data, tmp_path))
-
-
-def test_what_overlaps_is_told_wherever_the_area_is() -> None:
-    with Simulation(moved_robot(*UTM)) as simulation:
-        simulation.place_object("ball", *UTM)
-        assert simulation.robot_overlap(Pose(*UTM, 0.0)) == "the ball"
-        assert not simulation.robot_overlap(Pose(UTM[0] - 2.0, UTM[1], 0.0))
-        assert simulation.object_overlap("ball", UTM[0] + 4.3, UTM[1] + 1.02) == "a wall"

@@ -114,11 +114,3 @@ def test_soccer_needs_a_holder_and_a_ball(tmp_path: Path) -> None:
 def test_tools_take_the_domain_of_the_robot(words: list[str], name: str) -> None:
     options, domain = settled(study.arguments(), words)
     assert (options.domain, domain.name) == (name, name)
-
-
-def test_nothing_but_the_robot_is_in_its_scene() -> None:
-    assert not DRIVE.objects
-    described = DRIVE.robot(SHIPPED[0])
-    assert not described.scene.objects
-    assert not described.scene.bays
-    assert [top.name for top in DRIVE.library(described).usable()] == ["goToPose"]

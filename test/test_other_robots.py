@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robots import FIFTH, HEAVY, OTHERS, PIONEER, PLAIN, QUICK, SHIPPED, SLOW
+from robots import FIFTH, HEAVY, OTHERS, PIONEER, PLAIN, QUICK, SHIPPED
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Goal, Point, Status
@@ -17,20 +17,17 @@ from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
-from ator_ros.domains.soccer.planned.holding import MARGIN, entry_sides, push
 from ator_ros.domains.soccer.planned.shooting_room import has_room
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.trials import random_trial, with_headings
 from ator_ros.experience.collect import EpisodeTask, episode_generator, run_task
 from ator_ros.geometry import Pose
-from ator_ros.motion.trajectory import DT
 from ator_ros.nodes.simulation_settings import robots_of
 from ator_ros.performance.model_file import load_model
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import Limits, NoHolderError, Robot, load_robot
 from ator_ros.simulation.run import place, run_action
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
-from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "robots.md"
@@ -70,11 +67,6 @@ def test_without_a_holder_there_is_a_chain_but_no_dribble() -> None:
     assert not world.objects
 
 
-def test_a_shot_that_begins_fast_keeps_the_way_that_its_run_up_needs() -> None:
-    """Driven on for a moment while it was planned, the robot came too near the goal to shoot at all."""
-    assert succeeds("shoot", PIONEER, 268, seed=101)
-
-
 def test_who_cannot_arrive_so_fast_arrives_slower() -> None:
     """A heavy robot so near the ball has no room to gain 0.8 m/s before a run into the catch."""
     world = World(0.0, RobotState(Pose(-1.4444, 0.9029, -0.4806)), {BALL: ObjectState(-2.3877, 1.5912)})
@@ -100,19 +92,6 @@ def test_the_simulated_base_lags_as_it_is_described(robot: Robot) -> None:
     assert behind == pytest.approx(robot.motor_time_constant, abs=0.015)
 
 
-def test_a_short_body_rests_on_its_caster() -> None:
-    tiny = dataclasses.replace(PLAIN, front=0.03, rear=0.03, half_width=0.04, track=0.07, mass=0.3)
-    with Simulation(tiny) as simulation:
-        place(simulation, World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {}))
-        for _ in range(40):
-            simulation.command(Command(0.2, 0.0))
-            simulation.tick()
-        robot = simulation.world().robot
-    assert robot.v == pytest.approx(0.2, abs=0.02)
-    assert abs(robot.pose.y) < 0.01
-    assert '"-0.0045 0 0.009"' in robot_urdf(tiny)
-
-
 def test_a_weak_robot_follows_its_plan() -> None:
     spec, worst = SOCCER.actions()["goToPose"], 0.0
     for episode in (5, 84):
@@ -135,14 +114,6 @@ def test_plans_turn_no_faster_than_wheels_grip() -> None:
     assert DribbleBall(RACER).plan_limits.brake == pytest.approx(0.65)
 
 
-def test_a_turn_keeps_the_ball_when_it_gains_no_more_speed() -> None:
-    limits = DribbleBall(RACER).plan_limits
-    for side in entry_sides(RACER, limits, 0.7):
-        turn = side.turn
-        reaches = turn.speed + turn.acceleration * math.radians(300.0) / turn.turn_rate >= limits.v
-        assert not reaches or push(RACER, limits.v, turn.turn_rate, 0.0) >= MARGIN
-
-
 def test_shots_without_room_are_not_drawn() -> None:
     without = situations.shoot(FIFTH, episode_generator("shoot", 1, 3))
     assert not has_room(FIFTH, without)
@@ -150,24 +121,6 @@ def test_shots_without_room_are_not_drawn() -> None:
     assert has_room(FIFTH, drawn)
     same = SOCCER.actions()["shoot"].sample(PIONEER, episode_generator("shoot", 1, 4))
     assert same == situations.shoot(PIONEER, episode_generator("shoot", 1, 4))
-
-
-def test_a_shot_whose_ball_rolls_in_before_the_robot_stands_is_drawn() -> None:
-    assert has_room(HEAVY, situations.shoot(HEAVY, episode_generator("shoot", 71, 414)))
-    assert succeeds("shoot", HEAVY, 414, seed=71)
-
-
-def test_a_push_that_was_too_short_is_repeated() -> None:
-    assert succeeds("shoot", FIFTH, 105)
-
-
-def test_slow_robots_are_not_sent_farther_than_they_come() -> None:
-    rng = np.random.default_rng(3)
-    slowest = dataclasses.replace(SLOW, limits=SLOW.limits.scaled(0.3))
-    for _ in range(200):
-        drawn = situations.go_to_pose(slowest, rng)
-        way = drawn.robot.pose.distance(drawn.goal.pose)
-        assert way <= 0.6 * TIME_LIMIT * slowest.limits.v
 
 
 @pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.stem)
@@ -189,11 +142,6 @@ def test_figures_of_a_robot_without_a_holder_show_what_it_does() -> None:
     assert caption.startswith("Figure 4")
 
 
-def test_a_robot_that_stands_with_the_ball_after_a_miss_has_arrived() -> None:
-    """It came in turning, pushed the ball, caught it while it stopped, and has no way to come there again."""
-    assert succeeds("goToPose", FIFTH, 987, seed=71)
-
-
 def test_a_weak_robot_that_catches_up_with_its_plan_does_not_run_past_the_goal() -> None:
     """Its brake is hardly stronger than what the ball allows, and to back off would leave the ball behind."""
     pose = Pose(-2.25, 1.3, -2.3)
@@ -204,44 +152,6 @@ def test_a_weak_robot_that_catches_up_with_its_plan_does_not_run_past_the_goal()
         done = run_action(simulation, DribbleBall(HEAVY), goal)
         assert done.status is Status.SUCCEEDED
         assert simulation.time < 6.0
-
-
-def test_a_dribble_that_begins_fast_brakes_no_harder_than_the_ball_rolls() -> None:
-    """A drive too short for its loss of speed was planned as one that ends backward, which brakes harder."""
-    start = RobotState(Pose(0.005, 1.549, -2.958), 0.805)
-    held = QUICK.hold_point(start.pose)
-    action = DribbleBall(QUICK)
-    world = World(0.0, start, {BALL: ObjectState(held.x, held.y)})
-    action.start(world, Goal(Pose(-0.481, 0.842, -0.795), 0.0, Point.HOLD))
-    way = action.way()
-    assert way is not None
-    steps = np.linalg.norm(np.diff(way[:-1, :2], axis=0), axis=1)  # the last sample comes early
-    losses = -np.diff(steps) / DT**2
-    assert losses.max() < 1.1 * action.plan_limits.brake
-
-
-def test_an_approach_that_falls_behind_gets_to_the_ball_all_the_same() -> None:
-    """The base accelerates without a break from backward to forward, and the plan waits for it."""
-    ball = Pose(2.9673233698630583, 1.3149295986930691, -1.3551968309603029)
-    start = World(
-        0.0,
-        RobotState(Pose(1.9240130605596, 1.6436247869235734, -2.633912413404684)),
-        {BALL: ObjectState(ball.x, ball.y)},
-    )
-    goal, said = Goal(ball, 0.45, Point.HOLD), list[str]()
-    with Simulation(FIFTH) as simulation:
-        place(simulation, start)
-        action = GoToPose(FIFTH)
-        action.start(simulation.world(), goal)
-        while (step := action.step(simulation.world())).status is Status.RUNNING:
-            said.append(step.message)
-            assert step.command is not None
-            simulation.command(step.command)
-            simulation.tick()
-        time = simulation.time
-    assert step.status is Status.SUCCEEDED
-    assert not any("anew" in message for message in said)
-    assert time < 4.0
 
 
 def test_a_dribble_that_begins_fast_is_planned_without_a_stop() -> None:
@@ -264,18 +174,6 @@ def test_a_dribble_that_begins_fast_is_planned_without_a_stop() -> None:
     way = action.way()
     assert way is not None
     assert np.hypot(*(way[0, :2] - start.robot.pose[:2])) < 0.01
-
-
-def test_a_dribble_that_finds_no_way_in_motion_brakes() -> None:
-    pose, speed = Pose(3.2, 0.0, 0.0), 0.8  # into the goal
-    action, held = DribbleBall(HEAVY), HEAVY.hold_point(pose)
-    start = World(0.0, RobotState(pose, speed), {BALL: ObjectState(held.x, held.y)})
-    action.start(start, Goal(Pose(0.0, 0.0, 3.1), 0.0, Point.HOLD))
-    speeds = []
-    for tick in range(1, 30):
-        step = action.step(dataclasses.replace(start, time=0.05 * tick))
-        speeds.append(0.0 if step.command is None else step.command.v)
-    assert not action.planning or speeds[-1] < 0.7 * speed
 
 
 def test_a_short_quick_robot_does_not_tip_over_in_turns_that_its_wheels_hold() -> None:

@@ -10,7 +10,6 @@ import pytest
 
 from ator_ros.actions.base import Goal, Point, Status, Step
 from ator_ros.actions.situation import Situation
-from ator_ros.domains.declared_situations import DeclaredDrives, DeclaredPlace, DrivesOf
 from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.ball import BALL, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
@@ -18,7 +17,6 @@ from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.experience.episode import Episode, run_episode
 from ator_ros.experience.table import episode_frame, join
 from ator_ros.geometry import Pose, wrap_angle
-from ator_ros.performance.features import feature_table
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_models
 from ator_ros.performance.training import OBSERVED, train
@@ -80,16 +78,6 @@ def test_every_domain_draws_turns_and_short_drives(domain: str, action: str, kin
     assert 0.6 < seen.count("long") / len(seen) < 0.95
 
 
-def test_short_drives_stay_in_the_declared_places() -> None:
-    """Two fixed docks leave no room for a short drive: turns and goals at a dock are drawn."""
-    docks = tuple(DeclaredPlace((x,), (0.0,), (0.0,)) for x in (0.0, 3.0))
-    rng = np.random.default_rng(6)
-    sample = DrivesOf("drive_to", DeclaredDrives(docks, docks))
-    ways = [(each.robot.pose, each.goal.pose) for each in (sample(ROBOT, rng) for _ in range(400))]
-    assert {kind_of(*way) for way in ways} >= {"turn", "at the goal", "long"}
-    assert all(min(abs(goal.x), abs(goal.x - 3.0)) < 0.06 for _, goal in ways)
-
-
 @pytest.mark.parametrize("action_set", SETS)
 @pytest.mark.parametrize(("ahead", "left"), [(0.1, 0.0), (-0.1, 0.0), (0.0, 0.1), (0.0, -0.1), (0.3, 0.3)])
 def test_short_drives_succeed(simulation: Simulation, action_set: str, ahead: float, left: float) -> None:
@@ -104,28 +92,6 @@ def test_a_goal_at_the_start_ends_within_a_tick(
     episode = drive(simulation, action_set, moved(ahead, 0.0, turn))
     assert episode.success
     assert episode.duration <= CONTROL_PERIOD + 1e-9
-
-
-def test_a_dribble_to_where_the_ball_is_ends_within_a_tick(simulation: Simulation) -> None:
-    ball = ROBOT.hold_point(START)
-    held = objects_of(ObjectState(ball.x, ball.y))
-    situation = Situation("dribbleBall", RobotState(START), held, Goal(ball, 0.0, Point.HOLD))
-    for action_set in SETS:
-        action = SOCCER.actions(action_set)["dribbleBall"].factory(ROBOT)
-        top = SOCCER.library(ROBOT, action_set)["dribbleBall"]
-        episode = run_episode(simulation, action, situation, top=top)
-        assert episode.success
-        assert episode.duration <= CONTROL_PERIOD + 1e-9
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.002, 0.02])
-def test_a_turn_takes_as_long_with_odometry_noise(simulation: Simulation, noise: float) -> None:
-    """A goal at the robot's own place is a little off once its odometry has moved."""
-    for turn in (0.5, -1.5, 3.0):
-        exact = drive(simulation, "default", moved(0.0, 0.0, turn))
-        noisy = drive(simulation, "default", moved(-noise, noise, turn))
-        assert noisy.success
-        assert noisy.duration == pytest.approx(exact.duration, abs=0.15)
 
 
 # Leaving the ball
@@ -166,44 +132,7 @@ def test_the_bezier_set_backs_off_from_the_ball_too(simulation: Simulation) -> N
     assert math.hypot(ball.x - before.x, ball.y - before.y) < 0.03
 
 
-def test_a_robot_leaves_the_ball_after_a_dribble(simulation: Simulation) -> None:
-    ball = ROBOT.hold_point(START)
-    place(simulation, World(0.0, RobotState(START), objects_of(ObjectState(ball.x, ball.y))))
-    put = Pose(0.5, -0.5, -0.6)
-    actions = SOCCER.actions()
-    dribbled = run_action(simulation, actions["dribbleBall"].factory(ROBOT), Goal(put, 0.0, Point.HOLD))
-    assert dribbled.status is Status.SUCCEEDED, dribbled.message
-    there = simulation.world().objects[BALL]
-    done = run_action(simulation, actions["goToPose"].factory(ROBOT), Goal(Pose(2.0, 1.0, 1.0)))
-    assert done.status is Status.SUCCEEDED, done.message
-    left = simulation.world().objects[BALL]
-    assert math.hypot(left.x - there.x, left.y - there.y) < 0.03
-
-
 # What models predict
-
-
-def features_at(dist: float, bearing: float, turn: float) -> dict[str, float]:
-    """Return features of a drive from rest to rest."""
-    names = ("angle_to_dest", "angle_at_dest", "drive_time", "path_time")
-    direct = {
-        **dict.fromkeys(("x", "y", "yaw", "v", "w", "speedg", "hold"), 0.0),
-        "xg": dist * math.cos(bearing),
-        "yg": dist * math.sin(bearing),
-        "yawg": turn,
-    }
-    values = feature_table(direct, ROBOT, [SOCCER.known_features[name] for name in names])[0]
-    return dict(zip(names, values.tolist(), strict=True))
-
-
-@pytest.mark.parametrize("turn", [0.2, -1.0, 3.0])
-def test_millimetres_do_not_change_the_features_of_a_turn(turn: float) -> None:
-    exact = features_at(0.0, 0.0, turn)
-    assert exact["angle_to_dest"] == pytest.approx(abs(turn))
-    assert exact["angle_at_dest"] == pytest.approx(0.0, abs=1e-9)
-    for bearing in np.linspace(-3.0, 3.0, 7):
-        near = features_at(0.003, float(bearing), turn)
-        assert near == pytest.approx(exact, abs=0.02)
 
 
 def turns(simulation: Simulation, angles: list[float]) -> list[Episode]:
@@ -235,11 +164,6 @@ def test_turns_are_predicted_within_the_spread(model: PerformanceModel, simulati
         assert duration == pytest.approx(
             drive(simulation, "default", goal).duration, abs=max(2.0 * spread, CONTROL_PERIOD)
         )
-
-
-def test_a_goal_at_the_start_is_predicted_at_a_tick(model: PerformanceModel) -> None:
-    assert predicted(model, START)[0] == pytest.approx(CONTROL_PERIOD)
-    assert predicted(model, moved(0.0, 0.0, 0.5))[0] > 0.3
 
 
 def test_a_chain_that_goes_on_after_a_dribble_is_refined_and_executed() -> None:
