@@ -25,7 +25,7 @@ from ator_ros.motion import planning
 from ator_ros.motion.manoeuvre import closed
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.world.state import STOP, ObjectState, RobotState, World
+from ator_ros.world.state import ObjectState, RobotState, World
 
 ROBOT = load_robot()
 LIMITS = GoToPose(ROBOT).plan_limits
@@ -120,22 +120,6 @@ def hard_way(monkeypatch: pytest.MonkeyPatch) -> tuple[World, Goal, PlannedActio
     raise AssertionError("expected such a situation")
 
 
-def test_a_robot_at_rest_waits_for_the_same_plan(monkeypatch: pytest.MonkeyPatch) -> None:
-    world, goal, at_once = hard_way(monkeypatch)
-    action = GoToPose(ROBOT)
-    action.start(world, goal)
-    first = action.step(world)
-    assert (first.command, first.status, first.message) == (STOP, Status.RUNNING, "planning")
-    ticks = 0
-    while action.planning:
-        ticks += 1
-        step = action.step(World(0.05 * ticks, world.robot, objects_of(ball_of(world))))
-    assert ticks > 1
-    assert step.message == "planned"
-    poses = [each._tracker.trajectory.poses() for each in (action, at_once)]
-    assert np.array_equal(*poses)
-
-
 def test_a_robot_in_motion_drives_on_brakes_and_plans_from_where_it_stands(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -162,32 +146,6 @@ def test_a_robot_in_motion_drives_on_brakes_and_plans_from_where_it_stands(
     action.step(World(time, RobotState(pose), objects_of(ball_of(world))))
     assert not action.planning
     assert action._tracker.trajectory.at(0.0).pose.distance(pose) < 1e-9
-
-
-def test_a_robot_that_drives_on_loses_its_rotation_as_planned(monkeypatch: pytest.MonkeyPatch) -> None:
-    world, goal, _ = hard_way(monkeypatch)
-    monkeypatch.setattr(planning, "SLICE", 1)
-    action = GoToPose(ROBOT)
-    start = dataclasses.replace(world.robot, v=0.4, w=0.7)
-    action.start(dataclasses.replace(world, robot=start), goal)
-    turning = [
-        action.step(dataclasses.replace(world, time=0.05 * tick, robot=start)).command for tick in range(7)
-    ]
-    assert [command.v for command in turning] == [0.4] * 7
-    assert [command.w for command in turning] == pytest.approx([0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.0])
-
-
-def test_a_robot_that_is_hardly_in_motion_stops_to_plan_though_it_turns(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    world, goal, _ = hard_way(monkeypatch)
-    monkeypatch.setattr(planning, "SLICE", 1)
-    action = GoToPose(ROBOT)
-    start = dataclasses.replace(world.robot, v=-0.2, w=0.7)
-    action.start(dataclasses.replace(world, robot=start), goal)
-    step = action.step(dataclasses.replace(world, robot=start))
-    assert step.message == "planning"
-    assert -0.2 < step.command.v <= 0.0
 
 
 def test_a_robot_keeps_to_its_plan_while_another_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -217,46 +175,3 @@ def test_a_tick_begins_one_action_at_most() -> None:
         assert step.status is Status.RUNNING
         assert len(executor.records) <= tick
     assert math.isclose(step.elapsed, 0.15)
-
-
-@pytest.mark.parametrize("noise", [0.005, -0.005])
-def test_odometry_that_is_never_still_does_not_keep_a_plan_from_being_found(
-    noise: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    world, goal, _ = hard_way(monkeypatch)
-    noisy = dataclasses.replace(world, robot=RobotState(world.robot.pose, noise, noise))
-    action = GoToPose(ROBOT)
-    action.start(noisy, goal)
-    assert action.planning
-    for tick in range(1, 60):
-        step = action.step(dataclasses.replace(noisy, time=0.05 * tick))
-        assert step.status is Status.RUNNING
-        if not action.planning:
-            break
-    assert step.message == "planned"
-
-
-def test_a_subgoal_that_is_not_found_at_once_leaves_no_second_search_to_the_tick(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    library, searched = SOCCER.library(ROBOT), []
-    begin = Pose(0.0, 0.0, 0.0)
-    world = World(0.0, RobotState(begin), {BALL: ObjectState(2.0, 0.0)})
-    chain = TopChain((TopCall(library["goToPose"], Goal(Pose(3.0, 1.5, 0.0))),))
-    executor = ChainExecutor(library, chain)
-    executor.step(world)
-    monkeypatch.setattr(planning, "SLICE", 1)
-    original = planning.Search.advance
-
-    def counted(self: planning.Search, time: float):  # type: ignore[no-untyped-def]
-        searched.append(time)
-        return original(self, time)
-
-    monkeypatch.setattr(planning.Search, "advance", counted)
-    moved = World(0.05, RobotState(begin), {BALL: ObjectState(2.2, 0.0)})
-    other = chain.with_goal(0, Goal(Pose(3.0, 1.2, 0.0)))
-    assert not executor.head_for(moved, other)
-    assert executor.step(moved).status is Status.RUNNING
-    assert searched == [0.05]
-    executor.step(dataclasses.replace(moved, time=0.1))
-    assert searched == [0.05, 0.1]

@@ -234,14 +234,10 @@ def run_up_times(robot: Robot, starts: FloatArray) -> FloatArray:
 
     Raises
     ------
-    ValueError
-        The starts have another shape.
     NoHolderError
         The robot holds nothing.
     """
     starts = np.ascontiguousarray(starts, dtype=float)
-    if starts.ndim != 2 or len(starts) != 4:
-        raise ValueError(f"starts: expected shape (4, n), got {starts.shape}")
     limits, turns, setting = _tables(robot)
     times = np.empty(starts.shape[1])
     speeds = _ENTRY_SHARES * limits.v
