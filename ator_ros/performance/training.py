@@ -33,6 +33,9 @@ from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import CONTROL_PERIOD
 
+OBSERVED: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
+"""Candidates for a model of observations alone: no ideal times of our own actions."""
+
 _EPISODES = 300  # more don't change what is read off, and take longer
 _GREATEST, _OFTEN = 0.995, 0.95  # quantiles that count as the greatest speed and acceleration
 _BACKWARD = (-0.1, 0.01)  # m/s, and the share of rows that are faster backward in an action that drives so
@@ -126,9 +129,6 @@ def _error(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> float:
     weights = np.linalg.lstsq(table, durations, rcond=None)[0]
     return float(np.mean(np.abs(durations - table @ weights)))
 
-
-OBSERVED: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
-"""The same for a model of observations alone: no ideal times of our own actions."""
 
 # M5' takes 15. With a few hundred starts the leaves are small, and a search along a heading runs into the
 # jumps between them: 10-fold cross-validation on the training episodes falls until about here.
