@@ -7,7 +7,7 @@ RUN := scripts/run
 BIN := install/lib/ator_ros
 ARGS ?=
 
-.PHONY: setup demo view run test test-long test-apt-versions lint format bench reproduce clean
+.PHONY: setup demo view run test test-long test-apt-versions lint format reproduce clean
 
 setup:
 	@scripts/setup
@@ -47,13 +47,10 @@ format: setup
 	@$(RUN) ruff check --fix
 	@$(RUN) ruff format
 
-bench: setup
-	@$(RUN) $(BIN)/bench $(ARGS)
-
 # Learn the shipped models again from nothing and make every table and figure: collect, train, evaluate.
 reproduce: setup
 	@scripts/run scripts/reproduce $(ARGS)
 
 clean:
-	rm -rf .venv .venv-apt .venv-peers build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-apt build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -11,7 +11,7 @@ EXECUTABLES = {
     "nodes": ("simulation", "executor", "refinement", "learning", "goal_pose"),
     "tools": (
         *("collect", "train", "gate", "calibrate_predictions", "evaluate"),
-        *("calibrate", "study", "qualify", "demo", "bench", "soak", "noise", "compare", "view", "plan"),
+        *("calibrate", "study", "demo", "view", "plan"),
     ),
 }
 DOMAINS = {

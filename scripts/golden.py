@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import itertools
 import json
 import math
 import re
@@ -27,19 +28,21 @@ import numpy as np
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.evaluation.policies import POLICIES, as_planned, naive, open_places, open_speeds, reopened
+from ator_ros.evaluation.policies import POLICIES, naive, reopened
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
-from ator_ros.evaluation.trials import Trial, random_trial
+from ator_ros.evaluation.trials import Trial, open_places, open_speeds, random_trial, with_headings
 from ator_ros.experience.collect import collect
 from ator_ros.experience.table import join
 from ator_ros.files import write_text
 from ator_ros.geometry import Pose
-from ator_ros.performance.training import OBSERVED, direct_of, train
+from ator_ros.performance.features import OBSERVED
+from ator_ros.performance.training import direct_of, train
 from ator_ros.planning.errors import PlanningError
 from ator_ros.planning.planner import chains_for
 from ator_ros.planning.search import search
 from ator_ros.planning.wanted import wish_from
 from ator_ros.refinement.chain_prediction import ChainPrediction
+from ator_ros.resources import resource_path
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import Command, ObjectState, RobotState, World
@@ -48,23 +51,34 @@ Json = dict[str, Any]
 Opening = Callable[[TopChain], TopChain]
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
 
-REFINED: dict[str, tuple[ToolsetSource, str, Opening, str]] = {
-    "default_heading": (ToolsetSource(), "dribble", as_planned, "learned"),
-    "default_speed": (ToolsetSource(), "dribble", open_speeds, "learned"),
-    "default_shot": (ToolsetSource(), "shoot", open_speeds, "learned"),
-    "default_place": (ToolsetSource(), "shoot", open_places, "learned"),
-    "observed_speed": (ToolsetSource(), "dribble", open_speeds, "observed"),
-    "bezier_heading": (ToolsetSource(action_set="bezier"), "dribble", as_planned, "learned"),
-    "drive_speed": (ToolsetSource(domain="drive"), "", open_speeds, "learned"),
-    "tour_heading": (ToolsetSource(domain="tour"), "", as_planned, "learned"),
-}
-"""By name: where robot, models and gate come from, the chain, what is opened, and the set of models."""
+
+def as_planned(chain: TopChain) -> TopChain:
+    """Return the chain with what the plan opens."""
+    return chain
+
+
+DEFAULT = ToolsetSource()
+REFINED: dict[str, tuple[ToolsetSource, str, Opening]] = {
+    "default_heading": (DEFAULT, "dribble", as_planned),
+    "default_speed": (DEFAULT, "dribble", open_speeds),
+    "default_shot": (DEFAULT, "shoot", open_speeds),
+    "default_place": (DEFAULT, "shoot", open_places),
+    "observed_speed": (
+        ToolsetSource(models=str(resource_path("models", "observed"))), "dribble", open_speeds
+    ),
+    "bezier_heading": (ToolsetSource(action_set="bezier"), "dribble", as_planned),
+    "drive_speed": (ToolsetSource(domain="drive"), "", open_speeds),
+    "tour_heading": (ToolsetSource(domain="tour"), "", as_planned),
+}  # fmt: skip
+"""By name: where robot, models and gate come from, the chain, and what is opened."""
+NAIVE = {"observed_speed": DEFAULT}
+"""The source of the naive chain, where it is another one."""
 
 TEST = Path(__file__).parent.parent / "test"
 EXECUTED: dict[str, tuple[ToolsetSource, str, str]] = {
     "dribble": (ToolsetSource(), "dribble", "gated_speed"),
     "shoot": (ToolsetSource(), "shoot", "gated_speed"),
-    "rolling_ball": (ToolsetSource(), "rolling", "refined_again"),
+    "rolling_ball": (ToolsetSource(), "rolling", "refined_along"),
     "bezier": (ToolsetSource(action_set="bezier"), "dribble", "gated"),
     "second_robot": (ToolsetSource(robot=str(TEST / "fifth.yaml")), "dribble", "bearing"),
     "drive": (ToolsetSource(domain="drive"), "", "gated"),
@@ -91,9 +105,9 @@ def _trials(source: ToolsetSource, chain: str, seed: int, count: int) -> Iterato
 
 def refined(name: str, count: int) -> list[Json]:
     """Return what refinement decides in `count` situations of one of `REFINED`; no deadline."""
-    source, chain, opening, models = REFINED[name]
-    tools, _ = tools_of(source)
-    refiner = tools.refiner(models, gated=True)
+    source, chain, opening = REFINED[name]
+    tools, _ = tools_of(NAIVE.get(name, source))
+    refiner = tools_of(source)[0].refiner(gated=True)
     found = []
     for trial in _trials(source, chain, 4001, count):
         start = naive(tools, trial).chain
@@ -133,18 +147,35 @@ def _commands() -> Iterator[list[Command]]:
         Simulation.command = original  # type: ignore[method-assign]
 
 
+def _bearings(trial: Trial) -> TopChain:
+    """Return the chain with the bearing of each subgoal from the preceding position as its heading."""
+    places = [trial.world.robot.pose, *(call.goal.pose for call in trial.chain.calls[:-1])]
+    pairs = enumerate(itertools.pairwise(places))
+    return with_headings(
+        trial.chain, {index: math.atan2(to.y - here.y, to.x - here.x) for index, (here, to) in pairs}
+    )
+
+
 def executed(name: str, count: int) -> list[Json]:
     """Return how `count` chains of one of `EXECUTED` are executed."""
     source, chain, policy = EXECUTED[name]
     domain, robot = find_domain(source.domain), source.described()
     library = make_library(robot, source)
-    tools = None if policy == "bearing" else tools_of(source)[0]
     found = []
     for trial in _trials(source, chain, 4002, count):
-        choice = POLICIES[policy](tools, trial)  # type: ignore[arg-type]  # bearings need no tools
+        executor: Any = None
+        if policy == "bearing":
+            set_chain = _bearings(trial)
+        elif policy == "refined_along":
+            sys.path.append(str(TEST))
+            from refined_along import refining_along
+
+            set_chain, executor = refining_along(tools_of(source)[0], library, trial)
+        else:
+            set_chain = POLICIES[policy](tools_of(source)[0], trial).chain
         with _commands() as sent:
             run = run_chain(
-                robot, library, trial.world, choice.chain, time_limit=domain.time_limit, along=choice.along
+                robot, library, trial.world, set_chain, time_limit=domain.time_limit, executor=executor
             )
         table = np.array([(command.v, command.w) for command in sent])
         found.append(
@@ -152,7 +183,7 @@ def executed(name: str, count: int) -> list[Json]:
                 "duration": run.duration,
                 "success": run.success,
                 "actions": list(run.actions),
-                "again": run.again,
+                "again": 0 if executor is None else executor.again,
                 "commands": len(sent),
                 "mean_v": float(table[:, 0].mean()),
                 "mean_w": float(table[:, 1].mean()),

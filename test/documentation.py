@@ -15,7 +15,7 @@ TOOLS = tuple(
     if script.module.startswith("ator_ros.tools.")  # as setup.py lists them
 )
 _PROGRAMS = (*TOOLS, "make", "ros2", "python", "pip", "dask", "apt", "sudo", "rosdep", "colcon", "cd", "cp")
-_WORDS = (*_PROGRAMS, "export", ".", "scripts/run", "for", "done", "python3", "paper_models")
+_WORDS = (*_PROGRAMS, "export", ".", "scripts/run", "for", "done", "python3")
 _VARIABLES = r"(?:[A-Z_]+=\S* )+"
 _FIRST = re.compile(rf"(?:{_VARIABLES})?(?:{'|'.join(map(re.escape, _WORDS))})(?=\s|$)|\w+=[~$']")
 _SPAN = re.compile(r"(?<!`)`([^`]+)`(?!`)")

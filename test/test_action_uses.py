@@ -6,6 +6,7 @@ import contextlib
 
 import pytest
 from carried import ROBOT
+from planned import slices_of
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step, started
 from ator_ros.domains.soccer import situations
@@ -13,7 +14,6 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.planned import shooting_room
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.shoot import Shoot
-from ator_ros.domains.soccer.quality.longest_ticks import slices_of, tick_times
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.experience.collect import episode_generator
 from ator_ros.geometry import Pose
@@ -22,6 +22,7 @@ from ator_ros.tops.conditions import Condition
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, RobotState, World
+from benchmarks.speed import tick_times
 
 START = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)))
 AHEAD = Goal(Pose(1.0, 0.0, 0.0))

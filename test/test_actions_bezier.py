@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from action_runs import Task, execute, execute_situation, tasks
 from scenarios import (
     Run,
     always_holds_the_ball,
@@ -27,7 +28,6 @@ from ator_ros.domains.soccer.bezier.driver import Driver, Style
 from ator_ros.domains.soccer.bezier.go_to_pose import TO_BALL, TO_POSE
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import field_of
-from ator_ros.domains.soccer.quality.action_quality import Task, execute, execute_situation, tasks
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot, load_robot

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from action_runs import KINDS, Task, execute, execute_situation
 from candidates import candidates_between
 from planned import planned
 
@@ -18,7 +19,6 @@ from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.holding import push
 from ator_ros.domains.soccer.planned.planner import free_sides
-from ator_ros.domains.soccer.quality.action_quality import KINDS, Task, execute, execute_situation
 from ator_ros.geometry import Pose
 from ator_ros.motion.durations import drive_time, straight_pieces, turn_pieces, turn_time
 from ator_ros.motion.manoeuvre import closed

@@ -16,13 +16,11 @@ FLOORS = [
     "printable",
     "resources",
     "schema",
-    "formats",
     "files",
     "compiled",
     "examples",
     "world",
     "robot",
-    "drawing",
     "motion",
     "actions",
     "tops",
@@ -34,7 +32,6 @@ FLOORS = [
     "domains",
     "planning",
     "evaluation",
-    "report",
     "learning",
     "viewing",
     "page",
@@ -105,24 +102,6 @@ def test_imports_point_down(floor: str) -> None:
 def test_only_nodes_and_tools_know_ros() -> None:
     knowing = {floor_of(file) for file in FILES if {name.split(".")[0] for name in imports(file)} & ROS}
     assert knowing == WITH_ROS
-
-
-@pytest.mark.parametrize(
-    ("floor", "foreign"),
-    [
-        ("report", ("ator_ros.simulation", "ator_ros.evaluation.chain_run")),
-        ("evaluation", ("ator_ros.drawing", "matplotlib")),
-        ("learning", ("ator_ros.drawing", "matplotlib")),
-    ],
-)
-def test_reports_execute_nothing_and_what_executes_draws_nothing(
-    floor: str, foreign: tuple[str, ...]
-) -> None:
-    files = [file for file in FILES if floor_of(file) == floor]
-    assert files
-    assert [
-        f"{file.name}: {name}" for file in files for name in imports(file) if name.startswith(foreign)
-    ] == []
 
 
 def test_nodes_start_without_what_only_learning_needs() -> None:

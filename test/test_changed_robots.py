@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import pytest
+from changed import CHANGES
 
 from ator_ros.actions.base import Action, Goal, Point, Status
 from ator_ros.domains.soccer.ball import BALL
@@ -15,7 +16,6 @@ from ator_ros.domains.soccer.planned.planned_action import PLAN_SHARE
 from ator_ros.domains.soccer.planned.reactions import Reaction, Reactions
 from ator_ros.domains.soccer.planned.strength_seen import StrengthSeen
 from ator_ros.geometry import Pose
-from ator_ros.learning.changed import CHANGES
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.run import place
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation

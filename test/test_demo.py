@@ -13,12 +13,12 @@ from pathlib import Path
 
 import pytest
 
-from ator_ros.domains.programs import Program
+from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import open_speeds, random_trial
 from ator_ros.robot.description import load_robot
+from ator_ros.tools.demo import DemoRun, DemoSituation, explanation, save_picture, table
 from ator_ros.tools.processes import NodeEndedError, NodeProcesses, NodesError
-from ator_ros.tools.work.demo_report import DemoRun, DemoSituation, explanation, save_picture, table
 from ator_ros.tops.chain import TopChain
 
 ROBOT = load_robot()
@@ -54,17 +54,15 @@ def test_the_table_tells_gains_and_failures() -> None:
 
 
 def test_it_explains_the_chain_and_what_is_open() -> None:
-    chain, opened, kinds = explanation(
-        "shoot", open_speeds(TRIAL.chain), {"shoot": "dribble and shoot"}
-    ).split("\n")
-    assert chain == "chain shoot: dribble and shoot (goToBall, dribbleBall, shoot)"
+    chain, opened, kinds = explanation("shoot", open_speeds(TRIAL.chain)).split("\n")
+    assert chain == "chain shoot: goToBall, dribbleBall, shoot"
     assert opened.startswith(
         "open, for refinement to choose: speed and yaw at the end of step 1 (goToBall); "
     )
     assert kinds.startswith("naive: ")
     closed = TopChain(tuple(dataclasses.replace(call, open=frozenset()) for call in TRIAL.chain.calls))
-    assert explanation("mine", closed, {}).split("\n")[:2] == [
-        "chain mine: 3 steps (goToBall, dribbleBall, shoot)",
+    assert explanation("mine", closed).split("\n")[:2] == [
+        "chain mine: goToBall, dribbleBall, shoot",
         "open, for refinement to choose: nothing",
     ]
 
@@ -110,7 +108,7 @@ def test_a_second_signal_leaves_no_process_behind(tmp_path: Path, number: signal
 
 def test_a_command_runs_in_its_folder_and_one_that_is_missing_is_named(tmp_path: Path) -> None:
     with NodeProcesses(tmp_path, 1) as nodes:
-        nodes.start_program(Program(command="touch 'made here'", folder=str(tmp_path)))
+        nodes.start_server(DeclaredServer(command="touch 'made here'", folder=str(tmp_path)))
         end = time.monotonic() + 10.0
         while not (tmp_path / "made here").exists() and time.monotonic() < end:
             time.sleep(0.01)
@@ -118,7 +116,7 @@ def test_a_command_runs_in_its_folder_and_one_that_is_missing_is_named(tmp_path:
         with pytest.raises(
             NodesError, match=r"servers: command: expected a program, got no_such_server 1: No"
         ):
-            nodes.start_program(Program(command=("no_such_server", "1"), folder=str(tmp_path)))
+            nodes.start_server(DeclaredServer(command=("no_such_server", "1"), folder=str(tmp_path)))
 
 
 def test_a_node_that_ends_by_itself_is_named_with_its_last_words(tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ from domain_files import CHAIN, PLACE, TOUR, file_of
 
 from ator_ros.actions.base import ActionError, Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
+from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.domain import Domain, DomainError, find_domain
-from ator_ros.domains.programs import Program
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.tour.stand_in import DriveToStandIn
 from ator_ros.geometry import Pose
@@ -107,7 +107,7 @@ def test_a_file_may_name_a_robot_its_bays_chains_drives_a_stand_in_and_servers(t
     assert robot.name == "small"
     assert len(robot.scene.bays) == 2
     assert domain.robot(ROOT / "config" / "pioneer.yaml").name == "pioneer_3dx"
-    assert domain.programs == (Program("fleet", "driver"),)
+    assert domain.servers == (DeclaredServer("fleet", "driver"),)
     assert domain.time_limit == 90.0
     assert domain.remote_servers() == ("navigate_to_pose",)
     _, chain = domain.chains["walk"](robot, domain.library(robot), np.random.default_rng(0))
@@ -120,7 +120,7 @@ def test_a_file_may_name_a_robot_its_bays_chains_drives_a_stand_in_and_servers(t
 @pytest.mark.parametrize("command", ["python3 my_server.py --speed '0.5 m/s'", ["python3", "my_server.py"]])
 def test_a_server_may_be_a_command_beside_the_file(tmp_path: Path, command: object) -> None:
     data = copy.deepcopy(TOUR) | {"servers": [{"command": command}, {"command": command, "folder": "ws"}]}
-    beside, below = find_domain(str(file_of(tmp_path, data))).programs
+    beside, below = find_domain(str(file_of(tmp_path, data))).servers
     assert beside.words[:2] == ["python3", "my_server.py"]
     assert beside.words[2:] in (["--speed", "0.5 m/s"], [])
     assert beside.name.startswith("python3 my_server.py")

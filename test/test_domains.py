@@ -13,14 +13,13 @@ from ator_ros.domains import domain as domains
 from ator_ros.domains.domain import DomainError, find_domain
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.evaluation.trials import random_trial
+from ator_ros.evaluation.trials import possible_actions, possible_chain, random_trial
 from ator_ros.experience.table import read_experience
 from ator_ros.geometry import Pose
 from ator_ros.performance.features import CANDIDATES, GENERAL, names_of
 from ator_ros.planning.planner import task_for
 from ator_ros.robot.description import ConfigError, load_robot
 from ator_ros.tools import collect
-from ator_ros.tools.work.possible import possible_actions, possible_chain
 from ator_ros.viewing.desk import Desk
 from ator_ros.world.state import ObjectState, RobotState, World
 

@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ator_ros.evaluation.drawn_errors import DRAWS, LEAST, fit_to_drawn_errors, with_drawn_errors
-from ator_ros.evaluation.gate_learning import GateExamples, compare_gates
+from ator_ros.evaluation.gate_learning import (
+    DRAWS,
+    LEAST,
+    GateExamples,
+    compare_gates,
+    fit_to_drawn_errors,
+    with_drawn_errors,
+)
 from ator_ros.refinement.gate import FEATURES
 
 

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import shutil
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
 import pytest
 from refinement_fakes import LIBRARY, ROBOT, models
 
@@ -21,33 +18,18 @@ from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.situations import SHORTEST
 from ator_ros.domains.soccer.thresholds import ball_clearance
 from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.evaluation.heuristics import FORMAT as BASELINES_FORMAT
-from ator_ros.evaluation.heuristics import (
-    LinearTime,
-    arriving,
-    bitbots,
-    booster,
-    linear_terms,
-    load_baselines,
-    refit,
-)
-from ator_ros.evaluation.policies import MODEL_SETS, OBSERVED, POLICIES, Toolset
+from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.situation import Executions
-from ator_ros.evaluation.toolset import BASELINES, ToolsetSource, tools_of
+from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import (
     Trial,
     open_speeds,
     random_trial,
     with_headings,
 )
-from ator_ros.execution.remaining import with_followed
 from ator_ros.refinement.gate import OpenGate, ThresholdGate
 from ator_ros.resources import resource_path
 from ator_ros.tops.chain import TopChain
-from ator_ros.tops.objects import at_rest
-
-HEADED = arriving(SOCCER.tops)
 
 
 def trial(index: int = 0, chain: str = "dribble") -> Trial:
@@ -56,9 +38,7 @@ def trial(index: int = 0, chain: str = "dribble") -> Trial:
 
 @pytest.fixture(scope="module")
 def tools() -> Toolset:
-    plain = {action: bitbots(ROBOT, arrives=action in HEADED) for action in models()}
-    sets = dict.fromkeys((*MODEL_SETS, OBSERVED), plain)
-    return Toolset(SOCCER, ROBOT, {"learned": models(), **sets}, ThresholdGate(0.1))
+    return Toolset(SOCCER, ROBOT, models(), ThresholdGate(0.1))
 
 
 class TestTrials:
@@ -103,14 +83,10 @@ class TestPolicies:
         for chain in SOCCER.chains:
             drawn = trial(1, chain)
             chosen = POLICIES[name](tools, drawn).chain
-            if name == "refined_foreseen":
-                rest = at_rest(drawn.world, ROBOT)
-                drawn = Trial(drawn.index, rest, with_followed(drawn.chain, rest, ROBOT))
             assert chosen.violations(drawn.world, ROBOT) == []
             for plan, call in zip(drawn.chain.calls, chosen.calls, strict=True):
-                if not name.endswith("_free") or plan.top.name == "goToBall":
-                    assert call.goal.pose[:2] == plan.goal.pose[:2]
-                if not name.endswith(("_speed", "_free", "_foreseen", "_again")):
+                assert call.goal.pose[:2] == plan.goal.pose[:2]
+                if not name.endswith("_speed"):
                     assert call.goal.speed == 0.0
 
     def test_face_goal_puts_the_ball_between_robot_and_goal(self, tools: Toolset) -> None:
@@ -119,12 +95,6 @@ class TestPolicies:
         robot = chosen.calls[0].goal.robot_pose(ROBOT)
         ball, goal = chosen.calls[0].goal.pose, chosen.calls[1].goal.pose
         assert robot.distance(ball) + ball.distance(goal) == pytest.approx(robot.distance(goal))
-
-    def test_bearing_points_from_robot_to_ball(self, tools: Toolset) -> None:
-        drawn = trial(2)
-        yaw = POLICIES["bearing"](tools, drawn).chain.calls[0].goal.pose.yaw
-        robot, ball = drawn.world.robot.pose, drawn.chain.calls[0].goal.pose
-        assert robot.ahead(0.0)._replace(yaw=yaw).ahead(robot.distance(ball)).distance(ball) < 1e-9
 
     def test_closed_gate_leaves_the_naive_chain(self, tools: Toolset) -> None:
         closed = dataclasses.replace(tools, gate=ThresholdGate(1000.0))
@@ -139,37 +109,6 @@ class TestPolicies:
             POLICIES["refined_speed"](bold, trial(index)).chain.calls[0].goal.speed for index in range(5)
         ]
         assert max(speeds) > 0.2
-
-
-class TestHeuristics:
-    def test_published_coefficients(self) -> None:
-        direct = {
-            "x": 0.0, "y": 0.0, "yaw": 0.5, "v": 0.0, "w": 0.0,
-            "xg": 2.0, "yg": 0.0, "yawg": 1.0, "speedg": 0.0, "hold": 0.0,
-        }  # fmt: skip
-        assert bitbots(ROBOT, arrives=True).predict(direct).duration == pytest.approx([14.0 + 3.82 * 1.5])
-        assert booster(ROBOT, arrives=True).predict(direct).duration == pytest.approx([2.0 + 0.5 + 1.33])
-
-    @pytest.mark.parametrize("team", [bitbots, booster])
-    def test_refit_finds_the_coefficients_that_made_the_times(self, team: object) -> None:
-        rng = np.random.default_rng(0)
-        rows = pd.DataFrame(rng.uniform(-3.0, 3.0, (200, 6)), columns=["x", "y", "yaw", "xg", "yg", "yawg"])
-        rows["hold"] = 1.0
-        hand_set = team(ROBOT, arrives=True)  # type: ignore[operator]
-        alike = hand_set.per_start_turn == hand_set.per_goal_turn
-        truth = LinearTime(1.1, 0.7, 0.7 if alike else 0.4, ROBOT.hold, constant=0.3)
-        rows["duration"] = truth.predict(rows).duration
-        found = refit(hand_set, rows.assign(v=0.0, w=0.0, speedg=0.0))
-        assert dataclasses.astuple(found) == pytest.approx(dataclasses.astuple(truth))
-
-    def test_a_held_ball_is_approached_with_the_axle_behind_it(self) -> None:
-        direct = {"x": 0.0, "y": 0.0, "yaw": 0.0, "xg": 2.0, "yg": 0.0, "yawg": 0.0, "hold": 1.0}
-        distance, *turns = linear_terms(direct, 0.3)
-        assert distance == pytest.approx(1.7)
-        assert turns == [0.0, 0.0]
-
-    def test_shots_have_no_heading_at_the_goal(self) -> None:
-        assert "yawg" not in bitbots(ROBOT, arrives="shoot" in HEADED).used_variables
 
 
 class TestExecution:
@@ -224,30 +163,3 @@ def test_a_gate_that_was_learned_meanwhile_is_used(tmp_path: Path) -> None:
     assert tools_of(source)[0] is before
     shutil.copy(shipped / "gate.json", tmp_path)
     assert not isinstance(tools_of(source)[0].gate, OpenGate)
-
-
-def test_baselines_say_their_version(tmp_path: Path) -> None:
-    shipped = resource_path("models") / BASELINES
-    data = json.loads(shipped.read_text(encoding="utf-8"))
-    file = tmp_path / BASELINES
-    file.write_text(BASELINES_FORMAT.text({"models": data["models"]}))
-    assert file.read_text() == shipped.read_text()
-    assert load_baselines(file, ROBOT) == load_baselines(shipped, ROBOT)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"schema_version": 2}, "schema_version: expected 1 to 1, got 2"),
-        ({"format": "ator_ros gate"}, "format: expected 'ator_ros baselines'"),
-        ({"models": {}}, "models: expected bitbots_refitted, booster_refitted; missing"),
-        ({"models": {"booster_refitted": {"shoot": {}}}}, r"booster_refitted.shoot: expected the fields"),
-    ],
-)
-def test_baselines_that_cannot_be_used_are_told(
-    tmp_path: Path, change: dict[str, object], message: str
-) -> None:
-    data = json.loads((resource_path("models") / BASELINES).read_text(encoding="utf-8"))
-    (tmp_path / BASELINES).write_text(json.dumps(data | change))
-    with pytest.raises(EvaluationError, match=message):
-        load_baselines(tmp_path / BASELINES, ROBOT)

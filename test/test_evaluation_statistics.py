@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.gate_learning import (
     GateExamples,
     better_kind,
@@ -19,9 +18,10 @@ from ator_ros.evaluation.gate_learning import (
     fit_tree,
     gate_examples,
 )
+from ator_ros.evaluation.running import PartialResults, read_result, to_columns, to_records, write_result
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.statistics import labels, mean_interval, outcomes, prediction_errors, summarise
-from ator_ros.evaluation.storage import PartialResults, read_result, to_columns, to_records, write_result
+from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.refinement.gate import FEATURES, ThresholdGate
 
 

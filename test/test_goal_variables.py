@@ -19,8 +19,7 @@ from ator_ros.actions.goal_variables import GoalVariable, goal_values, with_valu
 from ator_ros.actions.remote import Filling, RemoteCall
 from ator_ros.domains import domain as domains
 from ator_ros.domains.domain import Domain, DomainError
-from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.evaluation.trials import random_trial
+from ator_ros.evaluation.trials import EvaluationError, random_trial
 from ator_ros.experience.collect import collect
 from ator_ros.experience.columns import columns, goal_variables_of_columns
 from ator_ros.experience.errors import ExperienceError

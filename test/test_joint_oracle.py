@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ator_ros.domains.domain import find_domain
-from ator_ros.evaluation.joint_oracle import (
+from ator_ros.evaluation.situation import (
     Tried,
     best_headings,
     candidates,
@@ -18,7 +18,7 @@ from ator_ros.evaluation.joint_oracle import (
     predicted_legs,
     promising,
 )
-from ator_ros.evaluation.policies import Toolset
+from ator_ros.evaluation.toolset import Toolset
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
 from ator_ros.geometry import FloatArray, wrap_angle
 from ator_ros.refinement.gate import OpenGate
@@ -47,7 +47,7 @@ class Model:
         return SimpleNamespace(duration=np.array([turned(*row) for row in zip(*columns, strict=True)]))
 
 
-TOOLS = Toolset(DOMAIN, ROBOT, {"learned": {"drive_to": Model()}}, OpenGate())
+TOOLS = Toolset(DOMAIN, ROBOT, {"drive_to": Model()}, OpenGate())
 
 
 def trial(index: int) -> Trial:

@@ -14,13 +14,13 @@ from driving import LATE, Base, Drive, drive
 from executions import LIBRARY, ROBOT, chain
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.evaluation.noise import REALISTIC
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.motion_watch import Driving, MotionWatch, Thresholds
 from ator_ros.execution.phases import Ending
 from ator_ros.geometry import Pose
 from ator_ros.robot.response import ramped
+from ator_ros.simulation.sensors import REALISTIC
 from ator_ros.world.state import STOP, Command, RobotState, World
 
 TICK = 0.05

@@ -7,8 +7,7 @@ import dataclasses
 import pytest
 
 from ator_ros.evaluation.open_variables import OpenVariable, open_variables
-from ator_ros.evaluation.policies import Toolset
-from ator_ros.evaluation.toolset import ToolsetSource, tools_of
+from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial
 from ator_ros.refinement.gate import ThresholdGate
 
@@ -37,18 +36,18 @@ def test_gains_are_told_for_each_variable_alone(tools: Toolset, trials: list[Tri
 
 
 def test_a_model_that_never_saw_arrivals_at_speed_is_named(tools: Toolset, trials: list[Trial]) -> None:
-    model = tools.models["learned"]["dribbleBall"]
+    model = tools.models["dribbleBall"]
     training = model.metadata["training"]
     starts = {**training["starts"], "v": [0.0, 0.0]}
     slow = dataclasses.replace(model, metadata={**model.metadata, "training": {**training, "starts": starts}})
-    models = {"learned": {**tools.models["learned"], "dribbleBall": slow}}
+    models = {**tools.models, "dribbleBall": slow}
     speed = found(dataclasses.replace(tools, models=models), trials)["speed"]
     assert speed.free == 0.0
     assert speed.explanation == "no experience: beyond the experience of dribbleBall: v from 0.00 to 0.00"
 
 
 def test_an_action_without_a_model_is_named(tools: Toolset, trials: list[Trial]) -> None:
-    models = {"learned": {"goToPose": tools.models["learned"]["goToPose"]}}
+    models = {"goToPose": tools.models["goToPose"]}
     yaw = found(dataclasses.replace(tools, models=models), trials)["yaw"]
     assert yaw.explanation.startswith("no experience: of unknown effect: step 2 (dribbleBall)")
 

@@ -23,8 +23,6 @@ from ator_ros.evaluation.trials import random_trial, with_headings
 from ator_ros.experience.collect import EpisodeTask, episode_generator, run_task
 from ator_ros.geometry import Pose
 from ator_ros.nodes.simulation_settings import robots_of
-from ator_ros.performance.model_file import load_model
-from ator_ros.resources import resource_path
 from ator_ros.robot.description import Limits, NoHolderError, Robot, load_robot
 from ator_ros.simulation.run import place, run_action
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
@@ -133,13 +131,6 @@ def test_nodes_take_each_file_and_a_naive_chain_succeeds(file: Path) -> None:
     chain = with_headings(trial.chain, {0: math.atan2(first.y - start.y, first.x - start.x)})
     done = run_chain(robot, library, trial.world, chain)
     assert done.success, done.reason
-
-
-def test_figures_of_a_robot_without_a_holder_show_what_it_does() -> None:
-    plain = dataclasses.replace(PIONEER, holder=None)
-    model = load_model(resource_path("models", "goToPose.json"), PIONEER, SOCCER.known_features)
-    ((_, caption),) = SOCCER.presentation.figures(plain, {"goToPose": model}, SOCCER.library(plain))
-    assert caption.startswith("Figure 4")
 
 
 def test_a_weak_robot_that_catches_up_with_its_plan_does_not_run_past_the_goal() -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.running import PARTIAL, PartialResults
 from ator_ros.evaluation.situation import Record, Settings
-from ator_ros.evaluation.storage import PARTIAL, PartialResults
+from ator_ros.evaluation.trials import EvaluationError
 
 
 def record(index: int) -> Record:

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from candidates import candidates_between
+from planned import slices_of
 
 from ator_ros.actions.base import ActionError, Goal, Point, Status
 from ator_ros.domains.soccer.ball import BALL, ball_of, objects_of
@@ -18,7 +19,6 @@ from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.planned.planner import free_sides, run_sides
 from ator_ros.domains.soccer.planned.screening import Verdict, screened
-from ator_ros.domains.soccer.quality.longest_ticks import hard_situations, slices_of
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
 from ator_ros.motion import planning
@@ -26,6 +26,7 @@ from ator_ros.motion.manoeuvre import closed
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import ObjectState, RobotState, World
+from benchmarks.speed import hard_situations
 
 ROBOT = load_robot()
 LIMITS = GoToPose(ROBOT).plan_limits

@@ -18,9 +18,8 @@ from ator_ros.evaluation.calibration_learning import (
     fit_calibration,
     step_examples,
 )
-from ator_ros.evaluation.errors import EvaluationError
 from ator_ros.evaluation.policies import Toolset, naive
-from ator_ros.evaluation.trials import random_trial
+from ator_ros.evaluation.trials import EvaluationError, random_trial
 from ator_ros.execution.predictions import Predictor
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement import RefinementError
@@ -41,7 +40,7 @@ from ator_ros.refinement.gate import OpenGate, ThresholdGate
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.resources import resource_path
-from ator_ros.tools.work.calibrate_predictions import joined
+from ator_ros.tools.calibrate_predictions import joined
 from ator_ros.tops.chain import TopChain
 
 LEARNED = load_models(ROBOT, SOCCER.known_features)
@@ -269,7 +268,7 @@ def test_too_few_situations_are_refused() -> None:
 
 
 def test_steps_of_executed_chains_are_those_that_were_predicted() -> None:
-    tools = Toolset(SOCCER, ROBOT, {"learned": LEARNED}, OpenGate(), ALWAYS)
+    tools = Toolset(SOCCER, ROBOT, LEARNED, OpenGate(), ALWAYS)
     trial = random_trial(SOCCER, "shoot", LIBRARY, seed=777, index=3)
     choice = naive(tools, trial)
     chosen = [[call.goal.pose.yaw, call.goal.speed] for call in choice.chain.calls[:-1]]

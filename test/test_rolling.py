@@ -5,12 +5,13 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
+from refined_along import Along, RefinedAlong
 
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.evaluation.policies import POLICIES, Toolset
-from ator_ros.evaluation.toolset import ToolsetSource, make_library, make_toolset
+from ator_ros.evaluation.chain_run import ChainRun, run_chain
+from ator_ros.evaluation.policies import POLICIES
+from ator_ros.evaluation.toolset import Toolset, ToolsetSource, make_library, make_toolset
 from ator_ros.evaluation.trials import Trial, random_trial
 from ator_ros.tops.objects import at_rest
 
@@ -42,30 +43,22 @@ def test_the_plan_names_the_place_at_the_start_and_the_ball_rests_before_it_can_
         assert rolling <= drawn.world.robot.pose.distance(there) / tools.robot.limits.v
 
 
-def test_a_foreseeing_policy_refines_for_where_the_ball_will_rest(tools: Toolset) -> None:
-    drawn = trial(tools, 0)
-    rest = at_rest(drawn.world, tools.robot).objects[BALL]
-    foreseen = POLICIES["refined_foreseen"](tools, drawn).chain.calls[0].goal.pose
-    once = POLICIES["refined_speed"](tools, drawn).chain.calls[0].goal.pose
-    assert foreseen[:2] == (rest.x, rest.y)
-    assert once[:2] == drawn.chain.calls[0].goal.pose[:2]
-
-
 def test_with_no_questions_it_takes_as_long_as_without_them_and_with_them_it_is_changed(
     tools: Toolset,
 ) -> None:
-    drawn = trial(tools, 1)
-    choice = POLICIES["refined_again"](tools, drawn)
-    assert choice.along is not None
-    library = make_library(tools.robot, SOURCE)
+    drawn, library = trial(tools, 1), make_library(tools.robot, SOURCE)
+    choice = POLICIES["refined_speed"](tools, drawn)
+    assert choice.refinement is not None
+    along = Along((choice.refinement.original,), tools.refiner(gated=True))
+
+    def run(along: Along) -> tuple[ChainRun, int]:
+        executor = RefinedAlong(library, choice.chain, along, time_limit=SOCCER.time_limit)
+        done = run_chain(tools.robot, library, drawn.world, choice.chain, executor=executor)
+        return done, executor.again
+
     once = run_chain(tools.robot, library, drawn.world, choice.chain)
-    never = dataclasses.replace(choice.along, again_after=0.0)
-    assert (
-        dataclasses.replace(
-            run_chain(tools.robot, library, drawn.world, choice.chain, along=never), reason=once.reason
-        )
-        == once
-    )
-    again = run_chain(tools.robot, library, drawn.world, choice.chain, along=choice.along)
+    never, _ = run(dataclasses.replace(along, again_after=0.0))
+    assert dataclasses.replace(never, reason=once.reason) == once
+    again, changes = run(along)
     assert again.success
-    assert (once.again, again.again >= 1) == (0, True)
+    assert changes >= 1

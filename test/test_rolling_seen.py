@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from changed import CHANGES
 
 from ator_ros.actions.base import ActionError
 from ator_ros.domains.soccer.domain import SOCCER
@@ -17,7 +18,6 @@ from ator_ros.evaluation.trials import random_trial
 from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.step_run import ActionRecord
 from ator_ros.geometry import Pose
-from ator_ros.learning.changed import CHANGES
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from action_runs import situation_of, tasks
 from robots import HEAVY, PIONEER, PLAIN
 
 from ator_ros.actions import TIME_LIMIT
@@ -19,7 +20,6 @@ from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.planned import shooting_room
 from ator_ros.domains.soccer.planned.shooting_room import has_room
-from ator_ros.domains.soccer.quality.action_quality import situation_of, tasks
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.tools import collect

@@ -17,9 +17,10 @@ from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.experience.episode import Episode, run_episode
 from ator_ros.experience.table import episode_frame, join
 from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.performance.features import OBSERVED
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_models
-from ator_ros.performance.training import OBSERVED, train
+from ator_ros.performance.training import train
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.run import place, run_action

@@ -17,18 +17,14 @@ import pytest
 from experience_rows import made_up_experience
 
 from ator_ros.evaluation import running
-from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.evaluation.running import results_in, run_situations
+from ator_ros.evaluation.report import write_report
+from ator_ros.evaluation.running import PARTIAL, PartialResults, results_in, run_situations
 from ator_ros.evaluation.situation import Record, Settings
-from ator_ros.evaluation.storage import PARTIAL, PartialResults
+from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.experience.table import join, read_experience
 from ator_ros.files import reserved
-from ator_ros.report.evaluation_page import write_report
 from ator_ros.tools import collect, evaluate
-from ator_ros.tools.guard import INTERRUPTED, ending_signals, guarded, undisturbed
-from ator_ros.tools.work import collect as collect_work
-from ator_ros.tools.work import evaluate as evaluate_work
-from ator_ros.tools.work.until_stopped import until_stopped
+from ator_ros.tools.guard import INTERRUPTED, ending_signals, guarded, undisturbed, until_stopped
 
 
 @pytest.fixture
@@ -194,21 +190,22 @@ def test_a_place_without_room_gets_no_folder(limit_files: Callable[[int], None],
 
 
 def test_a_disk_that_fills_loses_no_situation(small_disk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(running, "run_tasks", at_once)
     settings = Settings(seed=1)
 
-    def progress(records: Iterable[Record], done: int, total: int) -> Iterator[Record]:
-        for record in records:
+    def filling(*args: Any, **options: Any) -> Iterator[Record]:
+        for record in at_once(*args, **options):
             if record["index"] == 2:
                 fill(small_disk)
             yield record
 
+    monkeypatch.setattr(running, "run_tasks", filling)
     with pytest.raises(
         EvaluationError, match=r"No space left on device; [34] of 5 situations are kept"
     ) as told:
-        run_situations(settings, situations=5, folder=small_disk, progress=progress)
+        run_situations(settings, situations=5, folder=small_disk)
     assert "\n" not in str(told.value)
     (small_disk / "fill").unlink()
+    monkeypatch.setattr(running, "run_tasks", at_once)
     kept = PartialResults(small_disk, settings, settings.source.digest(settings.policies, settings.chain))
     assert list(kept.records) in ([0, 1, 2], [0, 1, 2, 3])
     records = run_situations(settings, situations=5, folder=small_disk)
@@ -228,18 +225,19 @@ def test_room_that_is_missing_is_named(limit_files: Callable[[int], None], tmp_p
 def test_a_write_that_fails_loses_no_situation(
     limit_files: Callable[[int], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(running, "run_tasks", at_once)
     settings = Settings(seed=1)
 
-    def progress(records: Iterable[Record], done: int, total: int) -> Iterator[Record]:
-        for record in records:
+    def limiting(*args: Any, **options: Any) -> Iterator[Record]:
+        for record in at_once(*args, **options):
             if record["index"] == 2:
                 limit_files((tmp_path / PARTIAL).stat().st_size + 1000)
             yield record
 
+    monkeypatch.setattr(running, "run_tasks", limiting)
     with pytest.raises(EvaluationError, match=r"File too large; 2 of 5 situations are kept"):
-        run_situations(settings, situations=5, folder=tmp_path, progress=progress)
+        run_situations(settings, situations=5, folder=tmp_path)
     limit_files(resource.RLIM_INFINITY)
+    monkeypatch.setattr(running, "run_tasks", at_once)
     kept = PartialResults(tmp_path, settings, settings.source.digest(settings.policies, settings.chain))
     assert list(kept.records) == [0, 1]
     records = run_situations(settings, situations=5, folder=tmp_path)
@@ -257,7 +255,7 @@ def test_two_evaluations_do_not_share_a_folder(
         codes.append(evaluate.main([*words, "--out", str(tmp_path)]))
         return write_report(*args)
 
-    monkeypatch.setattr(evaluate_work, "write_report", report)
+    monkeypatch.setattr(evaluate, "write_report", report)
     assert evaluate.main([*words, "--out", str(tmp_path)]) == 0
     assert codes == [1]
     assert "another command is writing there" in capsys.readouterr().err
@@ -273,7 +271,7 @@ def test_collect_keeps_its_table_elsewhere_when_the_disk_fills(
         free_what_is_reserved(small_disk)
         fill(small_disk)
 
-    monkeypatch.setattr(collect_work, "collect", filling)
+    monkeypatch.setattr(collect.simulated, "collect", filling)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     file = small_disk / "table.parquet"
     assert collect.main(["--actions", "goToPose", "--episodes", "3", "--out", str(file)]) == 1
@@ -295,8 +293,8 @@ def test_a_second_signal_while_the_table_is_joined_loses_nothing(
         os.kill(os.getpid(), signal.SIGTERM)
         return join(frames)
 
-    monkeypatch.setattr(collect_work, "collect", stopped)
-    monkeypatch.setattr(collect_work, "join", joined)
+    monkeypatch.setattr(collect.simulated, "collect", stopped)
+    monkeypatch.setattr(collect, "join", joined)
     file = tmp_path / "table.parquet"
     words = ["--actions", "goToPose", "--episodes", "9", "--out", str(file)]
     assert collect.main(words) == INTERRUPTED

@@ -27,7 +27,6 @@ from ator_ros.refinement.gate import ThresholdGate, load_gate, save_gate
 from ator_ros.robot.description import load_robot
 from ator_ros.tools import collect, train
 from ator_ros.tools.guard import INTERRUPTED
-from ator_ros.tools.work import collect as collect_work
 
 ROBOT = load_robot()
 
@@ -90,7 +89,7 @@ def test_collect_keeps_the_finished_episodes_on_ctrl_c(
         yield made_up_experience("goToPose", episodes=3)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(collect_work, "collect", interrupted)
+    monkeypatch.setattr(collect.simulated, "collect", interrupted)
     file = tmp_path / "part.parquet"
     assert collect.main(["--actions", "goToPose", "--out", str(file)]) == INTERRUPTED
     experience = read_experience(file)
@@ -106,7 +105,7 @@ def test_collect_writes_nothing_where_no_episode_has_ended(
         raise KeyboardInterrupt
         yield
 
-    monkeypatch.setattr(collect_work, "collect", interrupted)
+    monkeypatch.setattr(collect.simulated, "collect", interrupted)
     file = tmp_path / "none.parquet"
     assert collect.main(["--actions", "goToPose", "--out", str(file)]) == INTERRUPTED
     assert list(tmp_path.iterdir()) == []
@@ -120,7 +119,7 @@ def test_collect_keeps_the_finished_episodes_when_a_worker_is_killed(
         yield made_up_experience("goToPose", episodes=3)
         yield from run_tasks(die, [signal.SIGKILL] * 2, jobs=2)
 
-    monkeypatch.setattr(collect_work, "collect", broken)
+    monkeypatch.setattr(collect.simulated, "collect", broken)
     file = tmp_path / "part.parquet"
     assert collect.main(["--actions", "goToPose", "--out", str(file)]) == 1
     assert read_experience(file).frame["episode"].nunique() == 3
@@ -183,10 +182,10 @@ def test_collect_continues_after_ctrl_c_and_with_more_episodes(
         yield next(collected(*args, **options))
         raise KeyboardInterrupt
 
-    collected, file = collect_work.collect, tmp_path / "t.parquet"
+    collected, file = collect.simulated.collect, tmp_path / "t.parquet"
     words = ["--actions", "goToPose", "--seed", "9", "--jobs", "1", "--out", str(file), "--episodes"]
     with monkeypatch.context() as patched:
-        patched.setattr(collect_work, "collect", interrupted)
+        patched.setattr(collect.simulated, "collect", interrupted)
         assert collect.main([*words, "2"]) == INTERRUPTED
     assert collect.main([*words, "3"]) == 0
     assert read_experience(file).frame["episode"].unique().tolist() == [0, 1, 2]
@@ -203,7 +202,7 @@ def test_finished_episodes_of_other_settings_are_not_continued(
         yield made_up_experience("goToPose", episodes=1)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(collect_work, "collect", interrupted)
+    monkeypatch.setattr(collect.simulated, "collect", interrupted)
     common = ["--actions", "goToPose", "--out", str(tmp_path / "t.parquet")]
     assert collect.main(common) == INTERRUPTED
     (kept,) = (file for file in tmp_path.iterdir() if file.suffix == ".jsonl")
@@ -277,7 +276,6 @@ import signal
 import sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job would ignore Ctrl-C
 from ator_ros.tools import collect
-from ator_ros.tools.work import collect as work
 
 class Bar:
     def __init__(self, episodes, **options):
@@ -291,7 +289,7 @@ class Bar:
     def close(self):
         self.episodes.close()
 
-work.tqdm = Bar
+collect.tqdm = Bar
 sys.exit(collect.main(sys.argv[1:]))
 """
 """Runs `collect` and tells how far it is."""

@@ -10,14 +10,12 @@ import pytest
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.open_variables import OpenVariable
-from ator_ros.evaluation.study_result import FORMAT, MeasuredAction, StudyResult
-from ator_ros.files import read_json
-from ator_ros.report.study_page import study_page
+from ator_ros.evaluation.study import KIND, MeasuredAction, StudyResult, study_page
+from ator_ros.evaluation.trials import possible_actions, possible_chain
+from ator_ros.files import load, save
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import load_robot
-from ator_ros.schema import structured, unstructured
 from ator_ros.tools.study import main
-from ator_ros.tools.work.possible import possible_actions, possible_chain
 
 PIONEER = resource_path("config", "pioneer.yaml").read_text(encoding="utf-8")
 
@@ -44,7 +42,7 @@ def studied(robot: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.long
 def test_it_says_what_the_actions_and_refinement_are_like(studied: Path, robot: Path) -> None:
-    told = structured(FORMAT.content(read_json(studied / "study.json")), StudyResult, closed=True)
+    told = load(studied / "study.json", KIND, StudyResult)
     assert told.robot_digest == load_robot(robot).digest() != load_robot().digest()
     assert list(told.actions) == ["goToPose", "dribbleBall", "shoot"]
     for row in told.actions.values():
@@ -90,13 +88,14 @@ def test_a_folder_of_another_study_is_refused(
     assert "settings.json: seed: expected 5 as in the folder's study, got 6" in capsys.readouterr().err
 
 
-def test_a_study_without_a_chain_is_written_read_and_shown() -> None:
+def test_a_study_without_a_chain_is_written_read_and_shown(tmp_path: Path) -> None:
     actions = {"goToPose": MeasuredAction(4, 0.0, None, {}, {"lost": 4})}
     whole = StudyResult(
         "study", "cart", "0", "soccer", "default", actions, {"shoot": "no holder"}, None, None,
         (OpenVariable(2, "visit", "yaw", 0.25, 0.0, "no effect: the models say so"),),
     )  # fmt: skip
-    read = structured(FORMAT.content(json.loads(FORMAT.text(unstructured(whole)))), StudyResult, closed=True)
+    save(tmp_path / "study.json", KIND, whole)
+    read = load(tmp_path / "study.json", KIND, StudyResult)
     assert read == whole
     page = study_page(read)
     assert "no holder" in page

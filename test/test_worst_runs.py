@@ -10,7 +10,8 @@ import pytest
 from in_process_stage import InProcessStage
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.evaluation.running import KIND
+from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.files import head
 from ator_ros.viewing.desk import Desk
 from ator_ros.viewing.worst import worst_trials
@@ -55,7 +56,7 @@ DAMAGE: dict[str, tuple[tuple[str, ...], object]] = {
 def test_an_evaluation_that_makes_no_sense_is_told_in_one_line(tmp_path: Path, field: str) -> None:
     runs = {"duration": [2.0, 3.0], "success": [True, False]}
     data: dict[str, Any] = {
-        **head("evaluation"), "summary": {"situations": 10**15},
+        **head(KIND), "summary": {"situations": 10**15},
         "settings": {"seed": 3, "chain": "dribble", "source": {"action_set": "default"}},
         "runs": {"index": [4, 7], "policies": {"naive": runs, "gated": dict(runs)}},
     }  # fmt: skip

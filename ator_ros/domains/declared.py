@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import shlex
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,7 +13,6 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, GoalVariable
 from ator_ros.actions.remote import LONGEST, RemoteCall
 from ator_ros.domains.declared_situations import DeclaredChain, DeclaredDrives
-from ator_ros.domains.programs import Program
 from ator_ros.files import is_name
 from ator_ros.robot.description import Robot
 from ator_ros.schema import require
@@ -168,6 +168,51 @@ class DeclaredVariable:
 
 
 @dataclass(frozen=True, slots=True)
+class DeclaredServer:
+    """An action server that tools start beside our nodes: an executable of a ROS package, or a command.
+
+    Attributes
+    ----------
+    package, executable : str
+        As `ros2 run PACKAGE EXECUTABLE` starts it.
+    command : str or tuple of str
+        In place of both: the words of a command. A text is split as a shell does.
+    folder : str
+        The folder in which the command runs; in a domain's file relative to the file.
+    """
+
+    package: str = ""
+    executable: str = ""
+    command: str | tuple[str, ...] = ()
+    folder: str = ""
+
+    def __post_init__(self) -> None:
+        """Check that there is either an executable or a command."""
+        if self.command:
+            alone = not (self.package or self.executable)
+            require(alone, "command", "none beside package and executable", self.command)
+            try:
+                found = bool(self.words)
+            except ValueError:  # a quotation that does not end
+                found = False
+            require(found, "command", "words as in a shell", self.command)
+            return
+        for field in ("package", "executable"):
+            name = getattr(self, field)
+            require(is_name(name), field, "a name of letters, digits and _ (or `command`)", name)
+
+    @property
+    def words(self) -> list[str]:
+        """The words of the command; empty without one."""
+        return shlex.split(self.command) if isinstance(self.command, str) else list(self.command)
+
+    @property
+    def name(self) -> str:
+        """The executable, or the command in one line."""
+        return self.executable or shlex.join(self.words)
+
+
+@dataclass(frozen=True, slots=True)
 class DeclaredDomain:
     """A whole file; see docs/remote_actions.md."""
 
@@ -179,7 +224,7 @@ class DeclaredDomain:
     chains: tuple[DeclaredChain, ...] = ()
     robot: str | None = None
     bays: bool = False
-    servers: tuple[Program, ...] = ()
+    servers: tuple[DeclaredServer, ...] = ()
     time_limit: float = TIME_LIMIT
 
     def __post_init__(self) -> None:

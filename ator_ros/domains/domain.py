@@ -1,10 +1,10 @@
-"""Domains: what they consist of, and how installed ones are found."""
+"""Domains: what they consist of, how installed ones are found, and how YAML files declare them."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
@@ -14,21 +14,30 @@ from types import MappingProxyType
 import numpy as np
 
 from ator_ros.actions import DEFAULT_SET, TIME_LIMIT
-from ator_ros.actions.goal_variables import GoalVariable, direct_name
-from ator_ros.actions.remote import RemoteCall
+from ator_ros.actions.base import Point
+from ator_ros.actions.goal_variables import (
+    GOAL_VARIABLES,
+    MOST_GOAL_VARIABLES,
+    GoalVariable,
+    direct_name,
+)
+from ator_ros.actions.remote import RemoteCall, UnreachableAction
+from ator_ros.actions.situation import Situation
 from ator_ros.actions.specification import ActionFactory, ActionSpec
 from ator_ros.domains import DEFAULT, DRIVE
-from ator_ros.domains.consistency import inconsistencies
-from ator_ros.domains.measurements import Measurements
-from ator_ros.domains.presentation import Presentation
-from ator_ros.domains.programs import Program
-from ator_ros.performance.features import CANDIDATES, GENERAL, Feature, goal_feature
+from ator_ros.domains.declared import DeclaredAction, DeclaredDomain, DeclaredServer
+from ator_ros.domains.declared_situations import ChainsOf, DrivesOf
+from ator_ros.files import FileError, content_if_stated, read_yaml
+from ator_ros.performance.direct import DIRECT_VARIABLES
+from ator_ros.performance.features import CANDIDATES, GENERAL, OBSERVED, Feature, goal_feature, names_of
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot, load_robot
+from ator_ros.schema import SchemaError, structured
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.conditions import Condition
 from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.objects import objects_in
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges, declared_ranges
 from ator_ros.tops.top import Top
 from ator_ros.world.messages import ObjectSource
@@ -38,10 +47,16 @@ from ator_ros.world.state import World
 GROUP = "ator_ros.domains"
 """Entry points of this group name the domains that are installed, ours and those of others."""
 _LONGEST_REASON = 200
+_LARGEST_FILE = 200_000
+"""Bytes of a file; one with a dozen TOPs has 5 kB."""
+STAND_INS = "ator_ros.stand_ins"
+"""Entry points of this group are actions that drive, without ROS, as the action servers of others do."""
 _ENDINGS = (".yaml", ".yml")
 NO_OTHERS: Mapping[str, ActionFactory] = MappingProxyType({})
 
 ChainSampler = Callable[[Robot, TopLibrary, np.random.Generator], tuple[World, TopChain]]
+Line = Sequence[tuple[float, float]]
+"""The corners of a line on the floor, x and y in m."""
 
 
 def no_goals(_: Robot) -> Mapping[str, Condition]:
@@ -51,6 +66,11 @@ def no_goals(_: Robot) -> Mapping[str, Condition]:
 
 def no_bays(_: Scene) -> tuple[Bay, ...]:
     """Return no bays: of a domain in whose scene nothing stands."""
+    return ()
+
+
+def no_lines(_: Robot) -> Sequence[Line]:
+    """Return no lines: of a domain on whose floor none are drawn."""
     return ()
 
 
@@ -78,8 +98,6 @@ class Domain:
         Goal variables that refinement may change where a plan opens them, with their ranges; by default
         place, heading and arrival speed, in the scene's area and within the robot's limits. What an action
         declares besides (`ActionSpec.goal_variables`) brings its own range.
-    presentation : Presentation
-        Words and drawings for reports.
     bodies : mapping of str to RoundObject
         The sizes of `objects`, by name, that robots' descriptions need not describe. What is described in
         neither place is a point, and not simulated.
@@ -92,15 +110,15 @@ class Domain:
         The features that the domain adds to the general ones.
     description : Path or None
         Of the robot and its scene, used where no other is named; None: the one that is shipped.
-    programs : tuple of Program
-        Programs of others that its actions need; tools that start our nodes start them too.
+    lines : callable
+        Returns the lines on the floor that a view shows beside the scene's area and bays. By default none.
+    servers : tuple of DeclaredServer
+        Action servers that its actions need; tools that start our nodes start them too.
     time_limit : float
         Time in s that an action or a chain may take in a simulation without ROS.
     goals : callable
         Returns, for a robot in its scene, the goals that plans may be asked for by name: conditions whose
         targets are numbers or state variables. By default none.
-    measurements : Measurements
-        What only the domain can measure of its actions, for the tools that do so; by default nothing.
     fitted : callable, optional
         Returns the same TOPs with the tolerances and regions of a robot and its scene; by default `tops`.
 
@@ -118,21 +136,20 @@ class Domain:
     objects: tuple[str, ...] = ()
     chains: Mapping[str, ChainSampler] = field(default_factory=dict)
     variables: Ranges = field(default_factory=lambda: USUAL_RANGES)
-    presentation: Presentation = field(default_factory=Presentation)
     bodies: Mapping[str, RoundObject] = field(default_factory=dict)
     bays: Callable[[Scene], tuple[Bay, ...]] = no_bays
     sources: tuple[ObjectSource, ...] = ()
     features: tuple[Feature, ...] = ()
     description: Path | None = None
-    programs: tuple[Program, ...] = ()
+    lines: Callable[[Robot], Sequence[Line]] = no_lines
+    servers: tuple[DeclaredServer, ...] = ()
     time_limit: float = TIME_LIMIT
     goals: Callable[[Robot], Mapping[str, Condition]] = no_goals
-    measurements: Measurements = field(default_factory=Measurements)
     fitted: Callable[[Robot], tuple[Top, ...]] | None = None
 
     def __post_init__(self) -> None:
         """Check that its parts agree."""
-        for problem in inconsistencies(self):
+        for problem in _inconsistencies(self):
             raise DomainError(f"domain {self.name}: {problem}")
 
     @cached_property
@@ -300,8 +317,6 @@ def find_domain(name: str = DEFAULT) -> Domain:
         `Domain`; or the file cannot be used.
     """
     if "/" in name or name.endswith(_ENDINGS):
-        from ator_ros.domains.domain_file import read_domain  # which needs `Domain`
-
         return read_domain(Path(name))
     found = installed_domains()
     if name not in found:
@@ -320,3 +335,182 @@ def find_domain(name: str = DEFAULT) -> Domain:
             f"domain {name}: expected {found[name].value} to be a Domain, got {type(domain).__name__}"
         )
     return domain
+
+
+def read_domain(path: Path) -> Domain:
+    """Read a domain from a YAML file (docs/remote_actions.md describes it).
+
+    Raises
+    ------
+    DomainError
+        The file cannot be used; the message names file, field, what was expected and what came.
+    """
+    domain = declared_domain(path)
+    if domain.name in installed_domains():
+        raise DomainError(
+            f"{path}: name: expected none of the installed domains, whose models have that name, "
+            f"got {domain.name!r}"
+        )
+    return domain
+
+
+def declared_domain(path: Path) -> Domain:
+    """Read a domain as `read_domain` does, under whatever name: for a package that installs its file."""
+    try:
+        data = content_if_stated(read_yaml(path, largest=_LARGEST_FILE), "domain")
+        declared = structured(data, DeclaredDomain, closed=True)
+    except FileError as error:
+        raise DomainError(str(error)) from error
+    except SchemaError as error:
+        raise DomainError(f"{path}: {error}") from error
+    variables = declared.variables
+    points = {top.action: Point(top.point) for top in reversed(declared.tops)}
+    actions = [
+        _spec(action, points.get(action.name, Point.AXLE), declared.time_limit, f"{path}: actions[{number}]")
+        for number, action in enumerate(declared.actions)
+    ]
+    return Domain(
+        declared.name,
+        tops=tuple(top.made() for top in declared.tops),
+        action_sets={DEFAULT_SET: tuple(spec for spec, _ in actions)},
+        objects=tuple(item.name for item in declared.objects),
+        chains={chain.name: ChainsOf(chain, declared.time_limit) for chain in declared.chains},
+        sources=declared.objects,
+        variables=USUAL_RANGES if variables is None else {item.name: item.range for item in variables},
+        features=tuple(dict.fromkeys(feature for _, features in actions for feature in features)),
+        bays=_those_described if declared.bays else no_bays,
+        description=None if declared.robot is None else path.parent / declared.robot,
+        servers=tuple(_beside(path, server) for server in declared.servers),
+        time_limit=declared.time_limit,
+    )
+
+
+def _beside(path: Path, server: DeclaredServer) -> DeclaredServer:
+    """Return a server whose command runs in its folder relative to the file, which may be a link."""
+    if not server.command:
+        return server
+    return dataclasses.replace(server, folder=str((path.resolve().parent / server.folder).resolve()))
+
+
+def _those_described(scene: Scene) -> tuple[Bay, ...]:
+    return scene.bays
+
+
+def _spec(
+    action: DeclaredAction, point: Point, time_limit: float, where: str
+) -> tuple[ActionSpec, tuple[Feature, ...]]:
+    """Return the specification of an action, and the features that its own domain adds for it."""
+    if action.local is None:
+        return _remote_spec(action, point, time_limit, where), ()
+    try:
+        domain = find_domain(action.local.domain)
+        found = domain.actions(action.local.action_set)
+    except DomainError as error:
+        raise DomainError(f"{where}.local: {error}") from error
+    if action.name not in found:
+        raise DomainError(f"{where}.name: expected one of {', '.join(found)}, got {action.name!r}")
+    spec = found[action.name]
+    return spec, tuple(feature for feature in domain.features if feature.name in spec.features)
+
+
+def _remote_spec(action: DeclaredAction, point: Point, time_limit: float, where: str) -> ActionSpec:
+    try:
+        factory = UnreachableAction if action.stand_in is None else _stand_in(action.stand_in)
+    except LookupError as error:
+        raise DomainError(f"{where}.stand_in: {error.args[0]}") from error
+    sample = (
+        _never_driven
+        if action.drives is None
+        else DrivesOf(action.name, action.drives, point, action.goal_variables, time_limit)
+    )
+    return ActionSpec(
+        action.name,
+        factory,
+        sample,
+        names_of(OBSERVED),
+        remote=action.remote,
+        goal_variables=action.goal_variables,
+    )
+
+
+def _never_driven(_robot: Robot, _rng: np.random.Generator) -> Situation:
+    raise DomainError(
+        "an action on a server is observed where the executor runs it: expected `drives` in the domain's "
+        "file to collect it, got none"
+    )
+
+
+def _stand_in(name: str) -> ActionFactory:
+    """Return what makes the stand-in of this name; LookupError if it cannot be imported."""
+    found = {entry.name: entry for entry in entry_points(group=STAND_INS)}
+    if name not in found:
+        raise LookupError(
+            f"expected an entry point of {STAND_INS}, one of {sorted(found)}, got {quoted(name)}"
+        )
+    try:
+        factory: ActionFactory = found[name].load()
+    except Exception as error:  # a module from outside raises anything
+        why = printable(f"{type(error).__name__}: {error}", 200)
+        raise LookupError(f"{name}: expected to import {found[name].value}, got {why}") from error
+    return factory
+
+
+def _inconsistencies(domain: Domain) -> Iterator[str]:
+    """Yield what contradicts, one sentence each; nothing where all parts agree."""
+    if DEFAULT_SET not in domain.action_sets:
+        yield f"expected an action set {DEFAULT_SET!r}, got {sorted(domain.action_sets)}"
+    yield from _of_objects(domain)
+    declared: dict[str, GoalVariable] = {}
+    features = [*GENERAL, *(feature.name for feature in domain.features)]
+    yield from _of_features(domain, features)
+    for action_set, specs in domain.action_sets.items():
+        where = f"action set {action_set!r}"
+        for spec in specs:
+            own = [direct_name(variable.name) for variable in spec.goal_variables]
+            if unknown := [name for name in spec.features if name not in (*features, *own)]:
+                yield f"{where}: {spec.name}: features: expected some of {features}, got {unknown}"
+            for problem in (*_of_goal(domain, spec), *_of_declarations(spec, declared)):
+                yield f"{where}: {spec.name}: goal_variables: {problem}"
+
+
+def _of_objects(domain: Domain) -> Iterator[str]:
+    if strange := sorted(set(domain.bodies) - set(domain.objects)):
+        yield f"bodies: expected some of the objects, got {strange}"
+    named = {name for top in domain.tops for name in objects_in(top)}
+    unknown = sorted((named | {source.name for source in domain.sources}) - set(domain.objects))
+    if unknown:
+        yield f"objects: expected all that conditions name, {unknown} are missing"
+
+
+def _of_features(domain: Domain, names: list[str]) -> Iterator[str]:
+    """Yield problems with feature names: duplicates, and features derived from unknown variables."""
+    variables = [direct_name(name) for name in domain.goal_variables]
+    everything = [*names, *variables]
+    if twice := sorted({name for name in everything if everything.count(name) > 1}):
+        yield f"features: expected each name once, {twice} are repeated"
+    for feature in domain.features:
+        if unknown := sorted(feature.derives - {*DIRECT_VARIABLES, *variables}):
+            yield f"features: {feature.name}: expected to derive from direct variables, got {unknown}"
+
+
+def _of_goal(domain: Domain, spec: ActionSpec) -> Iterator[str]:
+    """Yield which goal variables conditions or its server's goal name, and the action does not have."""
+    known = {*GOAL_VARIABLES, *(variable.name for variable in spec.goal_variables)}
+    fillings = () if spec.remote is None else spec.remote.goal
+    names = {filling.goal_variable for filling in fillings} - {None}
+    if unknown := sorted(str(name) for name in names - known):
+        yield f"expected all that its server's goal is filled from, {unknown} are missing"
+    for top in domain.tops:
+        unknown = sorted((top.pre.goal_names() | top.post.goal_names()) - known)
+        if top.action == spec.name and unknown:
+            yield f"expected all that the conditions of {top.name} name, {unknown} are missing"
+
+
+def _of_declarations(spec: ActionSpec, declared: dict[str, GoalVariable]) -> Iterator[str]:
+    """Yield declarations that contradict earlier ones; earlier ones are in `declared`."""
+    names = [variable.name for variable in spec.goal_variables]
+    if len(names) > MOST_GOAL_VARIABLES or len(set(names)) != len(names):
+        yield f"expected at most {MOST_GOAL_VARIABLES}, each name once, got {names}"
+    for variable in spec.goal_variables:
+        if declared.setdefault(variable.name, variable) != variable:
+            yield f"expected the same {variable.name} in all actions, got {variable}"

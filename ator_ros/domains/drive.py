@@ -11,12 +11,10 @@ from ator_ros.actions.base import Goal
 from ator_ros.actions.situation import SHORT, Situation
 from ator_ros.actions.specification import ActionSpec
 from ator_ros.domains.domain import Domain
-from ator_ros.domains.presentation import Presentation
 from ator_ros.domains.soccer import chains, situations
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.tops import GO_TO_POSE
-from ator_ros.performance.features import names_of
-from ator_ros.performance.training import OBSERVED
+from ator_ros.performance.features import OBSERVED, names_of
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
@@ -77,9 +75,6 @@ DRIVE = Domain(
     {DEFAULT_SET: (ActionSpec("goToPose", GoToPose, go_to_pose, names_of(OBSERVED)),)},
     chains={"passing": passing},
     variables=RANGES,
-    presentation=Presentation(
-        place="place", chains={"passing": "pass a place on the way to a pose, with any heading"}
-    ),
     description=resource_path("config", "turtlebot4.yaml"),
     time_limit=TIME_LIMIT,
     fitted=tops_for,

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from ator_ros.actions.goal_variables import with_values
-from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.evaluation.policies import Models, Toolset
 from ator_ros.evaluation.statistics import mean_interval
-from ator_ros.evaluation.trials import random_trial
+from ator_ros.evaluation.toolset import Models, Toolset
+from ator_ros.evaluation.trials import EvaluationError, random_trial
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.calibration import (
     TERMS,
@@ -71,7 +70,7 @@ def step_examples(
         The records lack the durations of actions.
     """
     examples: list[StepExample] = []
-    models = tools.models["learned"]
+    models = tools.models
     for record in records:
         trial = random_trial(tools.domain, chain, library, seed=seed, index=record["index"])
         for policy in POLICIES:

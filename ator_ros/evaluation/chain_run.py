@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Status
 from ator_ros.actions.goal_variables import goal_values
-from ator_ros.evaluation.along import Along, RefinedAlong
 from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
 from ator_ros.execution.phases import Ending
 from ator_ros.execution.rolling import Rolling
@@ -47,8 +46,6 @@ class ChainRun:
     path : tuple of (x, y, object x, object y)
         Positions in m of the robot and of the first object, at 10 Hz; NaN without an object; empty
         unless asked for.
-    again : int
-        Number of times that refinement changed the chain along the way.
     """
 
     duration: float
@@ -57,7 +54,6 @@ class ChainRun:
     actions: tuple[float, ...]
     error: float
     path: tuple[tuple[float, float, float, float], ...] = ()
-    again: int = 0
 
 
 ChainKey = tuple[object, ...]
@@ -89,7 +85,7 @@ def run_chain(
     time_limit: float = TIME_LIMIT,
     wheels: tuple[float, float] = (1.0, 1.0),
     records: list[ActionRecord] | None = None,
-    along: Along | None = None,
+    executor: ChainExecutor | None = None,
     rolling: Rolling | None = None,
 ) -> ChainRun:
     """Execute `chain` from `start` in a new simulation.
@@ -118,17 +114,14 @@ def run_chain(
         See `Simulation`.
     records : list, optional
         Gets the records of the actions that ended.
-    along : Along, optional
-        How the chain is refined again along the way; by default never. Lost objects are then not fetched.
+    executor : ChainExecutor, optional
+        Executes the chain; by default a new one with these settings.
     rolling : Rolling, optional
         What is known of how objects roll, and learns more; by default only what this chain shows.
     """
-    executor: ChainExecutor | RefinedAlong
     rolling = rolling if rolling is not None else Rolling(library.robot)
-    if along is None:
+    if executor is None:
         executor = ChainExecutor(library, chain, time_limit=time_limit, fetches=fetches, rolling=rolling)
-    else:
-        executor = RefinedAlong(library, chain, along, time_limit=time_limit)
     steered = _steering(executor, Foresight(robot, latency), rolling)
     worlds: list[World] = []
     with Simulation(robot, wheels=wheels) as simulation:
@@ -151,12 +144,11 @@ def run_chain(
         tuple(record.duration for record in ended_actions),
         judgement.error if last.top.arrives else math.nan,
         tuple(_place(world) for world in worlds[::TICKS_PER_POINT]) if keep_path else (),
-        again=executor.again if isinstance(executor, RefinedAlong) else 0,
     )
 
 
 def _steering(
-    executor: ChainExecutor | RefinedAlong, foresight: Foresight, rolling: Rolling
+    executor: ChainExecutor, foresight: Foresight, rolling: Rolling
 ) -> Callable[[World], ChainStep]:
     """Return what executes a tick of the chain for an observed state."""
 

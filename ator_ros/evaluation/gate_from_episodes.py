@@ -25,9 +25,9 @@ from ator_ros.evaluation.gate_learning import GateExamples, LearnedGates, fit_th
 from ator_ros.evaluation.policies import reopened
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.features import Feature
+from ator_ros.performance.features import OBSERVED, Feature
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.training import LEAST_EPISODES, OBSERVED, TrainingError, direct_of, observed_model
+from ator_ros.performance.training import LEAST_EPISODES, TrainingError, direct_of, observed_model
 from ator_ros.refinement.chain_prediction import predict_chain
 from ator_ros.refinement.gate import FEATURES, OpenGate, ThresholdGate
 from ator_ros.refinement.objective import expected_time

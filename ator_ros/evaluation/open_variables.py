@@ -7,7 +7,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from ator_ros.evaluation.policies import Toolset
+from ator_ros.evaluation.toolset import Toolset
 from ator_ros.evaluation.trials import Trial, open_speeds
 from ator_ros.refinement.free_variables import Cause, NotFree
 from ator_ros.tops.chain import TopChain

@@ -5,90 +5,53 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from types import MappingProxyType
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType, SimpleNamespace
+from typing import Any
 
-from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.along import Along
-from ator_ros.evaluation.trials import Trial, open_places, open_speeds, with_headings
-from ator_ros.execution.remaining import with_followed
-from ator_ros.geometry import Pose
-from ator_ros.refinement.calibration import Calibration
-from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain
-from ator_ros.refinement.gate import Gate, OpenGate, opened
+from ator_ros.evaluation.toolset import Toolset, ToolsetSource
+from ator_ros.evaluation.trials import Trial, open_speeds, with_headings
+from ator_ros.performance.derived import Geometry
+from ator_ros.performance.driving import DrivingStyle
+from ator_ros.performance.features import PATHS
+from ator_ros.refinement.gate import GATE
 from ator_ros.refinement.refiner import Refinement, Refiner
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
-from ator_ros.tops.objects import at_rest
-from ator_ros.world.state import World
-
-Models = Mapping[str, PredictsPerformance]
-
-
-@dataclass(frozen=True)
-class Toolset:
-    """The models and settings from which policies choose.
-
-    Attributes
-    ----------
-    domain : Domain
-        Source of situations and chains.
-    robot : Robot
-        Sizes and limits.
-    models : mapping
-        Sets of performance models by name, each a mapping from action name to model; "learned" is always
-        there.
-    gate : Gate
-        The gate of the gated policies.
-    gates : mapping
-        Gates of other sets of models than the learned one, by the name of the set.
-    calibration : Calibration
-        Corrections of the learned models' predictions.
-    """
-
-    domain: Domain
-    robot: Robot
-    models: Mapping[str, Models]
-    gate: Gate
-    calibration: Calibration = field(default_factory=Calibration)
-    gates: Mapping[str, Gate] = field(default_factory=dict)
-
-    def refiner(self, models: str = "learned", *, gated: bool = False) -> Refiner:
-        """Return a refiner with one of the sets of models."""
-        own = self.gate if models == "learned" else self.gates.get(models, OpenGate())
-        gate = own if gated else opened(own)
-        return Refiner(
-            self.robot,
-            self.models[models],
-            gate,
-            ranges=self.domain.ranges,
-            calibration=self.calibration,
-            failure_cost=self.domain.time_limit,
-        )
-
-    def predict(self, world: World, chain: TopChain) -> ChainPrediction:
-        """Return the learned models' prediction of a chain as it is, corrected by the calibration."""
-        models = self.models["learned"]
-        prediction = predict_chain(world, chain, models, self.robot)
-        calibration = self.calibration.matching(models)
-        return calibration.corrected([(chain, prediction)], world, models, self.robot)[0]
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A chain to execute, the refinement that led to it, if any, and whether models chose it.
-
-    With `along` it is refined again along the way.
-    """
+    """A chain to execute, the refinement that led to it, if any, and whether models chose it."""
 
     chain: TopChain
     refinement: Refinement | None = None
     by_models: bool = False
-    along: Along | None = None
 
 
 Policy = Callable[[Toolset, Trial], Choice]
+
+
+@dataclass(frozen=True)
+class PathTime:
+    """A performance model that is not learned: the time of the fastest turn-straight-turn path.
+
+    Attributes
+    ----------
+    robot : Robot
+        Its limits, and where it holds an object.
+    driving : DrivingStyle or None
+        How the action drives; None: at the limits of the base.
+    """
+
+    robot: Robot
+    driving: DrivingStyle | None = None
+    used_variables = PATHS[0].derives
+
+    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ()) -> Any:  # noqa: ARG002
+        """Return the duration in s, shape (n,), and nothing else."""
+        return SimpleNamespace(duration=Geometry(direct, self.robot, self.driving).path.time)
 
 
 def naive(tools: Toolset, trial: Trial) -> Choice:
@@ -96,75 +59,11 @@ def naive(tools: Toolset, trial: Trial) -> Choice:
     return Choice(tools.refiner().naive(trial.world, open_speeds(trial.chain)), by_models=True)
 
 
-def bearing(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
-    """Choose the bearing of each subgoal from the preceding position as its heading."""
-    places = [trial.world.robot.pose, *(call.goal.pose for call in trial.chain.calls)]
-    return Choice(with_headings(trial.chain, _bearings(places[:-1])))
-
-
 def face_goal(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
     """Choose the bearing of the next goal from each subgoal as its heading."""
-    places = [call.goal.pose for call in trial.chain.calls]
-    return Choice(with_headings(trial.chain, _bearings(places)))
-
-
-def _bearings(places: Sequence[Pose]) -> dict[int, float]:
-    """Return for each place but the last the bearing in rad of the next."""
-    pairs = enumerate(itertools.pairwise(places))
-    return {index: math.atan2(to.y - here.y, to.x - here.x) for index, (here, to) in pairs}
-
-
-def as_planned(chain: TopChain) -> TopChain:
-    """Return the chain with what the plan opens."""
-    return chain
-
-
-def refining(
-    models: str = "learned", *, gated: bool = False, opened: Callable[[TopChain], TopChain] = as_planned
-) -> Policy:
-    """Return the policy that refines the naive chain.
-
-    Parameters
-    ----------
-    models : str
-        Name of the set of models in the toolset.
-    gated : bool
-        Whether the gate decides if the chain is refined.
-    opened : callable
-        Returns the plan with more opened: arrival speeds, or places.
-    """
-
-    def choose(tools: Toolset, trial: Trial) -> Choice:
-        start = naive(tools, trial).chain
-        chain = reopened(start, opened(trial.chain))
-        refinement = tools.refiner(models, gated=gated).refine(trial.world, chain)
-        return Choice(refinement.chain, refinement)
-
-    return choose
-
-
-def refining_again(opened: Callable[[TopChain], TopChain]) -> Policy:
-    """Return the policy that refines before the start and again along the way, then behind the gate."""
-    once = refining(opened=opened)
-
-    def choose(tools: Toolset, trial: Trial) -> Choice:
-        choice = once(tools, trial)
-        assert choice.refinement is not None
-        along = Along((choice.refinement.original,), tools.refiner(gated=True))
-        return dataclasses.replace(choice, along=along)
-
-    return choose
-
-
-def foreseeing(policy: Policy) -> Policy:
-    """Return `policy` with objects that roll taken where they will come to rest."""
-
-    def choose(tools: Toolset, trial: Trial) -> Choice:
-        resting = at_rest(trial.world, tools.robot)
-        chain = with_followed(trial.chain, resting, tools.robot)
-        return policy(tools, Trial(trial.index, resting, chain))
-
-    return choose
+    places = enumerate(itertools.pairwise(call.goal.pose for call in trial.chain.calls))
+    bearings = {index: math.atan2(to.y - here.y, to.x - here.x) for index, (here, to) in places}
+    return Choice(with_headings(trial.chain, bearings))
 
 
 def reopened(chain: TopChain, plan: TopChain) -> TopChain:
@@ -173,36 +72,50 @@ def reopened(chain: TopChain, plan: TopChain) -> TopChain:
     return TopChain(tuple(dataclasses.replace(call, open=planned.open) for call, planned in pairs))
 
 
-MODEL_SETS = (
-    "bitbots",
-    "bitbots_refitted",
-    "booster",
-    "booster_refitted",
-    "turn_drive_turn",
-    "ideal_time",
-    "hist_gradient_boosting",
-)
-"""Sets of models that replace the learned ones, each in the policy of its name."""
+def _learned(tools: Toolset) -> Refiner:
+    return tools.refiner()
 
-OBSERVED = "observed"
-"""Models that know nothing but what was observed, and the policy that refines headings with them."""
+
+def _gated(tools: Toolset) -> Refiner:
+    return tools.refiner(gated=True)
+
+
+def _analytic(tools: Toolset) -> Refiner:
+    """Return a refiner with path times, at the limits that the learned models observed, if they did."""
+    driving = {action: getattr(model, "driving", None) for action, model in tools.models.items()}
+    return tools.analytic_refiner({action: PathTime(tools.robot, seen) for action, seen in driving.items()})
+
+
+def _refining(refiner: Callable[[Toolset], Refiner], *, speeds: bool = False) -> Policy:
+    """Return the policy that refines the naive chain: headings, or headings and arrival speeds."""
+
+    def choose(tools: Toolset, trial: Trial) -> Choice:
+        plan = open_speeds(trial.chain) if speeds else trial.chain
+        start = naive(tools, trial).chain
+        refinement = refiner(tools).refine(trial.world, reopened(start, plan))
+        return Choice(refinement.chain, refinement)
+
+    return choose
+
 
 #: A new policy is a new row. The oracle is no policy: it needs executions.
 POLICIES: Mapping[str, Policy] = MappingProxyType(
     {
         "naive": naive,
-        "bearing": bearing,
         "face_goal": face_goal,
-        "refined": refining(),
-        "gated": refining(gated=True),
-        "refined_speed": refining(opened=open_speeds),
-        "gated_speed": refining(gated=True, opened=open_speeds),
-        "refined_free": refining(opened=open_places),
-        "refined_foreseen": foreseeing(refining(opened=open_speeds)),
-        "refined_again": refining_again(opened=open_speeds),
-        **{name: refining(name) for name in MODEL_SETS},
-        "ideal_time_speed": refining("ideal_time", opened=open_speeds),
-        OBSERVED: refining(OBSERVED, gated=True),
-        f"{OBSERVED}_speed": refining(OBSERVED, gated=True, opened=open_speeds),
+        "analytic": _refining(_analytic),
+        "analytic_speed": _refining(_analytic, speeds=True),
+        "refined": _refining(_learned),
+        "gated": _refining(_gated),
+        "refined_speed": _refining(_learned, speeds=True),
+        "gated_speed": _refining(_gated, speeds=True),
     }
 )
+
+
+def unavailable(source: ToolsetSource) -> dict[str, str]:
+    """Return what policies lack that cannot be run, by their names."""
+    gate = source.folder() / GATE
+    if gate.exists():
+        return {}
+    return dict.fromkeys(("gated", "gated_speed"), f"{gate} is not there; the tool `gate` makes it")

@@ -1,26 +1,36 @@
-"""Evaluation of one situation: every policy chooses a chain, and each distinct chain is executed once."""
+"""Evaluation of one situation: every policy chooses a chain, and each distinct chain is executed once.
+
+The oracle executes many chains and takes the best. Where the robot stands between two actions it searches all
+open headings jointly: there the duration of an action depends only on the poses at its two ends. So each leg
+is executed once for each pair of headings at its ends, and dynamic programming finds the best headings of the
+chain. Then the chain with them is executed as a whole; only this duration counts.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
+
+import numpy as np
 
 from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import find_domain
-from ator_ros.evaluation.along import Along
 from ator_ros.evaluation.chain_run import ChainKey, ChainRun, key_of, run_chain
-from ator_ros.evaluation.joint_oracle import Tried, best_headings
-from ator_ros.evaluation.policies import POLICIES, Choice, Toolset, naive
-from ator_ros.evaluation.toolset import ToolsetSource, tools_of
+from ator_ros.evaluation.policies import POLICIES, Choice, naive
+from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
-from ator_ros.geometry import wrap_angle
-from ator_ros.refinement.chain_prediction import ChainPrediction, predict_chain
+from ator_ros.geometry import BoolArray, FloatArray, wrap_angle, wrap_angles
+from ator_ros.refinement.chain_prediction import ChainModel, ChainPrediction, predict_chain
+from ator_ros.refinement.free_variables import FreeVariable, names_of
+from ator_ros.refinement.objective import Objective
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world.state import World
+from ator_ros.tops.ranges import USUAL_RANGES
+from ator_ros.world.state import RobotState, World
 
 Record = dict[str, Any]
 """The result of one situation; see `evaluate_trial`."""
@@ -50,8 +60,8 @@ class Settings:
     source : ToolsetSource
         Source of robot, actions, models and gate.
     joint_oracle : bool
-        Whether the oracle searches all open headings jointly, by executing legs (see `joint_oracle`): for
-        chains whose robot stands between two actions.
+        Whether the oracle searches all open headings jointly, by executing legs: for chains whose robot
+        stands between two actions.
     """
 
     seed: int
@@ -76,16 +86,14 @@ class Executions:
     def __init__(self, tools: Toolset, library: TopLibrary, trial: Trial) -> None:
         self._robot, self._library, self._trial = tools.robot, library, trial
         self._time_limit = tools.domain.time_limit
-        self._runs: dict[tuple[ChainKey, bool], ChainRun] = {}
+        self._runs: dict[ChainKey, ChainRun] = {}
 
-    def __call__(self, chain: TopChain, along: Along | None = None) -> ChainRun:
-        """Return the run of `chain`, which is refined again if `along` is given, in one way only."""
-        key = key_of(chain), along is not None
+    def __call__(self, chain: TopChain) -> ChainRun:
+        """Return the run of `chain`."""
+        key = key_of(chain)
         if key not in self._runs:
             world, limit = self._trial.world, self._time_limit
-            self._runs[key] = run_chain(
-                self._robot, self._library, world, chain, time_limit=limit, along=along
-            )
+            self._runs[key] = run_chain(self._robot, self._library, world, chain, time_limit=limit)
         return self._runs[key]
 
     def leg(self, start: World, chain: TopChain) -> float:
@@ -107,8 +115,7 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
     dict
         "index"; "start": robot x, y, yaw, first goal x, y, second goal x, y, yaw, if there is one (m, rad);
         "policies": by name "duration" (s), "success", "reason", "error" (m), "chosen": heading, speed
-        and declared goal variables of each intermediate subgoal, "places": their x, y (m) where the policy
-        chose one, "actions": durations of the actions (s), "refined_again": how often along the way,
+        and declared goal variables of each intermediate subgoal, "actions": durations of the actions (s),
         "predicted": duration of the chain (s); "features" and "features_speed": features of the gate;
         "oracle": "headings" (rad), "durations" (s), "best" (s) and "success"; "oracle_speed": "best" and
         "success"; "executed": number of chains executed.
@@ -122,7 +129,7 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
         "index": index,
         "start": _start(trial),
         "policies": {
-            name: _policy_record(tools, trial, choice, execute(choice.chain, choice.along))
+            name: _policy_record(tools, trial, choice, execute(choice.chain))
             for name, choice in choices.items()
         },
     }
@@ -147,12 +154,7 @@ def _start(trial: Trial) -> list[float]:
 def _policy_record(tools: Toolset, trial: Trial, choice: Choice, run: ChainRun) -> Record:
     chosen = [_chosen(call.goal) for call in choice.chain.calls[:-1]]
     record: Record = {"duration": round(run.duration, 3), "success": run.success, "chosen": chosen}
-    places = [_place(call) for call in choice.chain.calls[:-1]]
-    if places != [_place(call) for call in trial.chain.calls[:-1]]:
-        record["places"] = places
     record["actions"] = [round(duration, 3) for duration in run.actions]
-    if choice.along is not None:
-        record["refined_again"] = run.again
     if not run.success:
         record["reason"] = run.reason
     elif not math.isnan(run.error):
@@ -161,10 +163,6 @@ def _policy_record(tools: Toolset, trial: Trial, choice: Choice, run: ChainRun) 
     if predicted is not None:
         record["predicted"] = round(predicted.duration, 3)
     return record
-
-
-def _place(call: TopCall) -> list[float]:
-    return [round(call.goal.pose.x, 4), round(call.goal.pose.y, 4)]
 
 
 def _chosen(goal: Goal) -> list[float]:
@@ -241,9 +239,153 @@ def _executed(
 
 def predicted_cost(tools: Toolset, trial: Trial, chain: TopChain) -> float:
     """Return the cost that the learned models predict for a chain as it is: its duration in s."""
-    return predict_chain(trial.world, chain, tools.models["learned"], tools.robot).cost
+    return predict_chain(trial.world, chain, tools.models, tools.robot).cost
 
 
 def _with_speed(chain: TopChain, speed: float) -> TopChain:
     goal = dataclasses.replace(chain.calls[0].goal, speed=speed)
     return chain.with_goal(0, goal)
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """A chain that was executed, and the durations in s of its actions; fewer where it failed."""
+
+    chain: TopChain
+    actions: tuple[float, ...] = ()
+
+
+Drive = Callable[[World, TopChain], float]
+"""Executes a chain of one action from rest; returns its duration in s, infinite where it fails."""
+_SAME = 1e-3  # rad
+
+
+def candidates(trial: Trial, chains: Sequence[TopChain], count: int) -> list[FloatArray]:
+    """Return the headings (rad) to try at each step, shape (k,): of a closed one its own.
+
+    Parameters
+    ----------
+    trial : Trial
+        Whose chain says what is open.
+    chains : sequence of TopChain
+        What policies have chosen: their headings are tried too.
+    count : int
+        Number of evenly spaced headings.
+    """
+    offered = []
+    for index, call in enumerate(trial.chain.calls):
+        if "yaw" not in call.open:
+            offered.append(np.array([call.goal.pose.yaw]))
+            continue
+        chosen = [wrap_angle(chain.calls[index].goal.pose.yaw) for chain in chains]
+        even = [wrap_angle(2.0 * math.pi * k / count) for k in range(count)]
+        distinct: list[float] = []
+        for yaw in (*chosen, *even):
+            if all(abs(wrap_angle(yaw - other)) > _SAME for other in distinct):
+                distinct.append(yaw)
+        offered.append(np.array(distinct))
+    return offered
+
+
+def predicted_legs(tools: Toolset, trial: Trial, offered: Sequence[FloatArray]) -> list[FloatArray]:
+    """Return what the learned models predict for each leg, shape (headings before, headings after), in s."""
+    calls = trial.chain.calls
+    free = [
+        FreeVariable(index, "yaw", USUAL_RANGES["yaw"](tools.robot, call.goal))
+        for index, call in enumerate(calls)
+    ]
+    names = names_of(trial.chain, free)
+    model = ChainModel(
+        trial.world, trial.chain, tools.robot, models=tools.models, names=names, objective=Objective()
+    )
+    legs = []
+    for index, after in enumerate(offered):
+        before = offered[index - 1] if index else np.zeros(1)
+        pairs = np.stack(np.meshgrid(before, after, indexing="ij"), axis=-1).reshape(-1, 2)
+        start = pairs[:, :1] if index else np.zeros((len(pairs), 0))
+        cost = model.step_cost(index, start, pairs[:, 1:])
+        legs.append(np.broadcast_to(cost, len(pairs)).reshape(len(before), len(after)))
+    return legs
+
+
+def promising(legs: Sequence[FloatArray], margin: float | None) -> list[BoolArray]:
+    """Return of each leg which pairs lie on a chain predicted to take at most `margin` s above the least."""
+    forward = [np.zeros(1)]
+    for leg in legs:
+        forward.append(np.min(forward[-1][:, None] + leg, axis=0))
+    backward = [np.zeros(legs[-1].shape[1])]
+    for leg in reversed(legs):
+        backward.insert(0, np.min(leg + backward[0][None, :], axis=1))
+    bound = math.inf if margin is None else float(np.min(forward[-1])) + margin + 1e-9
+    ways = zip(forward, legs, backward[1:], strict=False)
+    return [before[:, None] + leg + after[None, :] <= bound for before, leg, after in ways]
+
+
+def least(legs: Sequence[FloatArray]) -> list[int]:
+    """Return the numbers of the headings, one a step, of the chain whose legs take least."""
+    sums, origins = np.zeros(1), []
+    for leg in legs:
+        ways = sums[:, None] + leg
+        origins.append(np.argmin(ways, axis=0))
+        sums = ways.min(axis=0)
+    path = [int(np.argmin(sums))]
+    for origin in reversed(origins[1:]):
+        path.insert(0, int(origin[path[0]]))
+    return path
+
+
+def best_headings(
+    tools: Toolset,
+    trial: Trial,
+    tried: Iterable[Tried],
+    drive: Drive,
+    *,
+    count: int,
+    margin: float | None,
+) -> tuple[TopChain, int]:
+    """Return the chain with the headings that take least by executed legs, and how many were executed.
+
+    Parameters
+    ----------
+    tools : Toolset
+        Of the learned models, which say what is not worth executing.
+    trial : Trial
+        The situation.
+    tried : iterable of Tried
+        What policies have chosen and executed: their headings are offered, their legs are not executed again.
+    drive : callable
+        Executes a leg.
+    count, margin
+        Headings at each open step, and what is left out (see `promising`); None: nothing.
+    """
+    runs = list(tried)
+    offered = candidates(trial, [run.chain for run in runs], count)
+    wanted = promising(predicted_legs(tools, trial, offered), margin)
+    poses = [trial.world.robot.pose, *(call.goal.pose for call in trial.chain.calls)]
+    legs, executed = [], 0
+    for index, (here, _) in enumerate(pairwise(poses)):
+        before = offered[index - 1] if index else np.array([here.yaw])
+        times = np.full((len(before), len(offered[index])), math.nan)
+        for run in runs:
+            if len(run.actions) == len(trial.chain.calls):
+                row = _number(before, run.chain.calls[index - 1].goal.pose.yaw) if index else 0
+                column = _number(offered[index], run.chain.calls[index].goal.pose.yaw)
+                times[row, column] = run.actions[index]
+        for row, column in np.argwhere(wanted[index] & np.isnan(times)):
+            start = RobotState(here._replace(yaw=float(before[row])))
+            call = _at(trial.chain.calls[index], float(offered[index][column]))
+            times[row, column] = drive(World(0.0, start, trial.world.objects), TopChain((call,)))
+            executed += 1
+        legs.append(np.where(np.isnan(times), math.inf, times))
+    path = least(legs)
+    opened = {i: float(offered[i][n]) for i, n in enumerate(path) if "yaw" in trial.chain.calls[i].open}
+    return with_headings(trial.chain, opened), executed
+
+
+def _number(headings: FloatArray, yaw: float) -> int:
+    """Return which of the headings is `yaw`."""
+    return int(np.argmin(np.abs(wrap_angles(headings - yaw))))
+
+
+def _at(call: TopCall, yaw: float) -> TopCall:
+    return with_headings(TopChain((call,)), {0: yaw}).calls[0]

@@ -1,12 +1,12 @@
-"""Toolsets of policies, read from model files and, if given, tables of experience."""
+"""Robot, models and gate from which policies choose, read from files."""
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
@@ -14,23 +14,70 @@ import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains import DEFAULT
-from ator_ros.domains.domain import find_domain
-from ator_ros.evaluation.ceiling import BoostedTime, ideal_times, plain_times
-from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.evaluation.heuristics import arriving, bitbots, booster, load_baselines
-from ator_ros.evaluation.policies import OBSERVED, POLICIES, Models, Toolset
-from ator_ros.evaluation.trials import random_trial
+from ator_ros.domains.domain import Domain, find_domain
+from ator_ros.evaluation.trials import EvaluationError, random_trial
 from ator_ros.experience.table import join, read_experience
-from ator_ros.performance.features import PATHS
 from ator_ros.performance.model_file import load_model, model_path
-from ator_ros.refinement.calibration import CALIBRATION, load_calibration_if_any, model_digest
-from ator_ros.refinement.gate import GATE, gate_in
+from ator_ros.refinement.calibration import CALIBRATION, Calibration, load_calibration_if_any, model_digest
+from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain
+from ator_ros.refinement.gate import GATE, Gate, OpenGate, gate_in, opened
+from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
+from ator_ros.world.state import World
 
-BASELINES = "baselines.json"
-BOOSTING = "hist_gradient_boosting"
-"""The policy that learns from a table of experience instead of model files."""
+Models = Mapping[str, PredictsPerformance]
+"""Performance models by action."""
+
+
+@dataclass(frozen=True)
+class Toolset:
+    """The models and settings from which policies choose.
+
+    Attributes
+    ----------
+    domain : Domain
+        Source of situations and chains.
+    robot : Robot
+        Sizes and limits.
+    models : mapping
+        Learned performance models by action.
+    gate : Gate
+        The gate of the gated policies.
+    calibration : Calibration
+        Corrections of the models' predictions.
+    """
+
+    domain: Domain
+    robot: Robot
+    models: Models
+    gate: Gate
+    calibration: Calibration = field(default_factory=Calibration)
+
+    def refiner(self, *, gated: bool = False) -> Refiner:
+        """Return a refiner with the learned models."""
+        return self._refiner(self.models, self.gate if gated else opened(self.gate))
+
+    def analytic_refiner(self, models: Models) -> Refiner:
+        """Return a refiner with models that were not learned, without a gate."""
+        return self._refiner(models, OpenGate())
+
+    def _refiner(self, models: Models, gate: Gate) -> Refiner:
+        return Refiner(
+            self.robot,
+            models,
+            gate,
+            ranges=self.domain.ranges,
+            calibration=self.calibration,
+            failure_cost=self.domain.time_limit,
+        )
+
+    def predict(self, world: World, chain: TopChain) -> ChainPrediction:
+        """Return the prediction of a chain as it is, corrected by the calibration."""
+        prediction = predict_chain(world, chain, self.models, self.robot)
+        calibration = self.calibration.matching(self.models)
+        return calibration.corrected([(chain, prediction)], world, self.models, self.robot)[0]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,15 +94,12 @@ class ToolsetSource:
         Name of one of its action sets.
     models : str
         Folder of the models, with the layout of the shipped models/; empty: the shipped folder.
-    experience : tuple of str
-        Tables to which gradient boosting is fitted; empty: no such models.
     """
 
     domain: str = DEFAULT
     robot: str = ""
     action_set: str = DEFAULT_SET
     models: str = ""
-    experience: tuple[str, ...] = ()
 
     def described(self) -> Robot:
         """Return the robot."""
@@ -63,14 +107,8 @@ class ToolsetSource:
 
     def folder(self) -> Path:
         """Return the folder of the model files."""
-        return self._top() / model_path("gate", self.action_set).parent
-
-    def observed_folder(self) -> Path:
-        """Return the folder of the models that know nothing but what was observed."""
-        return self._top() / OBSERVED / model_path("gate", self.action_set).parent
-
-    def _top(self) -> Path:
-        return Path(self.models) if self.models else find_domain(self.domain).shipped_models
+        top = Path(self.models) if self.models else find_domain(self.domain).shipped_models
+        return top / model_path("gate", self.action_set).parent
 
     def digest(self, policies: Iterable[str], chain: str) -> str:
         """Return a digest of the robot's description and of all files that the choices depend on."""
@@ -78,12 +116,8 @@ class ToolsetSource:
         sha = hashlib.sha256(robot.description_digest().encode())
         names = [f"{action}.json" for action in self.actions_of(chain, robot)] + [CALIBRATION]
         names += [GATE] if any(policy.startswith(("refined", "gated")) for policy in policies) else []
-        names += [BASELINES] if any(policy.endswith("refitted") for policy in policies) else []
-        files = [self.folder() / name for name in names]
-        if any(policy.startswith(OBSERVED) for policy in policies):
-            models = [f"{action}.json" for action in self.actions_of(chain, robot)]
-            files += [self.observed_folder() / name for name in (*models, GATE)]
-        for file in [*files, *map(Path, self.experience)]:
+        for name in names:
+            file = self.folder() / name
             sha.update(file.read_bytes() if file.exists() else b"none")
         return sha.hexdigest()[:16]
 
@@ -109,10 +143,8 @@ class ToolsetSource:
             raise EvaluationError(f"chain {chain}: {why}")
 
     def stamps(self) -> tuple[tuple[str, int, int], ...]:
-        """Return name, time of change in ns, and size of models, gates, experience and a robot's own file."""
-        folders = (self.folder(), self.observed_folder())
-        files = [file for folder in folders for file in sorted(folder.glob("*.json"))]
-        files += [Path(name) for name in (self.robot, *self.experience) if name]
+        """Return name, time of change in ns, and size of models, gate, and a robot's own file."""
+        files = [*sorted(self.folder().glob("*.json")), *([Path(self.robot)] if self.robot else [])]
         stamps = []
         for file in files:
             with suppress(FileNotFoundError):
@@ -138,79 +170,25 @@ def read_rows(tables: Iterable[Path | str]) -> dict[str, pd.DataFrame]:
     return {str(action): rows for action, rows in frame.groupby("action", sort=False)}
 
 
-def available_policies(source: ToolsetSource) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the policies that the existing files allow, and what each of the others lacks."""
-    missing: dict[str, str] = {}
-    if not (source.folder() / BASELINES).exists():
-        why = f"{source.folder() / BASELINES} is not there; `gate --experience FILE` makes it"
-        missing |= {"bitbots_refitted": why, "booster_refitted": why}
-    if not (source.folder() / GATE).exists():
-        why = f"{source.folder() / GATE} is not there; the tool `gate` makes it"
-        missing |= {"gated": why, "gated_speed": why}
-    if not any(source.observed_folder().glob("*.json")):
-        why = f"{source.observed_folder()} has no models; `train --observed` makes them"
-        missing |= {OBSERVED: why, f"{OBSERVED}_speed": why}
-    if not source.experience:
-        missing[BOOSTING] = "it needs the table of experience: --experience FILE"
-    return tuple(name for name in POLICIES if name not in missing), missing
-
-
-def without_experience(tools: Toolset, source: ToolsetSource, chain: str) -> dict[str, str]:
-    """Return the policies that experience lacks an action of a chain for, and which it lacks."""
-    if BOOSTING not in tools.models:
-        return {}
-    there = tools.models[BOOSTING]
-    lacking = [action for action in source.actions_of(chain, tools.robot) if action not in there]
-    return {BOOSTING: f"no table of --experience has {lacking[0]}"} if lacking else {}
-
-
 def make_library(robot: Robot, source: ToolsetSource) -> TopLibrary:
     """Return the TOP library with the source's action set."""
     return find_domain(source.domain).library(robot, source.action_set)
 
 
-def _files(folder: Path, actions: Iterable[str]) -> dict[str, Path]:
-    """Return the existing model files; if there are none, all that are expected, for the error message."""
-    files = {action: folder / f"{action}.json" for action in actions}
-    return {action: file for action, file in files.items() if os.path.lexists(file)} or files
-
-
 def make_toolset(source: ToolsetSource) -> Toolset:
-    """Read models and gate, and fit gradient boosting.
+    """Read models, gate and calibration.
 
     Raises
     ------
-    ModelFileError, RefinementError, ExperienceError, EvaluationError
+    ModelFileError, RefinementError
         An existing file cannot be used; the message names it.
     """
     domain, robot, folder = find_domain(source.domain), source.described(), source.folder()
-    actions, features = list(domain.actions(source.action_set)), domain.known_features
-    headed, files = arriving(domain.tops), _files(folder, list(domain.actions(source.action_set)))
-    models: dict[str, Models] = {
-        "learned": {action: load_model(file, robot, features) for action, file in files.items()},
-        "bitbots": {action: bitbots(robot, arrives=action in headed) for action in actions},
-        "booster": {action: booster(robot, arrives=action in headed) for action in actions},
-        "ideal_time": ideal_times(domain, robot, source.action_set),
-        "turn_drive_turn": plain_times(domain, robot, source.action_set),
-    }
-    if (folder / BASELINES).exists():
-        models |= load_baselines(folder / BASELINES, robot)
-    if source.experience:
-        described = tuple(feature for feature in features.values() if feature not in PATHS)
-        models[BOOSTING] = {
-            action: BoostedTime(robot, described).fit(rows)
-            for action, rows in read_rows(source.experience).items()
-        }
-    observed = source.observed_folder()
-    if any(observed.glob("*.json")):
-        models[OBSERVED] = {
-            action: load_model(file, robot, features)
-            for action in actions
-            if (file := observed / f"{action}.json").exists()
-        }
-    gates = {OBSERVED: gate_in(observed, source.action_set)}
-    gate = gate_in(folder, source.action_set)
-    return Toolset(domain, robot, models, gate, load_calibration_if_any(folder), gates)
+    files = {action: folder / f"{action}.json" for action in domain.actions(source.action_set)}
+    # If there are none, all that are expected, for the error message.
+    there = {action: file for action, file in files.items() if os.path.lexists(file)} or files
+    models = {action: load_model(file, robot, domain.known_features) for action, file in there.items()}
+    return Toolset(domain, robot, models, gate_in(folder, source.action_set), load_calibration_if_any(folder))
 
 
 def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:

@@ -3,52 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 
 from ator_ros.actions.goal_variables import wrong_values
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.errors import EvaluationError
+from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import LeftOutError, TopLibrary
 from ator_ros.world.state import World
 
-#: Purposes of the seeds; no range is used for anything else.
-SEEDS: Mapping[str, str] = MappingProxyType(
-    {
-        "1xx": "training episodes",
-        "2xx": "episodes that measure the models' accuracy",
-        "3xx": "situations that the gate and the calibration are learned from",
-        "4xx-8xx": "development",
-        "9xx": "quality of the actions, effect of the sensors",
-        "1375-1376": "evaluations of a heavy robot, looked at while its actions and its gate were mended",
-        "1377": "its evaluation after that",
-        "5431": "development, too",
-        "2005": "earlier evaluations, looked at while the gate was made",
-        "2015": "an evaluation of the paper's actions by a smaller set of models",
-        "2017": "an evaluation of the paper's actions, whose failures were looked at while they were mended",
-        "2032": "a part of an evaluation of the paper's actions, whose failures were mended",
-        "2034": "the same, after that",
-        "2035": "an evaluation of the paper's actions, whose longest runs were mended",
-        "2036": "the same; its slower runs led to the rule by which the kind of a gate is chosen",
-        "2037": "the final evaluation of the paper's actions",
-        "2026": "the final evaluation",
-        "2027": "the evaluation of the observed models, and their learning curve",
-        "2028": "open places, looked at while what limits them was made",
-        "2029": "the evaluation of open places",
-        "2030": "the final evaluation of the tour",
-        "2033": "the dense oracle of open places",
-        "2041": "the evaluation of refinement along the way",
-        "2042": "the choice among alternatives",
-        "2043": "an earlier learning curve of the observed models",
-        "3107": "further situations that the calibration is learned from",
-        "3108-3110": "errors of earlier calibrations, looked at",
-        "3111": "the final errors of calibrated predictions",
-    }
-)
+
+class EvaluationError(ValueError):
+    """An evaluation that cannot be run or read; the message says what was expected and what came."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,3 +88,33 @@ def with_headings(chain: TopChain, headings: Mapping[int, float]) -> TopChain:
         goal = dataclasses.replace(call.goal, pose=call.goal.pose._replace(yaw=float(yaw)))
         calls[index] = dataclasses.replace(call, goal=goal, open=call.open - {"yaw"})
     return TopChain(tuple(calls))
+
+
+def possible_actions(domain: Domain, action_set: str, robot: Robot) -> tuple[list[str], dict[str, str]]:
+    """Return the actions that a robot can execute, and why it can't the others."""
+    actions, left_out = [], {}
+    for name, spec in domain.actions(action_set).items():
+        try:
+            spec.factory(robot)
+            spec.sample(robot, np.random.default_rng(0))
+        except ConfigError as error:
+            left_out[name] = str(error)
+        else:
+            actions.append(name)
+    library = domain.library(robot, action_set)
+    lacking = {top.action: library.left_out.get(top.name) for top in domain.tops}
+    return actions, left_out | {name: reason for name, reason in lacking.items() if reason is not None}
+
+
+def possible_chain(
+    domain: Domain, library: TopLibrary, wanted: str | None, actions: Sequence[str]
+) -> str | None:
+    """Return the chain that was asked for, or else the first one all of whose actions are among `actions`."""
+    for name in sorted(domain.chains, key=lambda name: name != wanted):
+        try:
+            trial = random_trial(domain, name, library, seed=0, index=0)
+        except ConfigError:
+            continue
+        if all(call.top.action in actions for call in trial.chain.calls):
+            return name
+    return None

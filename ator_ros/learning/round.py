@@ -26,7 +26,7 @@ from ator_ros.learning.sets import (
     seal,
     sets_in,
 )
-from ator_ros.performance.features import Feature
+from ator_ros.performance.features import OBSERVED, Feature
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.model_file import (
     ModelFileError,
@@ -36,7 +36,6 @@ from ator_ros.performance.model_file import (
     model_path,
     save_model,
 )
-from ator_ros.performance.training import OBSERVED
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.calibration import CALIBRATION, load_calibration_if_any, save_calibration
 from ator_ros.refinement.gate import ThresholdGate, save_gate

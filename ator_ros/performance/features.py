@@ -156,6 +156,9 @@ GENERAL: dict[str, Feature] = {feature.name: feature for feature in (*PAPER_11, 
 CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *IDEAL)
 """Features from which the model tree of an action selects that names none; see `ActionSpec.features`."""
 
+OBSERVED: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
+"""The same for a model that knows nothing but what was observed: no ideal times of our own actions."""
+
 
 def goal_feature(variable: GoalVariable) -> Feature:
     """Return a goal variable that an action declares as a feature: NAMEg, as in experience."""

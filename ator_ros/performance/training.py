@@ -19,9 +19,7 @@ from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import LEVELS, DrivingStyle
 from ator_ros.performance.features import (
     CANDIDATES,
-    PAPER_3,
     PATHS,
-    SIGNED,
     Feature,
     declared_by,
     feature_table,
@@ -32,9 +30,6 @@ from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import CONTROL_PERIOD
-
-OBSERVED: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
-"""Candidates for a model of observations alone: no ideal times of our own actions."""
 
 _EPISODES = 300  # more don't change what is read off, and take longer
 _GREATEST, _OFTEN = 0.995, 0.95  # quantiles that count as the greatest speed and acceleration

@@ -7,14 +7,113 @@ command it meanwhile. The robot needs free way ahead (--space), half a metre beh
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ator_ros.tools.guard import guarded
-from ator_ros.tools.option_types import destination, frame
+import yaml
 
+from ator_ros.files import head, portable_command, write_text
+from ator_ros.robot.description import KIND, Limits, Robot, least_torque, load_robot
+from ator_ros.robot.identification import BaseEstimate, identify
+from ator_ros.robot.probe_drive import ProbeDrive
+from ator_ros.tools.command_line import destination, frame
+from ator_ros.tools.guard import guarded
+
+_FASTER = 1.5  # commands beyond the described limits, so that the limits of the base show
 _GREATEST = 1000.0  # m, m/s or rad/s; a sprint to 15 m/s needs some hundred m
+
+
+def calibrate(
+    template: Path | None,
+    out: Path,
+    *,
+    name: str | None,
+    v: float | None,
+    w: float | None,
+    space: float,
+    stamped: str,
+    frame: str,
+    words: Sequence[str],
+) -> None:
+    """Drive a base over ROS, and write a description with the estimated limits and lag.
+
+    Parameters
+    ----------
+    template : Path or None
+        Description whose sizes are kept; None: the shipped one.
+    out : Path
+        Description to write.
+    name : str or None
+        Name of the robot; None: that of the template.
+    v, w : float or None
+        Greatest commands in m/s and rad/s; None: 1.5 times the limits of the template.
+    space : float
+        Free way ahead in m.
+    stamped : str
+        Whether cmd_vel is a TwistStamped: "auto", "true" or "false".
+    frame : str
+        Frame of the odometry.
+    words : sequence of str
+        The command line, for ROS and for the file.
+    """
+    from ator_ros.tools.calibration_drive import drive_over_ros  # needs ROS
+
+    robot = load_robot(template)
+    limits = robot.limits
+    drive = ProbeDrive(v=v or _FASTER * limits.v, w=w or _FASTER * limits.w, space=space)
+    samples = drive_over_ros(drive, words, stamped=stamped, frame=frame)
+    estimate = identify(samples)
+    found = described(dataclasses.replace(robot, name=name or robot.name), estimate)
+    told = report(estimate)
+    if found.wheel_torque != robot.wheel_torque:
+        told.append(
+            f"wheel_torque {found.wheel_torque:g} N m: the least that {found.mass:g} kg need for that"
+        )
+    lines = [f"# {line}" for line in ("Written by:", portable_command("calibrate", words), *told)]
+    write_text(
+        out,
+        "\n".join(lines) + "\n" + yaml.safe_dump({**head(KIND), **found.sections()}, sort_keys=False),
+    )
+    load_robot(out)  # raises ConfigError where an estimate is not plausible
+    print("\n".join((*told, f"written to {out}")))
+
+
+def described(template: Robot, estimate: BaseEstimate) -> Robot:
+    """Return a description with the estimated limits and lag, and everything else of the template.
+
+    Motors that the template has too weak for the estimated accelerations are as strong as they must be.
+    """
+    limits = Limits(*(round(value, 3) for value in dataclasses.astuple(estimate.limits)))
+    lag, holder = round(max(estimate.lag, 0.002), 3), template.holder
+    if holder is not None:
+        holder = dataclasses.replace(holder, limits=holder.limits.within(limits))
+    torque = max(template.wheel_torque, least_torque(template.mass, template.wheel_radius, limits))
+    return dataclasses.replace(
+        template, limits=limits, motor_time_constant=lag, holder=holder, wheel_torque=torque
+    )
+
+
+def report(estimate: BaseEstimate) -> list[str]:
+    """Return the estimates as readable lines."""
+    limits, axes = estimate.limits, (("v", estimate.driving, "m/s"), ("w", estimate.turning, "rad/s"))
+    lines = [
+        f"latency {estimate.latency:.3f} s: set the parameter `latency` of the executor",
+        f"motor_time_constant {estimate.lag:.3f} s",
+        f"limits: v {limits.v:.3f} m/s, w {limits.w:.3f} rad/s, a {limits.a:.3f} m/s^2, "
+        f"brake {limits.brake:.3f} m/s^2, aw {limits.aw:.3f} rad/s^2",
+    ]
+    for name, axis, unit in axes:
+        lines.append(
+            f"dead zone of {name}: {axis.dead_zone:.2f} {unit}; fitted within {axis.error:.3f} {unit} (RMS)"
+        )
+        if not axis.limited:
+            lines.append(
+                f"limits.{name}: {axis.response.limit:.3f} {unit} is what was driven; "
+                f"the base may be faster (give more --space, or a greater --{name})"
+            )
+    return lines
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -66,9 +165,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = arguments().parse_args(own)
 
     def run() -> int:
-        from ator_ros.tools.work import calibrate as work
-
-        return work.run(options, words)
+        calibrate(
+            options.robot,
+            options.out,
+            name=options.name,
+            v=options.v,
+            w=options.w,
+            space=options.space,
+            stamped=options.stamped,
+            frame=options.frame,
+            words=words,
+        )
+        return 0
 
     return guarded("calibrate", run)
 

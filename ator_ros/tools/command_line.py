@@ -1,24 +1,26 @@
-"""The options that commands have in common, and the domain by which their names are checked."""
+"""The options that commands have in common, their types for argparse, and the names that a domain checks."""
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
+import math
+import re
 from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from pathlib import Path
+from typing import Any
 
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.domains.domain import Domain, DomainError, domain_for
+from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.experience.parallel import BACKENDS
+from ator_ros.files import reserved
 from ator_ros.printable import printable
-from ator_ros.tools.option_types import jobs, number
+from ator_ros.world.messages import plain_frame
 
-if TYPE_CHECKING:  # each takes seconds to import, and no help needs it
-    from _typeshed import DataclassInstance
-
-    from ator_ros.domains.domain import Domain
-    from ator_ros.evaluation.toolset import ToolsetSource
-
-Asked = TypeVar("Asked", bound="DataclassInstance")
+_NAMESPACE = re.compile(r"(?!__)[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
+_FRAME = re.compile(r"[A-Za-z0-9_][\w.-]*(/[\w.-]+)*", re.ASCII)
+_LONGEST_NAME = 100  # characters; names become names of files, which may have 255 bytes
+_ROOM = 100_000  # bytes of a result whose size is not known beforehand
 
 
 def add_setting(parser: argparse.ArgumentParser, *, robot: bool = True, action_set: bool = True) -> None:
@@ -85,8 +87,6 @@ def settled(
         The options and the domain. A name that the domain lacks ends the program as argparse does.
     """
     options = parser.parse_args(words)
-    from ator_ros.domains.domain import DomainError, domain_for
-
     try:
         domain = domain_for(options.domain, options.__dict__.get("robot"))
     except DomainError as error:
@@ -124,26 +124,11 @@ def check_names(
             parser.error(f"argument {flag}: expected one of {', '.join(there)}, got {name[:80]!r}")
 
 
-def asked(kind: type[Asked], options: argparse.Namespace, command: str) -> Asked:
-    """Return what a command line asks of a domain: each field of `kind` is the option of its name."""
-    values = {**vars(options), "command": command}
-    return kind(**{field.name: values[field.name] for field in dataclasses.fields(kind)})
-
-
-def policies() -> list[str]:
-    """Return the names of all policies that can be evaluated."""
-    from ator_ros.evaluation.policies import POLICIES
-
-    return list(POLICIES)
-
-
-def source_of(options: argparse.Namespace, **more: Any) -> ToolsetSource:
+def source_of(options: argparse.Namespace) -> ToolsetSource:
     """Return the source of robot, actions and models that the options of `add_setting` name."""
-    from ator_ros.evaluation.toolset import ToolsetSource
-
     given = {name: getattr(options, name) for name in ("domain", "robot", "action_set", "models")
              if name in options}  # fmt: skip
-    return ToolsetSource(**(given | more))
+    return ToolsetSource(**given)
 
 
 def add_parallel_options(parser: argparse.ArgumentParser) -> None:
@@ -158,3 +143,93 @@ def add_jobs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--jobs", type=jobs, default=-1, metavar="N", help="worker processes (default: -1, one per core)"
     )
+
+
+def workers(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of `add_parallel_options` as arguments of what runs in parallel."""
+    return {"jobs": options.jobs, "backend": options.backend, "scheduler": options.cluster}
+
+
+def finite(text: str) -> float:
+    """Read a finite number; a type for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"expected a finite number, got {text!r}")
+    return value
+
+
+def number(text: str) -> float:
+    """Read a finite number from 0; a type for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a finite number from 0, got {text!r}")
+    return value
+
+
+def jobs(text: str) -> int:
+    """Read a number of worker processes, -1 for one per core; a type for argparse."""
+    if text == "-1":
+        return -1
+    try:
+        return whole(1)(text)
+    except argparse.ArgumentTypeError as error:
+        raise argparse.ArgumentTypeError(f"{error}; or -1, one per core") from error
+
+
+def destination(text: str) -> Path:
+    """Read the path of a file that, as far as known beforehand, can be written; a type for argparse."""
+    path = Path(text)
+    folder = next(parent for parent in path.absolute().parents if parent.exists())
+    wanted = f"expected a file that can be written, got {text!r}"
+    if path.is_dir() or not folder.is_dir():
+        raise argparse.ArgumentTypeError(wanted)
+    try:
+        with reserved(folder, _ROOM):
+            return path
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"{wanted}: {error}") from error
+
+
+def whole(least: int = 0, most: int | None = None) -> Callable[[str], int]:
+    """Return a type for argparse: a whole number from `least`, and up to `most` if that is given."""
+    expected = f"a whole number from {least}" + (f" to {most}" if most is not None else "")
+
+    def read(text: str) -> int:
+        number = int(text) if text.isdecimal() else least - 1
+        if number < least or (most is not None and number > most):
+            raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
+        return number
+
+    return read
+
+
+def namespace(text: str) -> str:
+    """Read a ROS namespace, with or without the / before it, which is left out; a type for argparse."""
+    name = text.removeprefix("/")
+    if len(name) > _LONGEST_NAME or not _NAMESPACE.fullmatch(name):
+        raise argparse.ArgumentTypeError(
+            f"expected a namespace of at most {_LONGEST_NAME} letters, digits, _ and /, got {text[:80]!r}"
+        )
+    return name
+
+
+def topic(text: str) -> str:
+    """Read the name of a topic, with or without the / before it, as an absolute one; a type for argparse."""
+    name = text.removeprefix("/")
+    if len(name) > _LONGEST_NAME or not _NAMESPACE.fullmatch(name):
+        raise argparse.ArgumentTypeError(f"expected the name of a topic, got {text[:80]!r}")
+    return f"/{name}"
+
+
+def frame(text: str) -> str:
+    """Read the name of a frame, with or without a / before it, which is left out; a type for argparse."""
+    name = plain_frame(text)
+    if len(name) > _LONGEST_NAME or not _FRAME.fullmatch(name):
+        raise argparse.ArgumentTypeError(f"expected the name of a frame, got {text[:80]!r}")
+    return name

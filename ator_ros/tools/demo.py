@@ -3,14 +3,308 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import math
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from ator_ros.tools.command_line import add_factor, add_models, add_setting, settled
-from ator_ros.tools.option_types import destination, whole
+import numpy as np
 
+from ator_ros.domains.domain import Domain, domain_for
+from ator_ros.evaluation.charts import BLUE, GREEN, GREY, ORANGE, draw_robot, new_figure
+from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
+from ator_ros.files import replaced
+from ator_ros.robot.description import Robot
+from ator_ros.tools.command_line import add_factor, add_models, add_setting, destination, settled, whole
+from ator_ros.tools.guard import EXPECTED_ERRORS, INTERRUPTED, ending_signals, handled, report, write_plainly
+from ator_ros.tools.processes import all_nodes
+from ator_ros.tops.chain import TopChain
+from ator_ros.world.state import World
+
+if TYPE_CHECKING:  # ROS may be missing
+    from ator_interfaces.msg import ChainPerformance, Performance
+    from ator_ros.tools.client import Client
+
+PICTURE = (
+    "the robot's path in each situation, naive (orange) and refined (blue); "
+    "dots are objects, crosses the goals of the steps, green where nothing is open"
+)
+"""What `save_picture` draws."""
+_COLUMNS = 3
 _LONGEST_DEMO = 200  # situations of which one page shows all pictures
+
+
+@dataclass(frozen=True)
+class DemoRun:
+    """One execution of a chain.
+
+    Attributes
+    ----------
+    success : bool
+        Whether the chain reached its end.
+    reason : str
+        How it ended, in words.
+    refinement : str
+        Why it was refined or left alone.
+    refined : bool
+        Whether a subgoal was changed.
+    predicted, actual : tuple of float
+        Times of its actions in s, NaN where not known; `actual` as far as it came.
+    total : tuple of float
+        Predicted and actual time of the chain in s.
+    path : list of (x, y)
+        Where the robot was, in m.
+    """
+
+    success: bool
+    reason: str
+    refinement: str
+    refined: bool
+    predicted: tuple[float, ...]
+    actual: tuple[float, ...]
+    total: tuple[float, float]
+    path: list[tuple[float, float]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class DemoSituation:
+    """One situation: how it starts, the chain, and how it went naive and refined."""
+
+    start: World
+    chain: TopChain
+    naive: DemoRun
+    refined: DemoRun
+
+    @property
+    def gain(self) -> float:
+        """Time saved in s; NaN when one of the two failed."""
+        both = self.naive.success and self.refined.success
+        return self.naive.total[1] - self.refined.total[1] if both else math.nan
+
+
+def explanation(name: str, chain: TopChain) -> str:
+    """Return what a chain is, what it leaves open, and what naive and refined mean, one line each."""
+    steps = [
+        (f"step {number} ({call.top.name})", sorted(call.open)) for number, call in enumerate(chain.calls, 1)
+    ]
+    opened = [f"{' and '.join(names)} at the end of {step}" for step, names in steps if names]
+    return "\n".join(
+        [
+            f"chain {name}: {', '.join(call.top.name for call in chain.calls)}",
+            f"open, for refinement to choose: {'; '.join(opened) or 'nothing'}",
+            "naive: each step alone is fastest, and the robot stops; refined: the whole chain is fastest",
+        ]
+    )
+
+
+def table(situations: Sequence[DemoSituation]) -> str:
+    """Return predicted / actual times in s of each action and chain, a line for each run."""
+    if not situations:
+        return "no situation was finished"
+    longest = max((situation.chain for situation in situations), key=len)
+    tops = [call.top.name for call in longest.calls]
+    head = ["", "", *tops, "chain", "gain"]
+    rows = [head]
+    for number, situation in enumerate(situations, start=1):
+        rows.append([str(number), "naive", *_cells(situation.naive, len(tops)), ""])
+        gain = situation.gain
+        percent = 100.0 * gain / (situation.naive.total[1] or math.inf)  # a run may end before it began
+        gain, percent = round(gain, 2) + 0.0, round(percent) + 0.0 if math.isfinite(percent) else percent
+        saved = "-" if math.isnan(gain) else f"{gain:+.2f} s ({percent:+.0f} %)"
+        kind = "refined" if situation.refined.refined else "left alone"
+        rows.append(["", kind, *_cells(situation.refined, len(tops)), saved])
+    widths = [max(len(row[column]) for row in rows) for column in range(len(head))]
+    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines.insert(1, "-" * len(lines[0]))
+    return "\n".join(["predicted / actual time in s", *lines, "", summary(situations)])
+
+
+def _cells(run: DemoRun, steps: int) -> list[str]:
+    actual = [*run.actual, *[math.nan] * (len(run.predicted) - len(run.actual))]
+    cells = [_pair(p, a) for p, a in zip(run.predicted, actual, strict=True)]
+    return [*cells, *[""] * (steps - len(cells)), _pair(*run.total) if run.success else "failed"]
+
+
+def _pair(predicted: float, actual: float) -> str:
+    return " / ".join("-" if math.isnan(value) else f"{value:.2f}" for value in (predicted, actual))
+
+
+def summary(situations: Sequence[DemoSituation]) -> str:
+    """Return a summary in one sentence, with the reasons of failures."""
+    counted = [situation for situation in situations if not math.isnan(situation.gain)]
+    naive = math.fsum(situation.naive.total[1] for situation in counted)
+    gain = math.fsum(situation.gain for situation in counted)
+    percent = 100.0 * abs(gain) / naive if naive else 0.0
+    verb = "saved" if gain >= 0.0 else "cost"
+    lines = [
+        f"{len(counted)} of {len(situations)} situations succeeded both ways; "
+        f"refinement {verb} {abs(gain):.2f} s of {naive:.2f} s ({percent:.1f} %)"
+    ]
+    for number, situation in enumerate(situations, start=1):
+        for name, run in (("naive", situation.naive), ("refined", situation.refined)):
+            if not run.success:
+                lines.append(f"situation {number}, {name}: {run.reason}")
+    alone = {s.refined.refinement for s in situations if not s.refined.refined}
+    return "\n".join(lines + [f"left alone: {reason}" for reason in sorted(alone)])
+
+
+def save_picture(file: Path, robot: Robot, situations: Sequence[DemoSituation]) -> None:
+    """Write the paths in the scene, a panel for each situation, as a PNG file."""
+    rows = math.ceil(len(situations) / _COLUMNS)
+    figure = new_figure(4.6 * _COLUMNS, 3.4 * rows)
+    for number, situation in enumerate(situations, start=1):
+        axes = figure.add_subplot(rows, _COLUMNS, number)
+        _panel(axes, robot, situation)
+        axes.set_title(f"{number}", fontsize=9, loc="left")
+    with replaced(file) as temporary:
+        figure.savefig(temporary, format="png", dpi=130)
+
+
+def _panel(axes: Any, robot: Robot, situation: DemoSituation) -> None:
+    x_min, y_min, x_max, y_max = robot.scene.area.lines
+    axes.plot([x_min, x_max, x_max, x_min, x_min], [y_min, y_min, y_max, y_max, y_min], color=GREY, lw=0.8)
+    for bay in robot.scene.bays:
+        across = np.array([-math.sin(bay.yaw), math.cos(bay.yaw)]) * bay.width / 2.0
+        middle = np.array([bay.x, bay.y])
+        ends = np.stack([middle + across, middle - across])
+        axes.plot(*ends.T, color="black", lw=3.0)
+    draw_robot(axes, robot, situation.start.robot.pose, "#333333")
+    for there in situation.start.objects.values():
+        axes.plot(there.x, there.y, "o", color="black", ms=4)
+    for call in situation.chain.calls:
+        colour = "#333333" if call.open else GREEN
+        axes.plot(call.goal.pose.x, call.goal.pose.y, "+", color=colour, ms=7)
+    second = "refined" if situation.refined.refined else "left alone"
+    for name, run, colour in (("naive", situation.naive, ORANGE), (second, situation.refined, BLUE)):
+        time = f"{run.total[1]:.2f} s" if run.success else "failed"
+        path = np.array(run.path).reshape(-1, 2)
+        axes.plot(path[:, 0], path[:, 1], color=colour, lw=1.5, label=f"{name}, {time}")
+    axes.set_aspect("equal")
+    axes.axis("off")
+    axes.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.02), ncols=2)
+
+
+def demo(
+    situations: int,
+    seed: int,
+    chain: str,
+    out: Path,
+    *,
+    domain: str = "",
+    robot: str = "",
+    models: str = "",
+    real_time_factor: float = 0.0,
+) -> int:
+    """Play situations naive and refined on nodes of its own; print a table and write a picture.
+
+    Parameters
+    ----------
+    situations, seed : int
+        Number and seed of the situations.
+    chain : str
+        Name of the domain's chain.
+    out : Path
+        The picture, a PNG file.
+    domain, robot, models : str
+        Name or file of the domain, file of the robot's description, folder of the models; empty: the
+        default ones.
+    real_time_factor : float
+        Simulated per real seconds; 0: as fast as the robot is steered.
+
+    Returns
+    -------
+    int
+        The exit code.
+    """
+    played: list[DemoSituation] = []
+    code = 0
+    try:
+        of_domain = domain_for(domain, robot)
+        described = of_domain.robot(robot or None)
+        with (
+            handled(dict.fromkeys(ending_signals(), signal.default_int_handler)),
+            all_nodes(real_time_factor, models=models, robot=robot, domain=domain) as nodes,
+        ):
+            names = " and ".join(("three nodes", *(server.name for server in of_domain.servers)))
+            print(f"{names} start on ROS domain {nodes.domain} …", flush=True)
+            from ator_ros.tools.client import Client
+
+            with Client(nodes.domain, nodes.check, of_domain.objects) as client:
+                client.ready(of_domain.remote_servers(), len(of_domain.servers))
+                played.extend(_play(client, of_domain, described, chain, situations, seed))
+    except KeyboardInterrupt:
+        print("interrupted")
+        code = INTERRUPTED
+    except EXPECTED_ERRORS as error:
+        report("demo", error)
+        code = 1
+    if played:
+        print(f"\n{table(played)}")
+        save_picture(out, described, played)
+        print(f"\n{out.resolve()}: {PICTURE}\nmake view shows it live, in the browser")
+    return code
+
+
+def _play(
+    client: Client, domain: Domain, robot: Robot, chain: str, situations: int, seed: int
+) -> Iterator[DemoSituation]:
+    """Play the situations one by one."""
+    library = domain.library(robot)
+    for index in range(situations):
+        trial = random_trial(domain, chain, library, seed=seed, index=index)
+        if "speed" in domain.variables:
+            trial = dataclasses.replace(trial, chain=open_speeds(trial.chain))
+        if index == 0:
+            print(explanation(chain, trial.chain), flush=True)
+        yield _both(client, trial, f"situation {index + 1} of {situations}")
+
+
+def _both(client: Client, trial: Trial, name: str) -> DemoSituation:
+    """Play one situation naive and refined."""
+    from ator_ros.nodes.messages import chain_of
+    from ator_ros.tools.client import FRAME
+
+    message = chain_of(trial.chain, action_set="", frame=FRAME)
+    answer = client.refine(trial.world, message)
+    client.place(trial.world)
+    print(f"{name}: naive ", end="", flush=True)
+    record = client.execute(answer.original, refine=False)
+    naive = run_from(record, client.path, answer.before, answer.before_actions)
+    client.place(trial.world)
+    print(f"{naive.total[1]:.2f} s, refined ", end="", flush=True)
+    record = client.execute(message, refine=True)
+    if record.refined:
+        refined = run_from(record, client.path, answer.after, answer.after_actions)
+    else:
+        refined = run_from(record, client.path, answer.before, answer.before_actions)
+    print(f"{refined.total[1]:.2f} s", flush=True)
+    return DemoSituation(trial.world, trial.chain, naive, refined)
+
+
+def run_from(
+    record: ChainPerformance,
+    path: Sequence[tuple[float, float]],
+    whole: Performance,
+    actions: Sequence[Performance],
+) -> DemoRun:
+    """Read the record of a chain, with the prediction that refinement made of it from the start.
+
+    The records of actions hold predictions from where each has begun, which do not add up to the chain's.
+    """
+    return DemoRun(
+        success=record.outcome.code == record.outcome.SUCCEEDED,
+        reason=record.outcome.reason,
+        refinement=record.refinement,
+        refined=record.refined,
+        predicted=tuple(action.duration for action in actions),
+        actual=tuple(action.actual.duration for action in record.actions),
+        total=(whole.duration, record.actual.duration),
+        path=list(path),
+    )
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -36,10 +330,23 @@ def arguments() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    options, domain = settled(arguments(), argv, chain=lambda domain: reversed(list(domain.chains)))
-    from ator_ros.tools.work import demo as work
-
-    return work.run(options, domain)
+    options, _ = settled(arguments(), argv, chain=lambda domain: reversed(list(domain.chains)))
+    write_plainly()
+    try:
+        import rclpy  # noqa: F401
+    except ImportError as error:
+        print(f"demo: {error}: source your ROS 2 workspace, or use make demo", file=sys.stderr)
+        return 1
+    return demo(
+        options.situations,
+        options.seed,
+        options.chain,
+        options.out,
+        domain=options.domain,
+        robot=options.robot,
+        models=options.models,
+        real_time_factor=options.real_time_factor,
+    )
 
 
 if __name__ == "__main__":

@@ -7,19 +7,68 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from ator_ros.evaluation.policies import POLICIES, unavailable
+from ator_ros.evaluation.report import evaluation_table, prediction_table, write_report
+from ator_ros.evaluation.running import PartialResults, describe, results_in, run_situations, write_result
+from ator_ros.evaluation.situation import Settings
+from ator_ros.evaluation.toolset import make_toolset
+from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.files import portable_command
 from ator_ros.tools.command_line import (
     add_models,
     add_parallel_options,
     add_setting,
     check_names,
-    policies,
     settled,
+    source_of,
+    whole,
+    workers,
 )
 from ator_ros.tools.guard import RESUMES, guarded
-from ator_ros.tools.option_types import number, whole
 
-_OFFLINE = 300
+
+def evaluate(
+    settings: Settings,
+    out: Path,
+    *,
+    command: str,
+    situations: int = 100,
+    jobs: int = -1,
+    backend: str = "loky",
+    scheduler: str | None = None,
+) -> None:
+    """Execute situations with every policy; write `evaluation.json` and the report, and print the tables.
+
+    Parameters
+    ----------
+    settings : Settings
+        Seed, chain, policies, oracle, and where robot, models and gate come from.
+    out : Path
+        Folder of the results.
+    command : str
+        The command that asks for it, for the result.
+    situations : int
+        Number of situations.
+    jobs, backend, scheduler
+        As for `run_situations`.
+    """
+    if situations < 1:
+        raise EvaluationError(f"--situations: expected at least 1, got {situations}")
+    source = settings.source
+    source.require_executable(settings.chain)
+    tools = make_toolset(source)  # before anything is executed: a damaged file is reported at once
+    source.digests(settings.chain)
+    with results_in(out, situations):
+        records = run_situations(
+            settings, situations=situations, folder=out, jobs=jobs, backend=backend, scheduler=scheduler
+        )
+        result = describe(settings, records, command)
+        path = write_result(out, result, records)
+        print(evaluation_table(result["summary"]))
+        print(prediction_table(result["summary"]))
+        report = write_report(out, result, records, settings, tools)
+        PartialResults.remove(out)
+    print(f"wrote {path} and {report}")
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -32,8 +81,7 @@ def arguments() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--oracle-jointly",
-        action="store_const",
-        const=True,
+        action="store_true",
         help="K headings at every open step, jointly: where the robot stands between two actions",
     )
     parser.add_argument(
@@ -56,59 +104,18 @@ def arguments() -> argparse.ArgumentParser:
     add_setting(parser)
     parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its first)")
     parser.add_argument("--policies", nargs="+", metavar="NAME", help="default: all that can be run")
-    parser.add_argument(
-        "--again",
-        nargs="+",
-        default=[],
-        metavar="NAME",
-        help="execute only these policies again; the others and the oracle come from the result in --out, "
-        "which the same options have made",
-    )
     add_models(parser)
-    parser.add_argument(
-        "--experience",
-        nargs="+",
-        default=[],
-        metavar="FILE",
-        help="tables from collect, for the policy hist_gradient_boosting",
-    )
-    parser.add_argument(
-        "--learning",
-        nargs="*",
-        metavar="CHANGE",
-        help="play chains on robots that have changed, and learn meanwhile: none, motors, lag, wheel, roll "
-        "(default: all)",
-    )
-    parser.add_argument(
-        "--offline",
-        type=whole(50),
-        metavar="N",
-        help=f"episodes of the offline models' actions (default: {_OFFLINE})",
-    )
-    parser.add_argument(
-        "--explore", type=number, metavar="SHARE", help="of the time, to try the unknown (default: 0)"
-    )
     add_parallel_options(parser)
     return parser
 
 
 def _refuse_idle(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """Refuse options that do nothing without another one."""
-    for needed, names in (
-        ("oracle", ("oracle_jointly", "oracle_speeds", "oracle_margin")),
-        ("learning", ("offline", "explore")),
-    ):
-        given = [name for name in names if getattr(options, name) not in (None, [])]
-        if given and getattr(options, needed) is None:
-            parser.error(f"--{given[0].replace('_', '-')}: expected --{needed}, too")
+    for name in ("oracle_jointly", "oracle_speeds", "oracle_margin"):
+        if getattr(options, name) not in (None, False, []) and options.oracle is None:
+            parser.error(f"--{name.replace('_', '-')}: expected --oracle, too")
     if options.oracle_jointly and options.oracle_speeds:
         parser.error("--oracle-speeds: expected none beside --oracle-jointly")
-
-
-def _fill_in(options: argparse.Namespace) -> None:
-    options.oracle, options.oracle_jointly = options.oracle or 0, bool(options.oracle_jointly)
-    options.offline = _OFFLINE if options.offline is None else options.offline
-    options.explore = options.explore or 0.0
 
 
 def _speed(text: str) -> float:
@@ -124,18 +131,37 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = arguments()
     options, _ = settled(parser, words, chain=lambda domain: domain.chains)
     if options.policies is not None:
-        check_names(parser, "policies", options.policies, policies())
+        check_names(parser, "policies", options.policies, POLICIES)
     _refuse_idle(parser, options)
-    _fill_in(options)
 
     def run() -> int:
-        if options.learning is not None:
-            from ator_ros.tools.work import evaluate_learning
-
-            return evaluate_learning.run(options, portable_command("evaluate", words))
-        from ator_ros.tools.work import evaluate as work
-
-        return work.run(options, portable_command("evaluate", words))
+        source = source_of(options)
+        source.digests(options.chain)  # a missing model is reported before a missing gate
+        missing = unavailable(source)
+        for name, why in missing.items():
+            if options.policies is None:
+                print(f"evaluate: without the policy {name}: {why}", file=sys.stderr)
+            elif name in options.policies:
+                raise EvaluationError(f"--policies: {name} cannot be run: {why}")
+        wanted = {"naive", *(options.policies or POLICIES)} - missing.keys()
+        settings = Settings(
+            seed=options.seed,
+            chain=options.chain,
+            policies=tuple(name for name in POLICIES if name in wanted),
+            oracle=options.oracle or 0,
+            oracle_margin=options.oracle_margin,
+            oracle_speeds=tuple(options.oracle_speeds),
+            source=source,
+            joint_oracle=options.oracle_jointly,
+        )
+        evaluate(
+            settings,
+            options.out,
+            command=portable_command("evaluate", words),
+            situations=options.situations,
+            **workers(options),
+        )
+        return 0
 
     return guarded("evaluate", run, interrupted=RESUMES)
 

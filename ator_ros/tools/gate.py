@@ -1,16 +1,178 @@
-"""Learn the gate, and refit the rulers' time models, from situations of their own (paper, section 5)."""
+"""Learn when refinement pays, from situations of their own (paper, section 5)."""
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from ator_ros.files import portable_command
-from ator_ros.tools.command_line import add_models, add_parallel_options, add_setting, settled
+from ator_ros.domains.domain import find_domain
+from ator_ros.evaluation.calibration_learning import StepExample, step_examples
+from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
+from ator_ros.evaluation.gate_learning import (
+    LearnedGate,
+    LearnedGates,
+    fit_to_drawn_errors,
+    gate_examples,
+    learn_gates,
+    with_corrected_gains,
+)
+from ator_ros.evaluation.running import results_in, run_situations
+from ator_ros.evaluation.situation import Record, Settings
+from ator_ros.evaluation.toolset import ToolsetSource, make_library, read_rows, tools_of
+from ator_ros.evaluation.trials import EvaluationError
+from ator_ros.files import portable_command, reserved, write_text
+from ator_ros.refinement.gate import GATE, Gate, OpenGate, gate_in, opened, save_gate
+from ator_ros.tools.calibrate_predictions import save_learned
+from ator_ros.tools.command_line import (
+    add_models,
+    add_parallel_options,
+    add_setting,
+    settled,
+    source_of,
+    whole,
+    workers,
+)
 from ator_ros.tools.guard import RESUMES, guarded
-from ator_ros.tools.option_types import whole
+
+_GATE_BYTES = 100_000
+POLICIES = ("naive", "refined", "refined_speed")
+ROOM = 1.5
+"""Multiple of the way to stop that `room` keeps free ahead of an arrival."""
+
+
+def learn_gate(
+    source: ToolsetSource,
+    chain: str,
+    work: Path,
+    *,
+    command: str,
+    situations: int = 400,
+    seed: int = 301,
+    room: bool = False,
+    calibrate: bool = False,
+    draw_errors: bool = False,
+    jobs: int = -1,
+    backend: str = "loky",
+    scheduler: str | None = None,
+) -> None:
+    """Learn the gate of a chain from executed situations, and write it beside the models.
+
+    Parameters
+    ----------
+    source : ToolsetSource
+        Robot, actions and models.
+    chain : str
+        Name of the domain's chain.
+    work : Path
+        Folder of partial results.
+    command : str
+        The command that asks for it, for the file.
+    situations, seed : int
+        Number and seed of the situations.
+    room : bool
+        Choose no arrival at a speed at which the robot could not stop before a bay.
+    calibrate : bool
+        Also learn what predictions miss; the gate then judges corrected predictions.
+    draw_errors : bool
+        Learn a threshold from errors drawn for each chain from those of similar ones.
+    jobs, backend, scheduler
+        As for `run_situations`.
+    """
+    settings = Settings(seed=seed, chain=chain, policies=POLICIES, source=source)
+    source.require_executable(chain)
+    source.digests(chain)  # before anything is executed: a missing model is reported at once
+    executed = _with_room(settings, work / "models") if room else settings
+    gate = tools_of(executed.source)[0].gate
+    with reserved(source.folder(), _GATE_BYTES), results_in(work, situations):
+        records = run_situations(
+            executed, situations=situations, folder=work, jobs=jobs, backend=backend, scheduler=scheduler
+        )
+    steps: list[StepExample] = []
+    if calibrate:
+        steps, records = _corrected(records, settings, gate)
+        gate = dataclasses.replace(opened(gate), corrected=bool(steps))
+    examples = gate_examples(records)
+    learned = learn_gates(examples, fit_to_drawn_errors) if draw_errors else learn_gates(examples)
+    better = learned.threshold if draw_errors else learned.better
+    better = dataclasses.replace(better, widths=gate.widths, room=gate.room, corrected=gate.corrected)
+    if steps:
+        save_learned(steps, settings, situations=len(records), command=command)
+    _save(better, learned, source, command=command, seed=seed, situations=situations)
+
+
+def learn_gate_from_episodes(
+    source: ToolsetSource, chain: str, tables: Sequence[str], *, command: str, situations: int, seed: int
+) -> None:
+    """Learn the gate of observed models from the tables that they learned from; nothing is executed."""
+    library, rows = make_library(source.described(), source), read_rows(tables)
+    gate, learned = gate_of_episodes(
+        find_domain(source.domain), library, rows, chain, seed=seed, situations=situations
+    )
+    _save(gate, learned, source, command=command, seed=seed, situations=situations)
+
+
+def _corrected(
+    records: list[Record], settings: Settings, gate: Gate
+) -> tuple[list[StepExample], list[Record]]:
+    """Return the actions that teach a correction, if they do, and the records as a gate sees them with it."""
+    tools, library = tools_of(settings.source)
+    tools = dataclasses.replace(tools, gate=dataclasses.replace(opened(gate), corrected=True))
+    seed, chain = settings.seed, settings.chain
+    try:
+        steps = step_examples(records, seed=seed, chain=chain, tools=tools, library=library)
+        return steps, with_corrected_gains(
+            records, steps, seed=seed, chain=chain, tools=tools, library=library
+        )
+    except EvaluationError as error:
+        print(f"without a calibration: {error}")
+        return [], records
+
+
+def _with_room(settings: Settings, folder: Path) -> Settings:
+    """Return the settings with a copy of the models in `folder`, beside a gate that asks for room to stop."""
+    source, copied = settings.source, dataclasses.replace(settings.source, models=str(folder))
+    for file in source.folder().glob("*.json"):
+        if file.name != GATE:
+            write_text(copied.folder() / file.name, file.read_text(encoding="utf-8"))
+    gate = OpenGate(widths=gate_in(source.folder(), source.action_set).widths, room=ROOM)
+    save_gate(copied.folder() / GATE, gate, {}, source.action_set)
+    return dataclasses.replace(settings, source=copied)
+
+
+def _save(
+    gate: LearnedGate,
+    learned: LearnedGates,
+    source: ToolsetSource,
+    *,
+    command: str,
+    seed: int,
+    situations: int,
+) -> None:
+    """Write a gate beside the models, and report how it was chosen."""
+    training: dict[str, Any] = {
+        "command": command,
+        "seed": seed,
+        "situations": situations,
+        "cross_validation": learned.comparison,
+        "tree_rules": learned.tree.rules(),
+        "threshold": {"gain": learned.threshold.gain, "spread_factor": learned.threshold.spread_factor},
+    }
+    path = source.folder() / GATE
+    save_gate(path, gate, training, source.action_set)
+    names = ("mean_gain_s", "kept_gain_percent", "higher", "equal", "lower", "refined_percent", "utility")
+    print(f"{'cross-validated':16}" + "".join(f"{name:>19}" for name in names))
+    for kind, row in learned.comparison.items():
+        print(f"{kind:16}" + "".join(f"{row[name]:>19}" for name in names))
+    print(f"the tree labels {learned.comparison['tree']['accuracy_percent']} % correctly; its rules:")
+    for rule in training["tree_rules"]:
+        print(f"  {rule}")
+    print(f"threshold: {training['threshold']}")
+    never = "" if learned.comparison[gate.kind]["refined_percent"] else ", which refines nothing here"
+    print(f"chosen: the {gate.kind}{never}; wrote {path}")
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -22,16 +184,10 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its first)")
     add_models(parser)
     parser.add_argument(
-        "--experience",
-        nargs="+",
-        metavar="FILE",
-        help="tables: refit the rulers' models to them",
-    )
-    parser.add_argument(
         "--episodes",
         nargs="+",
         metavar="FILE",
-        help="learn the gate of the observed models from the tables that they learned from; execute nothing",
+        help="learn the gate of observed models from the tables that they learned from; execute nothing",
     )
     parser.add_argument(
         "--draw-errors",
@@ -65,11 +221,25 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     options, _ = settled(arguments(), words, chain=lambda domain: domain.chains)
+    executed_only = {
+        "room": options.room, "calibrate": options.calibrate, "draw_errors": options.draw_errors
+    }  # fmt: skip
 
     def run() -> int:
-        from ator_ros.tools.work import gate as work
-
-        return work.run(options, portable_command("gate", words))
+        source, command = source_of(options), portable_command("gate", words)
+        sizes = {"situations": options.situations, "seed": options.seed}
+        if not options.episodes:
+            learn_gate(
+                source, options.chain, options.work, command=command, **sizes, **executed_only,
+                **workers(options),
+            )  # fmt: skip
+            return 0
+        for name, given in executed_only.items():
+            if given:
+                option = name.replace("_", "-")
+                raise EvaluationError(f"--{option}: expected without --episodes, as it takes executed chains")
+        learn_gate_from_episodes(source, options.chain, options.episodes, command=command, **sizes)
+        return 0
 
     return guarded("gate", run, interrupted=RESUMES)
 

@@ -12,13 +12,34 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from ator_ros.domains.domain import DomainError
+from ator_ros.evaluation.trials import EvaluationError
+from ator_ros.experience.errors import ExperienceError
+from ator_ros.experience.parallel import BackendError
+from ator_ros.files import FileError
+from ator_ros.nodes.machine import MachineError
+from ator_ros.performance.model_file import ModelFileError
+from ator_ros.performance.training import TrainingError
+from ator_ros.planning.errors import PlanningError
 from ator_ros.printable import printable
+from ator_ros.refinement import RefinementError
+from ator_ros.robot.description import ConfigError
+from ator_ros.robot.probe_drive import DriveError
+from ator_ros.schema import SchemaError
+from ator_ros.tools.processes import NodesError
+from ator_ros.world.messages import MessageError
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C or SIGTERM."""
 
 RESUMES = "the same command goes on from here"
 
+EXPECTED_ERRORS: tuple[type[Exception], ...] = (
+    *(BackendError, ConfigError, DomainError, DriveError, EvaluationError, ExperienceError, MachineError),
+    *(MessageError, ModelFileError, NodesError, OSError, PlanningError, RefinementError, SchemaError),
+    *(FileError, TrainingError),
+)
+"""Errors that are reported in one line instead of a traceback."""
 _LONGEST_LINE = 1000
 _IN_ASCII = "ator_ros.in_ascii"
 _SPELLED = {"±": "+-", "°": " deg", "…": "...", "²": "^2", "→": "->"}
@@ -43,9 +64,7 @@ def guarded(program: str, work: Callable[[], int], *, interrupted: str = "nothin
     except KeyboardInterrupt:
         print(f"{program}: interrupted; {interrupted}", file=sys.stderr)
         return INTERRUPTED
-    except Exception as error:
-        if not isinstance(error, expected_errors()):
-            raise
+    except EXPECTED_ERRORS as error:
         report(program, error)
         return 1
 
@@ -54,30 +73,6 @@ def report(program: str, error: Exception) -> None:
     """Print an error to stderr in one line, without control characters of foreign names."""
     lines = filter(None, (line.strip() for line in str(error).splitlines()))
     print(f"{program}: {printable('; '.join(lines), _LONGEST_LINE)}", file=sys.stderr)
-
-
-def expected_errors() -> tuple[type[Exception], ...]:
-    """Return the errors that are reported in one line; their modules take long to import."""
-    from ator_ros.domains.domain import DomainError
-    from ator_ros.evaluation.errors import EvaluationError
-    from ator_ros.experience.errors import ExperienceError
-    from ator_ros.experience.parallel import BackendError
-    from ator_ros.files import FileError
-    from ator_ros.nodes.machine import MachineError
-    from ator_ros.performance.model_file import ModelFileError
-    from ator_ros.performance.training import TrainingError
-    from ator_ros.planning.errors import PlanningError
-    from ator_ros.refinement import RefinementError
-    from ator_ros.robot.description import ConfigError
-    from ator_ros.robot.probe_drive import DriveError
-    from ator_ros.schema import SchemaError
-    from ator_ros.tools.processes import NodesError
-    from ator_ros.world.messages import MessageError
-
-    ours = (BackendError, ConfigError, DomainError, DriveError, EvaluationError, ExperienceError)
-    of_models = (ModelFileError, PlanningError, RefinementError, TrainingError)
-    of_files = (OSError, SchemaError, FileError)
-    return (*ours, *of_models, *of_files, MachineError, MessageError, NodesError)
 
 
 @contextlib.contextmanager
@@ -146,3 +141,42 @@ def _in_ascii(error: UnicodeError) -> tuple[str, int]:
         raise error
     text = error.object[error.start : error.end]
     return "".join(_SPELLED.get(c, ascii(c)[1:-1]) for c in text), error.end
+
+
+class _Stopped(Exception):  # noqa: N818 (no error)
+    """The user has ended it."""
+
+
+def until_stopped(
+    program: str, serve: Callable[[Callable[[], None]], None], expected: tuple[type[Exception], ...]
+) -> int:
+    """Run until Ctrl-C, SIGTERM or the end of the terminal, its usual end; return the exit code.
+
+    Parameters
+    ----------
+    program : str
+        Its name, for messages.
+    serve : callable
+        What runs. It gets a function that it calls again and again, and which ends it by an exception.
+    expected : tuple of type
+        Errors that are reported in one line.
+    """
+    write_plainly()
+    stopped: list[int] = []
+
+    def going_on() -> None:
+        if stopped:
+            raise _Stopped
+
+    try:
+        with handled(dict.fromkeys(ending_signals(), lambda number, _: stopped.append(number))):
+            serve(going_on)
+    except ImportError as error:
+        print(f"{program}: {error}: docs/install.md says how to install it", file=sys.stderr)
+        return 1
+    except _Stopped:
+        return 0
+    except expected as error:
+        report(program, error)
+        return 1
+    return 0

@@ -10,10 +10,90 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
-from ator_ros.tools.command_line import add_models, add_setting, settled
+from ator_ros.domains.domain import Domain
+from ator_ros.geometry import Pose
+from ator_ros.performance.model_file import load_models, model_path
+from ator_ros.planning.errors import PlanningError
+from ator_ros.planning.planner import chains_for
+from ator_ros.planning.search import search
+from ator_ros.planning.wanted import Wish, wish_from
+from ator_ros.refinement.gate import gate_in, opened
+from ator_ros.refinement.refiner import Judged, Refiner, choose
+from ator_ros.robot.description import Robot
+from ator_ros.tools.command_line import add_models, add_setting, finite, settled
 from ator_ros.tools.guard import guarded
-from ator_ros.tools.option_types import finite
+from ator_ros.tops.chain import TopChain
+from ator_ros.world.state import ObjectState, RobotState, World
+
+
+def plan(
+    domain: Domain, robot: Robot, goal: Sequence[str], world: World, *, action_set: str, models: str
+) -> None:
+    """Print the chains that bring about a goal, the best one first.
+
+    Parameters
+    ----------
+    domain, robot
+        The domain, and a robot in its scene.
+    goal : sequence of str
+        A name, or statements.
+    world : World
+        Where robot and objects are.
+    action_set, models : str
+        Name of the set of actions, and folder of the models; empty: the shipped ones.
+    """
+    library = domain.library(robot, action_set)
+    chains = chains_for(_wishes(goal, domain, robot), world, library, domain.objects, search)
+    if not chains:
+        print("the goal holds already")
+        return
+    folder = Path(models) if models else domain.shipped_models
+    learned = load_models(robot, domain.known_features, action_set=action_set, folder=folder)
+    gate = gate_in(folder / model_path("gate", action_set).parent, action_set)
+    refiner = Refiner(robot, learned, opened(gate), ranges=library.ranges)
+    judged = choose(refiner, world, chains, placeholders=True).judged
+    for each, chain in sorted(zip(judged, chains, strict=True), key=lambda pair: pair[0].rank):
+        print(_line(each, chain))
+
+
+def _wishes(words: Sequence[str], domain: Domain, robot: Robot) -> list[Wish]:
+    named = domain.goals(robot)
+    if len(words) == 1 and "=" not in words[0]:
+        if words[0] not in named:
+            there = ", ".join(sorted(named)) or "none"
+            raise PlanningError(f"goal: expected a statement or one of the names {there}, got {words[0]!r}")
+        return list(named[words[0]].terms)
+    return [wish_from(word) for word in words]
+
+
+def _situation(options: argparse.Namespace, domain: Domain) -> World:
+    """Return the world that a command line describes."""
+    objects: dict[str, ObjectState] = {}
+    for name, *place in options.object:
+        if name not in domain.objects:
+            raise PlanningError(
+                f"object: expected one of {', '.join(domain.objects) or 'none'}, got {name!r}"
+            )
+        try:
+            x, y = map(finite, place)
+        except argparse.ArgumentTypeError as error:
+            raise PlanningError(f"object {name}: {error}") from error
+        objects[name] = ObjectState(x, y)
+    return World(0.0, RobotState(Pose(*options.at)), objects)
+
+
+def _line(judged: Judged, planned: TopChain) -> str:
+    """Return a chain as it was refined, with its prediction."""
+    found, prediction = judged.refinement, judged.prediction
+    chain = planned if found is None else found.chain
+    steps = (
+        f"{call.top.name} ({call.goal.pose.x:.2f}, {call.goal.pose.y:.2f}, {call.goal.pose.yaw:.2f} rad)"
+        for call in chain.calls
+    )
+    time = judged.reason if prediction is None else f"{prediction.duration:.2f} s"
+    return f"{time:>8}  {', '.join(steps)}"
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -40,9 +120,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     options, domain = settled(arguments(), argv)
 
     def run() -> int:
-        from ator_ros.tools.work import plan as work
-
-        return work.run(options, domain)
+        robot = domain.robot(options.robot or None)
+        if not options.goal:
+            named = ", ".join(sorted(domain.goals(robot))) or "none with a name"
+            print(f"goals of {domain.name}: {named}")
+            return 0
+        world = _situation(options, domain)
+        plan(domain, robot, options.goal, world, action_set=options.action_set, models=options.models)
+        return 0
 
     return guarded("plan", run)
 

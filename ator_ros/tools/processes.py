@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import subprocess
@@ -14,8 +13,8 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 
 from ator_ros.actions import TIME_LIMIT
+from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.domain import domain_for
-from ator_ros.domains.programs import Program
 from ator_ros.nodes.machine import check_machine
 from ator_ros.nodes.network import RANGE, THIS_MACHINE, free_domain, stay_on_this_machine
 
@@ -66,22 +65,22 @@ class NodeProcesses:
         words = [str((folder or self._folder) / name), *(["--ros-args", *arguments] if arguments else [])]
         self._run(name, words, None)
 
-    def start_program(self, program: Program) -> None:
-        """Start a program of a domain.
+    def start_server(self, server: DeclaredServer) -> None:
+        """Start an action server of a domain.
 
         Raises
         ------
         NodesError
             It is not installed, or cannot be started.
         """
-        if not program.command:
-            self.start(program.executable, {}, folder_of(program))
+        if not server.command:
+            self.start(server.executable, {}, folder_of(server))
             return
         try:
-            self._run(program.name, program.words, program.folder)
+            self._run(server.name, server.words, server.folder)
         except OSError as error:
             raise NodesError(
-                f"servers: command: expected a program, got {program.name}: {error.strerror}"
+                f"servers: command: expected a program, got {server.name}: {error.strerror}"
             ) from error
 
     def _run(self, name: str, words: Sequence[str], folder: str | None) -> None:
@@ -164,7 +163,7 @@ def own_nodes() -> Iterator[NodeProcesses]:
     NodesError
         Our nodes are not installed.
     """
-    folder = folder_of(Program("ator_ros", "executor"), where="nodes")
+    folder = folder_of(DeclaredServer("ator_ros", "executor"), where="nodes")
     check_machine(os.environ, ())
     os.environ[RANGE] = THIS_MACHINE
     stay_on_this_machine(os.environ)
@@ -172,7 +171,7 @@ def own_nodes() -> Iterator[NodeProcesses]:
         yield nodes
 
 
-def folder_of(program: Program, where: str = "servers") -> Path:
+def folder_of(server: DeclaredServer, where: str = "servers") -> Path:
     """Return the folder of an executable; `where` is what asks for it, for messages.
 
     Raises
@@ -182,25 +181,20 @@ def folder_of(program: Program, where: str = "servers") -> Path:
     """
     from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
-    name = program.package
+    name = server.package
     try:
         folder = Path(get_package_prefix(name), "lib", name)
     except (PackageNotFoundError, OSError) as error:  # OSError: no workspace is sourced
         raise NodesError(
             f"{where}: expected an installed package, got {name}: source the workspace that it is in"
         ) from error
-    if not os.access(folder / program.executable, os.X_OK):
+    if not os.access(folder / server.executable, os.X_OK):
         there = sorted(file.name for file in folder.glob("*") if os.access(file, os.X_OK))
         raise NodesError(
             f"{where}: expected an executable of {name} (it has {', '.join(there) or 'none'}), "
-            f"got {program.executable}"
+            f"got {server.executable}"
         )
     return folder
-
-
-def node_setting(options: argparse.Namespace) -> dict[str, str]:
-    """Return the options of `add_setting` and `add_models` as arguments of `all_nodes`."""
-    return {name: getattr(options, name) for name in ("models", "robot", "domain") if name in options}
 
 
 @contextmanager
@@ -214,26 +208,26 @@ def all_nodes(
     robot: str = "",
     domain: str = "",
 ) -> Iterator[NodeProcesses]:
-    """Start simulation, refinement, executor and the domain's programs, with what else is named.
+    """Start simulation, refinement, executor and the domain's action servers, with what else is named.
 
     `simulated` and `executed` are further parameters of simulation and executor.
     """
     of_domain = domain_for(domain, robot)
-    for program in of_domain.programs:
-        if not program.command:
-            folder_of(program)  # before anything starts
+    for server in of_domain.servers:
+        if not server.command:
+            folder_of(server)  # before anything starts
     whose = {name: value for name, value in (("robot", robot), ("domain", domain)) if value}
     named = {**whose, **({"models": models} if models else {})}
     with own_nodes() as nodes:
         pace = {"real_time_factor": real_time_factor, "command_wait": 1.0}
         nodes.start("simulation", {**pace, **simulated, **whose})
         # Chains of remote actions are long, and a robot that stands at each station can wait for the answer.
-        unhurried = {"deadline": _UNHURRIED} if of_domain.programs else {}
+        unhurried = {"deadline": _UNHURRIED} if of_domain.servers else {}
         nodes.start("refinement", {**named, **unhurried})
         patience = {"odom_timeout": _EXECUTOR_PATIENCE, "refinement_timeout": _EXECUTOR_PATIENCE}
         # An action may take what it may in a simulation without ROS, and the executor's default at least.
         limits = {"action_timeout": max(TIME_LIMIT, of_domain.time_limit)}
         nodes.start("executor", {**named, **patience, **limits, **executed})
-        for program in of_domain.programs:
-            nodes.start_program(program)
+        for server in of_domain.servers:
+            nodes.start_server(server)
         yield nodes

@@ -6,14 +6,242 @@ The same command resumes where it was interrupted: what is finished in the folde
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
-from ator_ros.files import portable_command
-from ator_ros.tools.command_line import add_jobs, add_setting, settled
-from ator_ros.tools.guard import RESUMES, guarded
-from ator_ros.tools.option_types import whole
+from ator_ros.domains.domain import domain_for
+from ator_ros.evaluation.open_variables import OpenVariable, open_variables
+from ator_ros.evaluation.running import RESULT, read_result
+from ator_ros.evaluation.situation import Settings
+from ator_ros.evaluation.study import (
+    KIND,
+    SETTINGS,
+    MeasuredAction,
+    StudyResult,
+    StudySettings,
+    study_page,
+)
+from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
+from ator_ros.evaluation.trials import EvaluationError, possible_actions, possible_chain, random_trial
+from ator_ros.experience.table import join, read_experience
+from ator_ros.files import FileError, load, portable_command, save, write_text
+from ator_ros.performance.model_file import load_model
+from ator_ros.refinement.gate import GATE
+from ator_ros.robot.description import Robot
+from ator_ros.tools.collect import collect
+from ator_ros.tools.command_line import add_jobs, add_setting, settled, whole
+from ator_ros.tools.evaluate import evaluate
+from ator_ros.tools.gate import learn_gate
+from ator_ros.tools.guard import INTERRUPTED, RESUMES, guarded
+from ator_ros.tools.train import train
+
+POLICIES = ("naive", "refined", "gated", "refined_speed", "gated_speed")
+EXPLAINED = 50
+"""Situations in which open variables are explained, at most."""
+MARGIN = 1.0
+"""Time in s: headings predicted to take this much longer than the best are not executed by the oracle."""
+
+
+def study(
+    out: Path,
+    *,
+    command: str,
+    domain: str = "",
+    robot: str = "",
+    action_set: str,
+    episodes: int,
+    situations: int,
+    seed: int,
+    chain: str | None,
+    oracle: int,
+    jobs: int = -1,
+) -> None:
+    """Collect, train, learn the gate and evaluate for a robot; write `study.json` and `study.html`.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of the study.
+    command : str
+        The command that asks for it, for the result.
+    domain, robot : str
+        Name or file of the domain and file of the robot's description; empty: the default ones.
+    action_set : str
+        Name of the set of actions.
+    episodes : int
+        Of each action.
+    situations : int
+        That the gate is learned from, and others that the evaluation executes.
+    seed : int
+        Of the episodes; fresh episodes, the gate and the evaluation take the three after it.
+    chain : str or None
+        To evaluate, if the robot can execute it.
+    oracle : int
+        Headings of the first subgoal that the oracle executes.
+    jobs : int
+        Worker processes; -1: one per core.
+    """
+    of_domain = domain_for(domain, robot)
+    source = ToolsetSource(
+        domain=domain or of_domain.name, robot=robot, action_set=action_set, models=str(out / "models")
+    )
+    described = source.described()
+    settings = StudySettings(
+        described.description_digest(), source.domain, action_set, episodes, situations, seed, chain, oracle
+    )
+    _begin(out, settings)
+    actions, left_out = possible_actions(of_domain, action_set, described)
+    for name, reason in left_out.items():
+        print(f"study: without {name}: {reason}", file=sys.stderr)
+    if not actions:
+        raise EvaluationError(f"robot {described.name}: expected an action that it can execute, got none")
+    tables = {
+        kind: _collected(out / kind, source, settings, seed + after, actions, jobs)
+        for after, kind in enumerate(("experience", "fresh"))
+    }
+    if not all((source.folder() / f"{action}.json").exists() for action in actions):
+        print("study: models", flush=True)
+        train(
+            list(tables["experience"].values()),
+            Path(source.models),
+            command="train of study",
+            fresh=list(tables["fresh"].values()),
+            domain=source.domain,
+            robot=robot,
+            gate=False,
+        )
+    learned = [name for name in actions if (source.folder() / f"{name}.json").exists()]
+    possible = possible_chain(of_domain, make_library(described, source), chain, learned)
+    evaluation: dict[str, Any] | None = None
+    variables: tuple[OpenVariable, ...] = ()
+    if possible is None:
+        print(f"study: without an evaluation: no chain of {of_domain.name} has only {', '.join(learned)}")
+    else:
+        evaluation = _evaluated(out, source, settings, possible, jobs)
+        variables = _variables(source, settings, possible)
+    result = StudyResult(
+        command=command,
+        robot=described.name,
+        robot_digest=described.digest(),
+        domain=of_domain.name,
+        action_set=action_set,
+        actions={name: _measured(out, name, source, described) for name in actions},
+        left_out=left_out,
+        chain=possible,
+        evaluation=evaluation,
+        variables=variables,
+    )
+    save(out / "study.json", KIND, result)
+    write_text(out / "study.html", study_page(result))
+    print(f"wrote {out / 'study.json'} and {out / 'study.html'}")
+
+
+def _begin(out: Path, ours: StudySettings) -> None:
+    """Make sure that the folder is empty, or one of the same study."""
+    file = out / "settings.json"
+    if not os.path.lexists(file):
+        save(file, SETTINGS, ours)
+        return
+    try:
+        theirs = load(file, SETTINGS, StudySettings)
+    except FileError as error:
+        raise EvaluationError(f"{error}: choose another --out") from error
+    for name in (item.name for item in fields(StudySettings)):
+        found, value = getattr(theirs, name), getattr(ours, name)
+        if found != value:
+            raise EvaluationError(
+                f"{file}: {name}: expected {found!r} as in the folder's study, got {value!r}: "
+                "choose another --out"
+            )
+
+
+def _collected(
+    folder: Path,
+    source: ToolsetSource,
+    settings: StudySettings,
+    seed: int,
+    actions: Sequence[str],
+    jobs: int,
+) -> dict[str, Path]:
+    """Collect the tables that are missing or were interrupted; return them by action."""
+    tables = {}
+    for action in actions:
+        tables[action] = table = folder / f"{action}.parquet"
+        if table.exists() and read_experience(table).metadata.get("complete", False):
+            continue
+        print(f"study: {folder.name} of {action}", flush=True)
+        code = collect(
+            [action],
+            table,
+            command=f"collect of study, seed {seed}",
+            domain=source.domain,
+            robot=source.robot,
+            action_set=source.action_set,
+            episodes=settings.episodes,
+            seed=seed,
+            jobs=jobs,
+        )
+        if code == INTERRUPTED:
+            raise KeyboardInterrupt
+        if code:
+            raise EvaluationError(
+                f"{table}: expected a whole table of experience, the collection has ended early"
+            )
+    return tables
+
+
+def _evaluated(
+    out: Path, source: ToolsetSource, settings: StudySettings, chain: str, jobs: int
+) -> dict[str, Any]:
+    """Learn the gate and evaluate, as far as this has not been done; return the summary."""
+    if not (source.folder() / GATE).exists():
+        print("study: gate", flush=True)
+        learn_gate(
+            source, chain, out / "gate", command="gate of study", situations=settings.situations,
+            seed=settings.seed + 2, room=True, calibrate=True, draw_errors=True, jobs=jobs,
+        )  # fmt: skip
+    folder = out / "evaluation"
+    if not (folder / RESULT).exists():
+        print("study: evaluation", flush=True)
+        evaluated = Settings(
+            settings.seed + 3, chain, POLICIES, settings.oracle,
+            MARGIN if settings.oracle else None, source=source,
+        )  # fmt: skip
+        evaluate(evaluated, folder, command="evaluate of study", situations=settings.situations, jobs=jobs)
+    summary: dict[str, Any] = read_result(folder / RESULT)["summary"]
+    return summary
+
+
+def _variables(source: ToolsetSource, settings: StudySettings, chain: str) -> tuple[OpenVariable, ...]:
+    """Explain what each open variable of the chain is worth, in situations of the evaluation."""
+    tools, library = tools_of(source)
+    trials = [
+        random_trial(tools.domain, chain, library, seed=settings.seed + 3, index=index)
+        for index in range(min(settings.situations, EXPLAINED))
+    ]
+    found = open_variables(tools, trials)
+    for each in found:
+        print(f"study: step {each.step} ({each.top}), {each.name}: {each.explanation}")
+    return found
+
+
+def _measured(out: Path, action: str, source: ToolsetSource, robot: Robot) -> MeasuredAction:
+    tables = [read_experience(out / kind / f"{action}.parquet").frame for kind in ("experience", "fresh")]
+    ends = join(table.drop_duplicates("episode", keep="last") for table in tables)
+    done = ends[ends["success"]]
+    file, features = source.folder() / f"{action}.json", domain_for(source.domain, None).known_features
+    failures = ends.loc[~ends["success"], "reason"].value_counts()
+    return MeasuredAction(
+        episodes=len(ends),
+        success=round(len(done) / len(ends), 5),
+        mean_duration_s=round(float(done["duration"].mean()), 3) if len(done) else None,
+        accuracy=load_model(file, robot, features).metadata["accuracy"] if file.exists() else {},
+        failures={str(why): int(count) for why, count in failures.items()},
+    )
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -46,12 +274,23 @@ def arguments() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    options, domain = settled(arguments(), words, needed=False, chain=lambda domain: domain.chains)
+    options, _ = settled(arguments(), words, needed=False, chain=lambda domain: domain.chains)
 
     def run() -> int:
-        from ator_ros.tools.work import study as work
-
-        return work.run(options, domain, portable_command("study", words))
+        study(
+            options.out,
+            command=portable_command("study", words),
+            domain=options.domain,
+            robot=options.robot,
+            action_set=options.action_set,
+            episodes=options.episodes,
+            situations=options.situations,
+            seed=options.seed,
+            chain=options.chain,
+            oracle=options.oracle,
+            jobs=options.jobs,
+        )
+        return 0
 
     return guarded("study", run, interrupted=RESUMES)
 

@@ -3,14 +3,315 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from ator_ros.files import portable_command
-from ator_ros.tools.command_line import add_setting, settled
+import numpy as np
+import pandas as pd
+
+from ator_ros.actions import DEFAULT_SET
+from ator_ros.domains.domain import Domain, domain_for, installed_domains
+from ator_ros.evaluation.accuracy_tables import ablation_table, accuracy_table, success_table
+from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
+from ator_ros.evaluation.report import PAPER_ERRORS
+from ator_ros.evaluation.trials import possible_chain
+from ator_ros.experience.columns import LARGEST
+from ator_ros.experience.sources import read_sources
+from ator_ros.experience.table import Experience, library_versions
+from ator_ros.experience.topics import USUAL, TopicNames
+from ator_ros.files import portable_command, reserved, write_text
+from ator_ros.performance.accuracy import accuracy, brier, kinds
+from ator_ros.performance.direct import DIRECT_VARIABLES
+from ator_ros.performance.features import OBSERVED, Feature, chosen_for
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.model_file import ModelFileError, is_model, load_model, model_path, save_model
+from ator_ros.performance.training import (
+    TrainingError,
+    cross_validated_errors,
+    digest,
+    observed_starts,
+    start_ranges,
+)
+from ator_ros.performance.training import train as train_model
+from ator_ros.refinement.gate import save_gate
+from ator_ros.robot.description import ConfigError, Robot
+from ator_ros.tools.command_line import add_setting, destination, settled, topic
 from ator_ros.tools.guard import guarded
-from ator_ros.tools.option_types import destination, topic
+
+_MODELS_BYTES = 1_000_000
+_GATE_SEED, _GATE_SITUATIONS = 1, 60
+"""Of the situations in which the gate is learned."""
+
+
+def train(
+    experience: Sequence[Path],
+    folder: Path,
+    *,
+    command: str,
+    fresh: Sequence[Path] = (),
+    domain: str = "",
+    robot: str = "",
+    action_set: str | None = None,
+    topics: TopicNames = USUAL,
+    observed: bool = False,
+    gate: bool = True,
+    ablation: Path | None = None,
+) -> None:
+    """Learn a model of each action in the experience, and the gate, and write them.
+
+    Parameters
+    ----------
+    experience, fresh : sequence of Path
+        Tables or recordings to learn from, and to measure accuracy on.
+    folder : Path
+        Of the models.
+    command : str
+        The command that asks for it, for the files.
+    domain, robot : str
+        Name or file of the domain and file of the robot's description; empty: the default ones.
+    action_set : str, optional
+        Of odometry and commands that were recorded; tables and records know their own.
+    topics : TopicNames
+        Of odometry and commands in recordings.
+    observed : bool
+        Learn from odometry, goals and results alone.
+    gate : bool
+        Learn the gate from the same episodes.
+    ablation : Path, optional
+        Where to write the feature ablation as Markdown.
+    """
+    of_domain = domain_for(domain, robot)
+    described = of_domain.robot(robot or None)
+    with reserved(folder, _MODELS_BYTES):
+        pass  # a full disk is reported before the work
+    read = _read(of_domain, experience, described, action_set, topics)
+    rows, source = read.frame, read.metadata
+    tests = Experience(rows[:0], {})
+    if fresh:
+        tests = _read(of_domain, fresh, described, source["action_set"], topics)
+    by_action = dict(iter(rows.groupby("action", sort=False)))
+    errors: list[str] = []
+    used: dict[str, tuple[Feature, ...]] = {}
+    for action, examples in by_action.items():
+        if observed:
+            features = (*OBSERVED, *of_domain.goal_features(action, source["action_set"]))
+        else:
+            features = _suited(of_domain.candidates(action, source["action_set"]), described, of_domain)
+        # A recording rarely holds enough of every action. What is learned is saved before the next is begun.
+        try:
+            model = train_model(action, examples, described, features=features)
+        except TrainingError as error:
+            errors.append(str(error))
+            continue
+        used[action] = features
+        own = tests.frame[tests.frame["action"] == action]
+        measured = _measure(model, own, tests.seed) if len(own) else {}
+        found = _summary(model, measured) if measured else _validated(model, examples, described, features)
+        training = {
+            "seed": source.get("seed"),
+            "command": source.get("command"),
+            "digest": digest(examples),
+            "episodes": int(examples["episode"].nunique()),
+            "examples": len(examples),
+            "starts": (observed_starts if observed else start_ranges)(examples, described),
+            "train_command": command,
+        }
+        metadata = {
+            "action_set": source["action_set"],
+            "training": training,
+            "versions": library_versions(),
+            "accuracy": measured,
+        }
+        file = folder / model_path(action, source["action_set"])
+        save_model(file, dataclasses.replace(model, metadata=metadata))
+        print(f"{file}: {found}", flush=True)
+    if len(errors) == len(by_action):
+        raise TrainingError("; ".join(errors))
+    for missing in errors:
+        print(f"train: {missing}; the other actions are learned", file=sys.stderr)
+    if gate:
+        _learn_gate(
+            of_domain,
+            described,
+            folder / model_path("gate", source["action_set"]),
+            action_set=source["action_set"],
+            rows={name: by_action[name] for name in used},
+            features=used,
+            command=command,
+        )
+    if ablation and len(tests.frame):
+        others = dict(iter(tests.frame.groupby("action")))
+        suited = partial(_suited, robot=described, domain=of_domain)
+        lines = ablation_table(by_action, others, described, of_domain, seed=tests.seed, suited=suited)
+        write_text(ablation, _document("Feature ablation", command, "\n".join(lines)))
+
+
+def _learn_gate(
+    domain: Domain,
+    robot: Robot,
+    file: Path,
+    *,
+    action_set: str,
+    rows: Mapping[str, pd.DataFrame],
+    features: Mapping[str, tuple[Feature, ...]],
+    command: str,
+) -> None:
+    """Learn the gate beside models from their episodes; report why if that is not possible."""
+    library = domain.library(robot, action_set)
+    try:
+        chain = possible_chain(domain, library, None, list(rows))
+        if chain is None:
+            raise TrainingError(f"domain {domain.name} has no chain with only {', '.join(rows)}")
+        print(f"train: learning the gate in {_GATE_SITUATIONS} situations of the chain {chain} …", flush=True)
+        gate, learned = gate_of_episodes(
+            domain, library, rows, chain, seed=_GATE_SEED, situations=_GATE_SITUATIONS, features=features
+        )
+    except (TrainingError, ConfigError) as error:
+        result = f"{file} stays as it is" if file.exists() else "refinement accepts every predicted gain"
+        print(f"{file.parent}: no gate: {error}; {result}")
+        return
+    training = {
+        "command": command,
+        "seed": _GATE_SEED,
+        "situations": _GATE_SITUATIONS,
+        "cross_validation": learned.comparison,
+        "tree_rules": learned.tree.rules(),
+    }
+    save_gate(file, gate, training, action_set)
+    needed = f"{gate.gain:.2f} s + {gate.spread_factor:g} times the spread of the two predictions"
+    print(f"{file}: refines where the predicted gain is above {needed}")
+
+
+def _is_own(robot: Robot, domain: Domain) -> bool:
+    """Return whether a robot is the domain's own, whose models ship."""
+    return robot.digest() == domain.robot(None).digest()
+
+
+def _suited(features: tuple[Feature, ...], robot: Robot, domain: Domain) -> tuple[Feature, ...]:
+    """Return the features with kinds of ideal motions that suit a robot other than the domain's own."""
+    if _is_own(robot, domain) or not any(each.motions for each in features):
+        return features
+    return chosen_for(features, robot)
+
+
+def _read(
+    domain: Domain, paths: Sequence[Path], robot: Robot, action_set: str | None, topics: TopicNames
+) -> Experience:
+    experience = read_sources(paths, robot, domain, action_set, topics)
+    for remark in experience.remarks:
+        print(f"train: {remark}", file=sys.stderr)
+    if left_out := experience.metadata["records_left_out"]:
+        print(f"train: left out {left_out} records that cannot be used", file=sys.stderr)
+    return experience
+
+
+def measure_again(
+    fresh: Sequence[Path],
+    folder: Path,
+    domain: Domain,
+    robot: Robot,
+    action_set: str | None,
+    topics: TopicNames,
+) -> None:
+    """Measure the existing models on fresh episodes; their trees do not change."""
+    with reserved(folder, _MODELS_BYTES):
+        pass
+    experience = _read(domain, fresh, robot, action_set, topics)
+    for action, tests in experience.frame.groupby("action", sort=False):
+        file = folder / model_path(action, experience.metadata["action_set"])
+        model = load_model(file, robot, domain.known_features)
+        measured = _measure(model, tests, experience.seed)
+        save_model(file, dataclasses.replace(model, metadata={**model.metadata, "accuracy": measured}))
+        print(f"{file}: {_summary(model, measured)}")
+
+
+def _measure(model: PerformanceModel, fresh: pd.DataFrame, seed: int) -> dict[str, Any]:
+    starts = fresh[fresh["t"] == 0.0]
+    parts = {
+        name: accuracy(model, part, seed=seed)
+        for name, part in kinds(starts, model.robot)
+        if part["success"].any()
+    }
+    measured = parts.pop("at rest", None)
+    if measured is None:
+        measured = accuracy(model, starts, seed=seed) if starts["success"].any() else {}
+    return {**measured, "kinds": parts, "success": brier(model, starts, seed=seed)}
+
+
+def _summary(model: PerformanceModel, measured: dict[str, Any]) -> str:
+    tree = model.trees["duration"]
+    rules = "1 rule" if tree.n_leaves == 1 else f"{tree.n_leaves} rules"
+    text = f"{rules} with {len(model.used_features)} features"
+    if measured:
+        text += (
+            f", MAE {measured['mae_s']:.3f} s, RMSE {measured['rmse_s']:.3f} s on {measured['episodes']} "
+            f"fresh episodes from rest"
+        )
+    return text
+
+
+def _validated(
+    model: PerformanceModel, examples: pd.DataFrame, robot: Robot, features: Sequence[Feature]
+) -> str:
+    """Return what `_summary` does, with the accuracy by cross-validation on the drives of the training."""
+    errors = np.abs(cross_validated_errors(examples, robot, features))
+    return f"{_summary(model, {})}, MAE {errors.mean():.3f} s by cross-validation on {len(errors)} drives"
+
+
+def _rules(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path) -> str:
+    by_file = options.rules.endswith(".json")
+    file = Path(options.rules)
+    if not by_file:
+        file = folder / model_path(options.rules, options.action_set or DEFAULT_SET)
+    if not file.exists():
+        there = ", ".join(sorted(other.stem for other in file.parent.glob("*.json") if is_model(other)))
+        raise ModelFileError(f"{file}: expected a model, there is none; in that folder: {there or 'none'}")
+    model = load_model(file, robot, domain.known_features)
+    if options.measure not in model.trees:
+        raise ModelFileError(f"measure: expected one of {', '.join(model.trees)}, got {options.measure!r}")
+    if not options.situation:
+        return model.rules(options.measure)
+    names = (*DIRECT_VARIABLES, *model.declared_variables)
+    return model.explain(_situation(options.situation, names), options.measure)
+
+
+def _situation(words: Sequence[str], names: Sequence[str]) -> dict[str, float]:
+    """Read NAME=NUMBER words; direct variables that are not named are 0."""
+    situation = dict.fromkeys(names, 0.0)
+    for word in words:
+        name, _, value = word.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if name not in situation or not abs(number) <= LARGEST:
+            raise TrainingError(
+                f"situation: expected NAME=NUMBER with a name of {', '.join(names)} "
+                f"and a number up to {LARGEST:g}, got {word[:80]!r}"
+            )
+        situation[name] = number
+    return situation
+
+
+def _report(domain: Domain, file: Path, robot: Robot, folder: Path) -> None:
+    others = set(installed_domains()) - {domain.name}  # their models lie in folders of their names
+    files = (path for path in folder.rglob("*.json") if path.relative_to(folder).parts[0] not in others)
+    found = sorted(filter(is_model, files))
+    models = [load_model(path, robot, domain.known_features) for path in found]
+    models = [model for model in models if model.metadata["accuracy"]]
+    table = accuracy_table(models, PAPER_ERRORS)
+    lines = [*table, "", "## Success", "", *success_table(models)]
+    command = portable_command("train", ["--report", str(file)])
+    write_text(file, _document("Accuracy of the performance models", command, "\n".join(lines)))
+
+
+def _document(title: str, command: str, text: str) -> str:
+    return f"# {title}\n\nMade by `{command}`. Times in s, with 95 % bootstrap intervals.\n\n{text}\n"
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -80,9 +381,35 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error("expected experience to learn from, --fresh, --rules or --report")
 
     def run() -> int:
-        from ator_ros.tools.work import train as work
-
-        return work.run(options, domain, portable_command("train", words))
+        robot = domain.robot(options.robot or None)
+        folder = options.models if options.models is not None else domain.shipped_models
+        topics = TopicNames(options.odom or USUAL.odom, options.cmd_vel or USUAL.cmd_vel)
+        if options.rules:
+            print(_rules(domain, options, robot, folder))
+            return 0
+        if options.models is None and options.experience and not _is_own(robot, domain):
+            raise TrainingError(
+                f"--models: expected a folder for models of {robot.name}; those that ship are another robot's"
+            )
+        if options.experience:
+            train(
+                options.experience,
+                folder,
+                command=portable_command("train", words),
+                fresh=options.fresh,
+                domain=options.domain,
+                robot=options.robot,
+                action_set=options.action_set,
+                topics=topics,
+                observed=options.observed,
+                gate=not options.no_gate,
+                ablation=options.ablation,
+            )
+        elif options.fresh:
+            measure_again(options.fresh, folder, domain, robot, options.action_set, topics)
+        if options.report:
+            _report(domain, options.report, robot, folder)
+        return 0
 
     return guarded("train", run, interrupted="models whose lines were printed are written, no others")
 

@@ -10,8 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ator_ros.tools.command_line import add_factor, add_models, add_setting
-from ator_ros.tools.option_types import frame, namespace, whole
+from ator_ros.tools.command_line import add_factor, add_models, add_setting, frame, namespace, whole
 
 _PORTS = (1024, 65535)  # below, only root may listen
 
@@ -77,7 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _is_evaluation(place: Path) -> bool:
-    from ator_ros.evaluation.storage import RESULT  # takes long, and no help needs it
+    from ator_ros.evaluation.running import RESULT  # takes long, and no help needs it
 
     try:
         return (place / RESULT).is_file()

@@ -15,8 +15,7 @@ def surroundings(domain: Domain, robot: Robot) -> tuple[Segments, ...]:
     """Return the lines on the floor, and the walls of the bays as thick lines."""
     lines = [polyline("area", rectangle(*robot.scene.area.lines), WHITE, _LINE)]
     lines += [
-        polyline(f"line{number}", corners, WHITE, _LINE)
-        for number, corners in enumerate(domain.presentation.lines(robot))
+        polyline(f"line{number}", corners, WHITE, _LINE) for number, corners in enumerate(domain.lines(robot))
     ]
     return (*lines, *(_bay(number, bay) for number, bay in enumerate(robot.scene.bays)))
 

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Annotated
 
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.errors import EvaluationError
-from ator_ros.evaluation.storage import RESULT, read_result
-from ator_ros.evaluation.trials import Trial, random_trial
+from ator_ros.evaluation.running import RESULT, read_result
+from ator_ros.evaluation.trials import EvaluationError, Trial, random_trial
 from ator_ros.robot.description import Robot
 from ator_ros.schema import Within, require, structured
 

@@ -21,8 +21,7 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.goal_variables import GOAL_VARIABLES
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.table import library_versions
-from ator_ros.files import write_text
-from ator_ros.formats import Format
+from ator_ros.files import save
 from ator_ros.nodes import messages
 from ator_ros.nodes.messages import answer_of
 from ator_ros.nodes.refinement import refine_request
@@ -33,8 +32,6 @@ from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.messages import FARTHEST, FASTEST, MessageError
-
-FORMAT = Format("ator_ros fuzz", 1, "report of the fuzz test")
 
 FRAME = "odom"
 EDGES = (0.0, 1.0, -1.0, 1e-300, -1e-9, 5e-324, math.pi, -math.pi, FARTHEST, -FARTHEST)
@@ -175,9 +172,8 @@ def main() -> None:
         "seconds": round(time.monotonic() - began),
         "versions": library_versions(),
     }
-    text = FORMAT.text(report)
-    write_text(options.out, text)
-    print(text, end="")
+    save(options.out, "fuzz", report)
+    print(options.out.read_text(encoding="utf-8"), end="")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from ament_index_python.packages import get_package_prefix
 from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
-from ator_ros.tools.work.demo_client import DemoClient
+from ator_ros.tools.client import Client
 
 pytestmark = pytest.mark.node
 
@@ -105,7 +105,7 @@ def test_goals_are_sent_where_answers_are_taken(domain: int, monkeypatch: pytest
         return ask
 
     ended = SimpleNamespace(result=ExecuteChain.Result())
-    with DemoClient(domain, lambda: None, ("ball",)) as client:
+    with Client(domain, lambda: None, ("ball",)) as client:
         monkeypatch.setattr(client._own, "call", lambda *_: None)
         handle = SimpleNamespace(get_result_async=answered(ended))
         monkeypatch.setattr(client._server, "send_goal_async", answered(handle))

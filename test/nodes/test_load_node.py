@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import pytest
-from load import short_request
+from load import resident_mib, short_request, worst_request
 from process import PATIENCE, Process, Processes
 from rclpy.action import ActionClient
 from ros_client import Client
@@ -19,8 +19,6 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.refinement import PARAMETERS
-from ator_ros.tools.benchmarks.requests import worst_request
-from ator_ros.tools.benchmarks.service import resident_mib
 
 pytestmark = pytest.mark.node
 

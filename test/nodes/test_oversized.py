@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from chain_client import ChainClient
+from load import resident_mib, worst_request
 from nav_msgs.msg import Odometry
 from process import Process
 from ros_client import Client
@@ -19,8 +20,6 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.nodes import messages
 from ator_ros.nodes.messages import refused
 from ator_ros.robot.description import load_robot
-from ator_ros.tools.benchmarks.requests import worst_request
-from ator_ros.tools.benchmarks.service import resident_mib
 from ator_ros.world import messages as checks
 from ator_ros.world.messages import MessageError, ObjectReader, ObjectSource
 

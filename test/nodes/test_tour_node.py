@@ -21,10 +21,8 @@ from ator_ros.experience.finished import FinishedEpisodes
 from ator_ros.experience.table import episode_frame, join, library_versions, read_experience
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tools import collect as collect_tool
+from ator_ros.tools.client import ClientError
 from ator_ros.tools.command_line import settled
-from ator_ros.tools.work import collect as collecting
-from ator_ros.tools.work import collect_over_ros
-from ator_ros.tools.work.demo_client import DemoError
 from ator_ros.tops.outcome import top_of
 
 BIN = Path(get_package_prefix("ator_ros"), "lib", "ator_ros")
@@ -91,7 +89,6 @@ def test_drives_are_kept_until_the_table_is_written(tmp_path: Path, monkeypatch:
     table = tmp_path / "drives.parquet"
     words = ["--domain", "tour", "--actions", "drive_to", "--over-ros", "--episodes", "2"]
     words += ["--seed", str(SEED), "--out", str(table)]
-    options, domain = settled(collect_tool.arguments(), words)
     kept = finished_of(table, words)
     for frame in collect(TOUR.actions().values(), TOUR.tops, TOUR.robot(), objects=(), episodes=2, seed=SEED):
         kept.add(frame.head(1))
@@ -101,11 +98,10 @@ def test_drives_are_kept_until_the_table_is_written(tmp_path: Path, monkeypatch:
         raise OSError("no space left")
 
     with monkeypatch.context() as patched:
-        patched.setattr(collecting, "write_experience", fail)
-        with pytest.raises(OSError, match="no space left"):
-            collecting.run(options, domain, "collect of a test")
+        patched.setattr(collect_tool, "write_experience", fail)
+        assert collect_tool.main(words) == 1
     assert kept.path.exists()
-    assert collecting.run(options, domain, "collect of a test") == 0  # starts no node
+    assert collect_tool.main(words) == 0  # starts no node
     assert list(tmp_path.iterdir()) == [table]
     frame = read_experience(table).frame
     pd.testing.assert_frame_equal(frame, join(kept.frames.values()), check_exact=True, check_dtype=False)
@@ -114,11 +110,11 @@ def test_drives_are_kept_until_the_table_is_written(tmp_path: Path, monkeypatch:
 def test_nodes_that_do_not_do_what_is_expected_are_told_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def without_servers(*_: object) -> Iterator[NoReturn]:
-        raise DemoError("expected the action servers, got none")
+    def without_servers(*_: object, **__: object) -> Iterator[NoReturn]:
+        raise ClientError("expected the action servers, got none")
         yield
 
-    monkeypatch.setattr(collect_over_ros, "drives", without_servers)
+    monkeypatch.setattr("ator_ros.tools.client.drives", without_servers)
     words = ["--domain", "tour", "--over-ros", "--episodes", "1", "--out", str(tmp_path / "drives.parquet")]
     assert collect_tool.main(words) == 1
     assert capsys.readouterr().err == "collect: expected the action servers, got none\n"

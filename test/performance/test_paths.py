@@ -12,10 +12,10 @@ import pytest
 
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import LEVELS, DrivingStyle, plain_driving
-from ator_ros.performance.features import GENERAL, IDEAL, feature_table, names_of
+from ator_ros.performance.features import GENERAL, IDEAL, OBSERVED, feature_table, names_of
 from ator_ros.performance.model_file import ModelFileError, load_model, save_model
 from ator_ros.performance.paths import path_times
-from ator_ros.performance.training import OBSERVED, from_odometry, observed_driving, train
+from ator_ros.performance.training import from_odometry, observed_driving, train
 from ator_ros.robot.description import Limits, load_robot
 from ator_ros.schema import SchemaError
 

@@ -15,7 +15,7 @@ from ator_ros.robot.identification import BaseEstimate, identify
 from ator_ros.robot.probe_drive import DriveError, DrivePart, DriveSample, ProbeDrive
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.simulation.simulation import Simulation
-from ator_ros.tools.work.calibrate import described
+from ator_ros.tools.calibrate import described
 from ator_ros.world.state import STOP, Command, RobotState
 
 PIONEER = load_robot()

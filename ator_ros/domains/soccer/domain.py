@@ -7,9 +7,7 @@ from ator_ros.domains.soccer.actions import ACTION_SETS
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.chains import CHAINS
 from ator_ros.domains.soccer.features import MOTIONS, SHOT
-from ator_ros.domains.soccer.field import field_in
-from ator_ros.domains.soccer.measurements import MEASUREMENTS
-from ator_ros.domains.soccer.presentation import PRESENTATION
+from ator_ros.domains.soccer.field import field_in, field_lines
 from ator_ros.domains.soccer.ranges import RANGES
 from ator_ros.domains.soccer.tops import TOPS, tops_for
 from ator_ros.domains.soccer.wanted import goals
@@ -21,10 +19,9 @@ SOCCER = Domain(
     (BALL,),
     CHAINS,
     variables=RANGES,
-    presentation=PRESENTATION,
     bays=field_in,
     features=(*MOTIONS, *SHOT),
+    lines=field_lines,
     goals=goals,
-    measurements=MEASUREMENTS,
     fitted=tops_for,
 )

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from ator_ros.domains.domain import Line
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import ConfigError, Robot
@@ -13,6 +17,7 @@ from ator_ros.world.state import ObjectState
 
 _MISPLACED = 1e-5
 """In m and rad: how far a goal may be from the line's middle."""
+_CENTRE_CIRCLE = 1.0  # m
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,3 +123,11 @@ def goals_in(scene: Scene) -> tuple[Bay, ...]:
             f"y = {middle:.10g}, opening to the middle, or none, got {list(scene.bays)}"
         )
     return scene.bays
+
+
+def field_lines(robot: Robot) -> Sequence[Line]:
+    """Return the halfway line and the centre circle."""
+    area, corners = robot.scene.area, np.linspace(0.0, 2.0 * np.pi, 49)
+    _, y_min, _, y_max = area.lines
+    x, y = area.x + _CENTRE_CIRCLE * np.cos(corners), area.y + _CENTRE_CIRCLE * np.sin(corners)
+    return [(area.x, y_min), (area.x, y_max)], list(zip(x.tolist(), y.tolist(), strict=True))

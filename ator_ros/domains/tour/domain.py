@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ator_ros.domains.domain_file import declared_domain
+from ator_ros.domains.domain import declared_domain
 from ator_ros.resources import resource_path
 
 TOUR = declared_domain(resource_path("config", "tour", "tour.yaml"))

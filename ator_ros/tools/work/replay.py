@@ -10,11 +10,10 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from ator_ros.domains.domain import domain_for
-from ator_ros.evaluation.storage import RESULT
+from ator_ros.evaluation.running import RESULT
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.simulation.urdf import WHEEL_NAMES, Wheels, robot_urdf
-from ator_ros.tools.guard import expected_errors
-from ator_ros.tools.work.until_stopped import until_stopped
+from ator_ros.tools.guard import EXPECTED_ERRORS, until_stopped
 from ator_ros.viewing.recording_file import read_robots
 
 if TYPE_CHECKING:  # viser may not be there
@@ -25,7 +24,7 @@ _PERIOD = 1.0 / 25.0
 
 def run(options: argparse.Namespace) -> int:
     """Do what the command line asks for until Ctrl-C or SIGTERM; return the exit code."""
-    return until_stopped("view", partial(_serve, options), expected_errors())
+    return until_stopped("view", partial(_serve, options), EXPECTED_ERRORS)
 
 
 def _serve(options: argparse.Namespace, going_on: Callable[[], None]) -> None:

@@ -19,9 +19,8 @@ from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, load_models
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.urdf import WHEEL_NAMES, Wheels, robot_urdf
-from ator_ros.tools.guard import expected_errors
-from ator_ros.tools.processes import all_nodes, node_setting
-from ator_ros.tools.work.until_stopped import until_stopped
+from ator_ros.tools.guard import EXPECTED_ERRORS, until_stopped
+from ator_ros.tools.processes import all_nodes
 from ator_ros.viewing.desk import Desk
 from ator_ros.viewing.stage import NO_STAGES, StageError
 from ator_ros.viewing.worst import worst_trials
@@ -38,7 +37,7 @@ _EXECUTED = {"odom_timeout": 60.0}
 
 def run(options: argparse.Namespace, words: Sequence[str] = ()) -> int:
     """Do what the command line asks for until Ctrl-C or SIGTERM; return the exit code."""
-    expected = (*expected_errors(), StageError, SetupError)
+    expected = (*EXPECTED_ERRORS, StageError, SetupError)
     return until_stopped("view", partial(_serve, options, words), expected)
 
 
@@ -100,7 +99,8 @@ def _nodes(options: argparse.Namespace) -> Iterator[tuple[int | None, Callable[[
         stay_on_this_machine(os.environ)
         yield None, lambda: None
         return
-    with all_nodes(options.real_time_factor, _SIMULATED, _EXECUTED, **node_setting(options)) as nodes:
+    files = {name: getattr(options, name) for name in ("models", "robot", "domain")}
+    with all_nodes(options.real_time_factor, _SIMULATED, _EXECUTED, **files) as nodes:
         print(f"view: three nodes start on ROS domain {nodes.domain} …", flush=True)
         yield nodes.domain, nodes.check
 

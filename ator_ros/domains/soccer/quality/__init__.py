@@ -1,1 +1,0 @@
-"""The quality of soccer's actions: reliability, speed against time-optimal motion, regularity."""

@@ -1,0 +1,160 @@
+"""What `study` finds out about a robot, and its page: actions, models, and what refinement gains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ator_ros.evaluation.open_variables import OpenVariable
+from ator_ros.evaluation.report import cards, code, evaluation_table, page, paragraph, section, table
+
+KIND = "study"
+SETTINGS = "study settings"
+
+
+@dataclass(frozen=True)
+class StudySettings:
+    """What the files in a study's folder depend on; options of `study`, and the digest of robot and scene."""
+
+    description_digest: str
+    domain: str
+    action_set: str
+    episodes: int
+    situations: int
+    seed: int
+    chain: str | None
+    oracle: int
+
+
+@dataclass(frozen=True)
+class MeasuredAction:
+    """How an action did over all its episodes, and how accurate its model is.
+
+    Attributes
+    ----------
+    episodes : int
+        Number of episodes.
+    success : float
+        Share that succeeded.
+    mean_duration_s : float or None
+        Of the successes; None without any.
+    accuracy : dict
+        As in the file of its model; empty without one.
+    failures : dict
+        Why episodes failed and how often.
+    """
+
+    episodes: int
+    success: float
+    mean_duration_s: float | None
+    accuracy: dict[str, Any]
+    failures: dict[str, int]
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """The content of the file that `study` writes.
+
+    Attributes
+    ----------
+    command : str
+        The command that wrote it.
+    robot, robot_digest : str
+        Name and digest of the robot's description.
+    domain, action_set : str
+        Names of both.
+    actions : mapping of str to MeasuredAction
+        Those that the robot can execute, by name.
+    left_out : mapping of str to str
+        Why it can't execute the others.
+    chain : str or None
+        The chain that was evaluated; None without one.
+    evaluation : mapping or None
+        Summary of its evaluation, as in `evaluation.json`.
+    variables : tuple of OpenVariable
+        What each open variable of the chain is worth, and why if it is worth nothing.
+    """
+
+    command: str
+    robot: str
+    robot_digest: str
+    domain: str
+    action_set: str
+    actions: dict[str, MeasuredAction]
+    left_out: dict[str, str]
+    chain: str | None
+    evaluation: dict[str, Any] | None
+    variables: tuple[OpenVariable, ...] = ()
+
+
+def study_page(result: StudyResult) -> str:
+    """Return the page of what `study` has found out."""
+    title = f"{result.robot}: actions and their refinement"
+    body = [
+        f"<h1>{title}</h1>",
+        paragraph(f"Domain {result.domain}, action set {result.action_set}.", "lead"),
+        _gains(result.evaluation),
+        section("Actions", _actions(result.actions)),
+        _left_out(result.left_out),
+        _evaluation(result),
+        _variables(result.variables),
+        section("To repeat this", code(result.command)),
+    ]
+    return page(title, body)
+
+
+def _gains(evaluation: Mapping[str, Any] | None) -> str:
+    names = {
+        "gated": "headings, behind the gate",
+        "gated_speed": "with arrival speeds",
+        "oracle": "oracle of headings",
+    }
+    rows = evaluation or {}
+    return cards(
+        [(f"{rows[name]['improvement_percent']:.1f} %", text) for name, text in names.items() if name in rows]
+    )
+
+
+def _actions(actions: Mapping[str, MeasuredAction]) -> str:
+    head = ("action", "episodes", "success", "mean duration, s", "model's MAE, s", "RMSE, s")
+    rows = []
+    for name, row in actions.items():
+        accuracy = row.accuracy
+        errors = [f"{accuracy[key]:.3f}" if key in accuracy else "-" for key in ("mae_s", "rmse_s")]
+        mean = "-" if row.mean_duration_s is None else f"{row.mean_duration_s:.2f}"
+        rows.append((name, str(row.episodes), f"{100 * row.success:.2f} %", mean, *errors))
+    return table(head, rows)
+
+
+def _left_out(left_out: Mapping[str, str]) -> str:
+    if not left_out:
+        return ""
+    return section("What this robot cannot do", table(("action", "why"), list(left_out.items())))
+
+
+def _variables(variables: Sequence[OpenVariable]) -> str:
+    if not variables:
+        return ""
+    rows = [
+        (
+            f"{each.step} ({each.top})",
+            each.name,
+            f"{100 * each.free:.0f} %",
+            f"{each.gain_s:.2f}",
+            each.explanation,
+        )
+        for each in variables
+    ]
+    head = ("step", "open variable", "free in", "predicted gain alone, s", "explanation")
+    return section("Open variables", table(head, rows))
+
+
+def _evaluation(result: StudyResult) -> str:
+    if result.evaluation is None:
+        return section("Refinement", paragraph("No chain of the domain can be executed by this robot."))
+    return section(
+        f"Refinement of the chain {result.chain}",
+        code(evaluation_table(result.evaluation)),
+        '<p><a href="evaluation/report.html">The evaluation in full</a></p>',
+    )

@@ -1,1 +1,0 @@
-"""Reports: pages, tables and figures of an evaluation."""

@@ -1,1 +1,0 @@
-"""The parts of `bench`, and requests that load a node."""

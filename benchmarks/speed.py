@@ -1,0 +1,251 @@
+"""Measure the speed of refinement, plans, actions and simulation, without ROS, on an idle machine.
+
+scripts/run python benchmarks/speed.py                       # everything
+scripts/run python benchmarks/speed.py refinement --requests 50
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import itertools
+import math
+import statistics
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, started
+from ator_ros.domains.domain import find_domain
+from ator_ros.domains.soccer.ball import BALL, ball_of, objects_of
+from ator_ros.domains.soccer.field import field_of
+from ator_ros.evaluation.toolset import ToolsetSource, tools_of
+from ator_ros.evaluation.trials import open_places, open_speeds, random_trial
+from ator_ros.geometry import Pose
+from ator_ros.planning.planner import chains_for
+from ator_ros.planning.search import search
+from ator_ros.robot.description import Robot
+from ator_ros.robot.response import ramped
+from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
+from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.objects import fetched, is_lost, kept
+from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, ObjectState, RobotState, World
+
+Rows = Iterator[tuple[str, str]]
+"""What was measured, and the numbers."""
+SOURCE = ToolsetSource()
+WARM_UP = 10
+LENGTHS = (2, 8, 32)
+"""Steps of the chains that show how the time of refinement grows."""
+TICKS = 40
+"""Ticks of an action that are measured: the first two seconds, in which it plans."""
+BLOCK = 5.0  # s of a simulation
+
+CASES: dict[str, tuple[int, Callable[[TopChain], TopChain]]] = {
+    "2 steps, heading": (0, lambda chain: chain),
+    "2 steps, heading and speed": (0, open_speeds),
+    "3 steps, two headings": (-1, lambda chain: chain),
+    "3 steps, two headings and speeds": (-1, open_speeds),
+    "3 steps, place, headings and speeds": (-1, open_places),
+}
+"""By name: whether the domain's first (0) or last (-1) chain, and what is left open in it."""
+
+
+def refinement(requests: int) -> Rows:
+    """Measure search, prediction and gate; each request is another random situation."""
+    tools, library = tools_of(SOURCE)
+    refiner, names = tools.refiner(gated=True), list(tools.domain.chains)
+    gc.collect()
+    gc.freeze()  # as in the node
+    for name, (kind, opened) in CASES.items():
+        times = []
+        for index in range(requests + WARM_UP):
+            trial = random_trial(tools.domain, names[kind], library, seed=801, index=index)
+            chain = refiner.naive(trial.world, opened(trial.chain))
+            began = time.perf_counter()
+            refiner.refine(trial.world, chain)
+            times.append(time.perf_counter() - began)
+        yield f"refinement, {name}", _percentiles(times[WARM_UP:])
+    for length in LENGTHS:
+        world, chain = long_chain(library, length)
+        times = []
+        for _ in range(5):
+            began = time.perf_counter()
+            refiner.refine(world, chain)
+            times.append(time.perf_counter() - began)
+        yield f"refinement, {length} steps, all open", f"least {1000.0 * min(times):.1f} ms"
+    gc.unfreeze()
+
+
+def long_chain(library: TopLibrary, steps: int) -> tuple[World, TopChain]:
+    """Return an object that is fetched and carried on, an even number of `steps`, and the world before."""
+    fetching = next(top for top in library.usable() if fetched(top))
+    carrying = next(top for top in library.usable() if kept(top))
+    places = [Pose(0.1 * ((step + 1) // 2), 0.0, 0.3) for step in range(steps)]
+    calls = [
+        TopCall(top, Goal(place, 0.0, top.point), frozenset({EVERYTHING}))
+        for top, place in zip([fetching, carrying] * (steps // 2), places, strict=True)
+    ]
+    there = {str(fetched(fetching)): ObjectState(0.0, 0.0)}
+    return World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), there), TopChain(tuple(calls))
+
+
+def plans(requests: int) -> Rows:
+    """Measure the planning of chains for each goal that the domain names."""
+    tools, library = tools_of(SOURCE)
+    domain = tools.domain
+    for name, goal in sorted(domain.goals(tools.robot).items()):
+        times = []
+        for index in range(requests + WARM_UP):
+            world = random_trial(domain, next(iter(domain.chains)), library, seed=803, index=index).world
+            began = time.perf_counter()
+            chains_for(goal.terms, world, library, domain.objects, search)
+            times.append(time.perf_counter() - began)
+        yield f"plans, {name}", _percentiles(times[WARM_UP:])
+
+
+def ticks(requests: int) -> Rows:
+    """Measure the longest tick of each action where a path is hard to find or there is none."""
+    domain, robot = find_domain(SOURCE.domain), SOURCE.described()
+    for action_set in domain.action_sets:
+        actions = domain.actions(action_set)
+        longest = [
+            max(tick_times(actions[name].factory(robot), world, goal))
+            for name, world, goal in hard_situations(robot, requests + WARM_UP, seed=17)
+        ]
+        yield f"longest tick, {action_set}", _percentiles(longest[WARM_UP:])
+
+
+def tick_times(action: Action, world: World, goal: Goal) -> list[float]:
+    """Return the processor time in s of each tick of an action whose robot follows every command."""
+    began, times = time.process_time(), []
+    try:
+        with started(action, world, goal, "measured"):
+            for _ in range(TICKS):
+                step = action.step(world)
+                times.append(time.process_time() - began)
+                if step.status is not Status.RUNNING:
+                    break
+                world = _after(action.robot, world, step.command or STOP)
+                began = time.process_time()
+    except ActionError:
+        times.append(time.process_time() - began)
+    return times
+
+
+def hard_situations(robot: Robot, count: int, seed: int) -> Iterator[tuple[str, World, Goal]]:
+    """Draw situations with posts, walls or the ball in the way: action, start and goal."""
+    rng = np.random.default_rng(seed)
+    field = field_of(robot)
+    x_min, y_min, x_max, y_max = robot.scene.area.floor
+    edges = ((x_min, x_max), (y_min, y_max), (-math.pi, math.pi))
+
+    def anywhere() -> Pose:
+        return Pose(*(float(rng.uniform(*low_high)) for low_high in edges))
+
+    def at_post() -> Pose:
+        post = field.length / 2, field.goal_width / 2
+        x, y = (float(rng.choice((-1.0, 1.0)) * at + rng.normal(0.0, 0.35)) for at in post)
+        return robot.scene.area.at(x, y, anywhere().yaw)
+
+    def state(pose: Pose) -> RobotState:
+        limits, moves = robot.limits, float(rng.random() < 0.5)
+        v, w = (moves * float(rng.uniform(-most, most)) for most in (limits.v, limits.w))
+        return RobotState(pose, v, w)
+
+    for index in range(count):
+        kind = index % 4
+        if kind == 0:  # the ball at a post
+            ball = at_post()
+            world = World(
+                0.0, state(anywhere()), {BALL: ObjectState(ball.x, ball.y, float(rng.normal()), 0.0)}
+            )
+            yield "goToPose", world, Goal(ball, 0.0, Point.HOLD)
+        elif kind == 1:  # the ball beside the robot, itself at a post or not
+            pose = at_post() if rng.random() < 0.5 else anywhere()
+            ball = pose.ahead(float(rng.uniform(0.2, 0.8)))
+            world = World(0.0, state(pose), {BALL: ObjectState(ball.x, ball.y, 0.0, float(rng.normal()))})
+            yield "goToPose", world, Goal(anywhere())
+        else:  # the ball held, somewhere or at a post
+            pose = at_post() if rng.random() < 0.5 else anywhere()
+            ball, v = (
+                robot.hold_point(pose),
+                float(rng.integers(2) * rng.uniform(0.0, robot.holder_for("dribbling").limits.v)),
+            )
+            world = World(0.0, RobotState(pose, v), {BALL: ObjectState(ball.x, ball.y)})
+            side = 1 if rng.random() < 0.5 else -1
+            mouth = Goal(Pose(*field.goal_centre(side), 0.0), 0.0, Point.HOLD)
+            post = Goal(at_post(), 0.0, Point.HOLD)
+            yield ("shoot", world, mouth) if kind == 2 else ("dribbleBall", world, post)
+
+
+def _after(robot: Robot, world: World, command: Command) -> World:
+    """Return the world a tick later; a ball in front stays there."""
+    before, ball = world.robot, ball_of(world)
+    speeds = ramped(Command(before.v, before.w), command, CONTROL_PERIOD, robot.limits, robot.stop)
+    moved = before.pose.ahead(speeds.v * CONTROL_PERIOD)
+    pose = moved._replace(yaw=moved.yaw + speeds.w * CONTROL_PERIOD)
+    if ball is not None and not is_lost(world, robot, BALL):
+        hold = robot.hold_point(pose)
+        ball = ObjectState(hold.x, hold.y)
+    return World(world.time + CONTROL_PERIOD, RobotState(pose, speeds.v, speeds.w), objects_of(ball))
+
+
+def simulation(requests: int) -> Rows:
+    """Measure how many times faster than real time the simulation is, in the fastest of some blocks."""
+    domain, robot = find_domain(SOURCE.domain), SOURCE.described()
+    for name, held in (("with a held object", domain.objects[0]), ("without objects", None)):
+        least = min(_block(robot, held) for _ in range(min(requests, 12)))
+        yield f"simulation, {name}", f"{BLOCK / least:.0f} times real time"
+
+
+def _block(robot: Robot, held: str | None) -> float:
+    """Return how long a block takes in which the robot drives in bends, with an object or without."""
+    with Simulation(robot) as simulated:
+        simulated.place_robot(Pose(0.0, 0.0, 0.0))
+        if held is not None:
+            place = robot.hold_point(Pose(0.0, 0.0, 0.0))
+            simulated.place_object(held, place.x, place.y)
+        bends = itertools.cycle([Command(0.6, 0.3)] * CONTROL_RATE + [Command(0.6, -0.3)] * CONTROL_RATE)
+        began = time.perf_counter()
+        for command in itertools.islice(bends, round(BLOCK * CONTROL_RATE)):
+            simulated.command(command)
+            simulated.tick()
+            simulated.world()
+        return time.perf_counter() - began
+
+
+def _percentiles(times: Sequence[float]) -> str:
+    p99 = float(np.quantile(times, 0.99))
+    return f"p50 {1000.0 * statistics.median(times):.2f} ms, p99 {1000.0 * p99:.2f} ms"
+
+
+PARTS: dict[str, Callable[[int], Rows]] = {
+    "refinement": refinement,
+    "plans": plans,
+    "ticks": ticks,
+    "simulation": simulation,
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure the parts that the command line names, and print a line for each case."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)} (default: all)")
+    parser.add_argument("--requests", type=int, default=200, metavar="N", help="default: %(default)s")
+    options = parser.parse_args(argv)
+    if unknown := set(options.parts) - set(PARTS):
+        parser.error(f"PART: expected one of {', '.join(PARTS)}, got {', '.join(sorted(unknown))}")
+    for part in options.parts or PARTS:
+        for case, numbers in PARTS[part](options.requests):
+            print(f"{case:50} {numbers}", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,155 @@
+"""Draw the paper's Figures 4 and 6 for learned models of soccer.
+
+scripts/run python scripts/figures.py --action-set bezier    # figure4_bezier.svg, figure6_bezier.svg
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import textwrap
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ator_ros.actions import DEFAULT_SET
+from ator_ros.actions.base import Goal
+from ator_ros.domains.soccer.ball import objects_of
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.charts import BLUE, GREY, ORANGE, draw_robot, new_figure, save_svg
+from ator_ros.geometry import FloatArray, Pose
+from ator_ros.performance.features import feature_table
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.model_file import load_models
+from ator_ros.refinement.chain_prediction import ChainModel
+from ator_ros.refinement.free_variables import analyse, names_of
+from ator_ros.refinement.objective import Objective
+from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.world.state import ObjectState, RobotState, World
+
+DISTANCE = 2.0  # m to the ball straight ahead: the situation of Figure 4
+STEP = math.radians(0.5)
+EXAMPLE = math.radians(45.0)  # the angle whose rule is printed
+# Of Figure 6, as in Figure 1: the robot drives away from the goal to get to the ball.
+START, BALL, GOAL = Pose(1.5, 0.6, math.pi), Pose(-0.5, 0.0, 0.0), Pose(2.2, 0.0, 0.0)
+CANDIDATES = 180
+
+
+def situations(robot: Robot, angles: FloatArray) -> dict[str, Any]:
+    """Return the direct variables of starts at rest before a ball, by the heading there (rad, shape (n,))."""
+    return {
+        **dict.fromkeys(("x", "y", "yaw", "v", "w", "speedg"), 0.0),
+        "xg": DISTANCE + robot.hold * np.cos(angles),
+        "yg": robot.hold * np.sin(angles),
+        "yawg": angles,
+        "hold": 1.0,
+    }
+
+
+def figure4(model: PerformanceModel) -> Any:
+    """Draw the predicted time against the angle at the ball, leaves marked, with one rule below."""
+    angles = np.arange(-math.pi, math.pi + STEP / 2, STEP)
+    direct = situations(model.robot, angles)
+    prediction, tree = model.predict(direct), model.trees["duration"]
+    features = [model.features[name] for name in tree.names]
+    leaves = tree.apply(feature_table(direct, model.robot, features, model.driving))
+    changes = np.flatnonzero(np.diff(leaves)) + 1
+    times, spread, degrees = np.asarray(prediction.duration), prediction.spread, np.degrees(angles)
+    figure = new_figure(8.0, 4.6)
+    upper, lower = figure.subfigures(2, 1, height_ratios=(5.0, 1.6))
+    axes = upper.add_subplot(1, 2, 1)
+    axes.fill_between(degrees, times - spread, times + spread, color=BLUE, alpha=0.15, lw=0)
+    for begin, end in zip([0, *changes], [*changes, len(angles)], strict=True):
+        axes.plot(degrees[begin:end], times[begin:end], color=BLUE, lw=1.5)
+    axes.axvline(math.degrees(EXAMPLE), color=GREY, lw=0.8)
+    axes.set(xlabel="angle_at_dest (degree)", ylabel="predicted execution time (s)", xlim=(-180, 180))
+    axes.set_xticks(range(-180, 181, 60))
+    axes.set_ylim(bottom=0.0)
+    polar = upper.add_subplot(1, 2, 2, projection="polar")
+    polar.plot(angles, times, color=BLUE, lw=1.5)
+    for change in changes:
+        axes.axvline((degrees[change - 1] + degrees[change]) / 2, color=ORANGE, lw=0.6, ls=":")
+        polar.plot([angles[change]] * 2, [0.0, float(times.max())], color=ORANGE, lw=0.6, ls=":")
+    polar.set_rlim(0.0, float(times.max()) * 1.08)
+    polar.tick_params(labelsize=7)
+    rule = model.explain(situations(model.robot, np.array([EXAMPLE]))).splitlines()[0]
+    lower.text(0.02, 0.9, f"rule at {math.degrees(EXAMPLE):.0f}°:", fontsize=7, va="top", color=GREY)
+    lower.text(0.02, 0.72, textwrap.fill(rule, 118), fontsize=6.5, va="top", family="DejaVu Sans Mono")
+    figure.suptitle(f"{model.action} to the ball: dist = {DISTANCE:g} m, angle_to_dest = 0°", fontsize=10)
+    return figure
+
+
+def example(library: TopLibrary) -> tuple[World, TopChain]:
+    """Return situation and chain of Figure 6."""
+    world = World(0.0, RobotState(START), objects_of(ObjectState(BALL.x, BALL.y)))
+    first, second = library["goToBall"], library["dribbleBall"]
+    return world, TopChain(
+        (
+            TopCall(first, Goal(BALL, 0.0, first.point), frozenset({"yaw"})),
+            TopCall(second, Goal(GOAL, 0.0, second.point)),
+        )
+    )
+
+
+def curves(
+    robot: Robot, models: Mapping[str, Any], library: TopLibrary
+) -> tuple[FloatArray, list[FloatArray]]:
+    """Return headings (rad), shape (n,), and the predicted durations (s) of both actions there."""
+    world, chain = example(library)
+    free = analyse(chain, models, robot).free
+    model = ChainModel(world, chain, robot, models=models, names=names_of(chain, free), objective=Objective())
+    headings, nothing = np.linspace(-math.pi, math.pi, CANDIDATES, endpoint=False), np.zeros((1, 0))
+    first = model.step_cost(0, nothing, headings[:, None])
+    return headings, [first, model.step_cost(1, headings[:, None], nothing)]
+
+
+def figure6(robot: Robot, models: Mapping[str, Any], library: TopLibrary) -> Any:
+    """Draw the times of two actions and their sum against the heading at the ball, and both choices."""
+    headings, (first, second) = curves(robot, models, library)
+    total = first + second
+    naive, best = int(np.argmin(first)), int(np.argmin(total))
+    figure = new_figure(11.0, 6.6)
+    titles = ("goToBall (s)", "dribbleBall (s)", "both (s)")
+    for column, (title, values) in enumerate(zip(titles, (first, second, total), strict=True), start=1):
+        axes = figure.add_subplot(2, 3, column, projection="polar")
+        axes.plot(np.append(headings, headings[0]), np.append(values, values[0]), color="black", lw=1.2)
+        for index, colour in ((naive, ORANGE), (best, BLUE)):
+            axes.plot([headings[index]] * 2, [0.0, values[index]], color=colour, lw=1.5)
+            axes.plot(headings[index], values[index], "o", color=colour, ms=4)
+        axes.set_title(f"{title}\n{values[naive]:.1f} s alone, {values[best]:.1f} s together", fontsize=9)
+        axes.set_ylim(0.0, float(total.max()))
+        axes.tick_params(labelsize=7)
+    for position, index, name, colour in ((4, naive, "naive", ORANGE), (6, best, "refined", BLUE)):
+        axes = figure.add_subplot(2, 3, position)
+        draw_robot(axes, robot, START, GREY)
+        draw_robot(axes, robot, robot.pose_holding(BALL._replace(yaw=float(headings[index]))), colour)
+        draw_robot(axes, robot, robot.pose_holding(GOAL), GREY)
+        axes.plot(BALL.x, BALL.y, "o", color="black", ms=5)
+        axes.set_title(f"{name}: {total[index]:.1f} s predicted in all", fontsize=9)
+        axes.set_aspect("equal")
+        axes.axis("off")
+    return figure
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write both figures."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--action-set", default=DEFAULT_SET)
+    parser.add_argument("--models", type=Path, default=SOCCER.shipped_models, metavar="DIR")
+    parser.add_argument("--out", type=Path, default=Path("docs"), metavar="DIR")
+    options = parser.parse_args(argv)
+    robot, suffix = SOCCER.robot(), "" if options.action_set == DEFAULT_SET else f"_{options.action_set}"
+    models = load_models(robot, SOCCER.known_features, action_set=options.action_set, folder=options.models)
+    save_svg(figure4(models["goToPose"]), options.out / f"figure4{suffix}.svg")
+    library = SOCCER.library(robot, options.action_set)
+    save_svg(figure6(robot, models, library), options.out / f"figure6{suffix}.svg")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,134 @@
+"""Execution of a chain that is refined again along the way, as the executor node does it, without ROS.
+
+An instance takes the place of the chain executor in `ator_ros.evaluation.chain_run.run_chain`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ator_ros.actions.base import Status
+from ator_ros.evaluation.policies import POLICIES
+from ator_ros.evaluation.toolset import Toolset
+from ator_ros.evaluation.trials import Trial
+from ator_ros.execution.chain_executor import ChainStep
+from ator_ros.execution.execution import Execution
+from ator_ros.execution.fence import Fence
+from ator_ros.execution.phases import Deadlines, Ending
+from ator_ros.execution.predictions import Predictor
+from ator_ros.execution.refining import AGAIN_AFTER, Refining
+from ator_ros.execution.step_run import ActionRecord
+from ator_ros.refinement import RefinementError
+from ator_ros.refinement.refiner import Refiner, choose
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.world.state import World
+
+
+@dataclass(frozen=True)
+class Along:
+    """What it takes to refine a chain again along the way.
+
+    Attributes
+    ----------
+    plans : tuple of TopChain
+        The plans of the goal, with what they open.
+    chosen : int
+        Number of the plan that refinement chose at the start.
+    refiner : Refiner
+        Answers the questions.
+    again_after : float
+        Distance in m by which the world must differ from what refinement was told; 0: never again.
+    """
+
+    plans: tuple[TopChain, ...]
+    refiner: Refiner
+    chosen: int = 0
+    again_after: float = AGAIN_AFTER
+
+
+class RefinedAlong:
+    """Executes a chain as `ChainExecutor` does; answers of refinement come a tick after their questions.
+
+    Attributes
+    ----------
+    asked, again : int
+        Numbers of questions after the start, and of answers that changed the chain.
+
+    Parameters
+    ----------
+    library : TopLibrary
+        TOPs and actions.
+    chain : TopChain
+        The chain to begin with, as refinement chose it.
+    along : Along
+        How it is refined again.
+    time_limit : float
+        Time in s that each step may take.
+    """
+
+    def __init__(self, library: TopLibrary, chain: TopChain, along: Along, *, time_limit: float) -> None:
+        self.asked = 0
+        self._chain, self._along = chain, along
+        self._execution = Execution(
+            library,
+            along.plans[0],
+            refining=Refining(library.robot, wanted=True, again_after=along.again_after),
+            now=0.0,
+            predictor=Predictor(library.robot, {}),
+            deadlines=Deadlines(action=time_limit),
+            fence=Fence.around(library.robot),
+            alternatives=along.plans[1:],
+        )
+        self._begun = False
+
+    @property
+    def again(self) -> int:
+        """Number of answers that changed the chain after its start."""
+        return self._execution.refined_again
+
+    @property
+    def records(self) -> list[ActionRecord]:
+        """The actions that have ended."""
+        return self._execution.records
+
+    def step(self, world: World) -> ChainStep:
+        """Return the command of this tick; the answer to the first question is known already."""
+        execution = self._execution
+        if not self._begun:
+            self._begun = True
+            execution.tick(world, world.time)
+            execution.refined_to(self._chain, True, "as chosen before", chosen=self._along.chosen)
+        self._answer()
+        command = execution.tick(world, world.time)
+        self.asked += execution.question is not None
+        status = Status.RUNNING
+        if execution.ending is not None:
+            status = Status.SUCCEEDED if execution.ending is Ending.SUCCEEDED else Status.FAILED
+        return ChainStep(command, status, execution.step, execution.reason, execution.elapsed)
+
+    def break_off(self, world: World, ending: Ending, why: str) -> None:
+        """End the action under way, if any."""
+        self._execution.end(ending, why)
+
+    def _answer(self) -> None:
+        """Answer the question of the tick before, as the refinement node would."""
+        execution, question = self._execution, self._execution.question
+        if question is None:
+            return
+        chains = (question.chain, *(other.chain for other in question.others))
+        try:
+            choice = choose(self._along.refiner, question.world, chains)
+        except RefinementError as error:
+            execution.unrefined(str(error))
+            return
+        found = choice.refinement
+        execution.refined_to(found.chain, found.refined, found.reason, chosen=choice.number)
+
+
+def refining_along(tools: Toolset, library: TopLibrary, trial: Trial) -> tuple[TopChain, RefinedAlong]:
+    """Return a refined chain (headings and speeds), and what refines it again behind the gate."""
+    choice = POLICIES["refined_speed"](tools, trial)
+    assert choice.refinement is not None
+    along = Along((choice.refinement.original,), tools.refiner(gated=True))
+    return choice.chain, RefinedAlong(library, choice.chain, along, time_limit=tools.domain.time_limit)
