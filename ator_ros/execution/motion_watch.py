@@ -200,7 +200,8 @@ class Axis:
         had, has = sign * before, sign * speed
         if had - most >= tolerance and had - has < _QUARTER * (had - most):
             return Fault.EXCESS
-        if self._is_constant(time, commands):
+        off = min(abs(command - speed) for command in recent) >= tolerance
+        if off and self._is_constant(time, commands):
             return Fault.CONSTANT
         return None
 
