@@ -12,10 +12,9 @@ from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Refining
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.top import Top
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 ROBOT = load_robot()

@@ -13,10 +13,9 @@ from ator_ros.actions.specification import ActionSpec
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.top import Top
 from ator_ros.world.scene import RoundObject
 from ator_ros.world.state import ObjectState, RobotState, World
 

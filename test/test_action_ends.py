@@ -17,10 +17,9 @@ from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.execution.motion_watch import Driving
 from ator_ros.execution.phases import Ending, Phase
 from ator_ros.geometry import Pose
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 

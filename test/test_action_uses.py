@@ -17,10 +17,9 @@ from ator_ros.domains.soccer.planned.shoot import Shoot
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.experience.collect import episode_generator
 from ator_ros.geometry import Pose
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, RobotState, World
 from benchmarks.speed import tick_times
 

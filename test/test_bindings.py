@@ -10,9 +10,8 @@ from refinement_fakes import ALL, LIBRARY, ROBOT, call, world
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import goal_values, with_values
 from ator_ros.tops.bindings import bindings
-from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
+from ator_ros.tops.chain import EVERYTHING, Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
-from ator_ros.tops.top import Top
 
 PLACE = {(0, "x"), (0, "y")}
 ARRIVED = tuple(Term(f"robot.{name}", f"goal.{name}", 0.1) for name in ("x", "y"))

@@ -21,10 +21,9 @@ from ator_ros.domains.tour.stand_in import DriveToStandIn
 from ator_ros.geometry import Pose
 from ator_ros.refinement.free_variables import analyse
 from ator_ros.robot.description import load_robot
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.ranges import USUAL_RANGES
-from ator_ros.tops.top import Top
 from ator_ros.world.messages import ObjectSource
 from ator_ros.world.state import RobotState, World
 

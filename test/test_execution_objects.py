@@ -13,10 +13,9 @@ from ator_ros.execution.phases import Deadlines, Ending, Phase
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Refining
 from ator_ros.geometry import Pose
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 VISIT = Top(

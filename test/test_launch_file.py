@@ -21,7 +21,7 @@ from ator_ros.domains.soccer.ball import BALL
 from ator_ros.nodes.executor_settings import parameters_for as of_executor
 from ator_ros.nodes.learning import PARAMETERS as LEARNING
 from ator_ros.nodes.refinement import PARAMETERS as REFINEMENT
-from ator_ros.nodes.simulation_settings import parameters_for as of_simulation
+from ator_ros.nodes.simulation import parameters_for as of_simulation
 from ator_ros.resources import PACKAGE, share_folder
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.urdf import robot_urdf

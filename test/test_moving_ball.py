@@ -15,10 +15,9 @@ from ator_ros.execution.step_run import StepRun
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import Simulation
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.objects import fetched, followed, has_left, held_first, kept, objects_in
-from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 ROBOT = load_robot()

@@ -7,10 +7,9 @@ import pytest
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
-from ator_ros.tops.chain import TopCall, projected
+from ator_ros.tops.chain import Top, TopCall, projected
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.objects import fetched, followed, has_left, held_first, held_last, kept, missing_object
-from ator_ros.tops.top import Top
 from ator_ros.world.state import ObjectState, RobotState, World
 
 ROBOT = load_robot()

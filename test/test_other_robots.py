@@ -22,7 +22,7 @@ from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.trials import random_trial, with_headings
 from ator_ros.experience.collect import EpisodeTask, episode_generator, run_task
 from ator_ros.geometry import Pose
-from ator_ros.nodes.simulation_settings import robots_of
+from ator_ros.nodes.simulation import robots_of
 from ator_ros.robot.description import Limits, NoHolderError, Robot, load_robot
 from ator_ros.simulation.run import place, run_action
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation

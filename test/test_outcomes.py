@@ -21,13 +21,11 @@ from ator_ros.robot.description import load_robot
 from ator_ros.simulation.run import judge, place, run_action
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.bindings import bindings
-from ator_ros.tops.chain import TopCall, TopChain, projected
-from ator_ros.tops.conditions import Condition, Region, Term
+from ator_ros.tops.chain import Top, TopCall, TopChain, projected
+from ator_ros.tops.conditions import Condition, Region, Term, state_of
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import is_held, is_lost
 from ator_ros.tops.outcome import NoTopError, shortfall, top_of, unmet
-from ator_ros.tops.state import state_of
-from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 ROBOT = load_robot()

@@ -13,9 +13,8 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import Pose
 from ator_ros.refinement.chain_prediction import chain_situations, step_rows
 from ator_ros.refinement.refiner import replaced
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
-from ator_ros.tops.top import Top
 
 NAMES = ("x", "yaw", "speed", "cruise")
 OPENED = [names for count in range(len(NAMES) + 1) for names in itertools.combinations(NAMES, count)]

@@ -31,11 +31,9 @@ from ator_ros.refinement.free_variables import Regions, _placed, names_of
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.refinement.search import search, spread_points
 from ator_ros.tops.bindings import bindings
-from ator_ros.tops.chain import TopChain
-from ator_ros.tops.conditions import Condition, Region, Term
+from ator_ros.tops.chain import Top, TopChain
+from ator_ros.tops.conditions import Bearing, Condition, Distance, Region, Term
 from ator_ros.tops.ranges import Range
-from ator_ros.tops.relations import Bearing, Distance
-from ator_ros.tops.top import Top
 
 GOAL = {"x": 4.0, "y": 0.0, "yaw": 0.0, "speed": 0.0}
 MARGIN = 0.16  # by which a dribble may miss, by its post-condition

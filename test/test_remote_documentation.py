@@ -11,7 +11,7 @@ from documentation import ROOT
 from rosidl_parser.definition import BasicType, NamespacedType, UnboundedString
 
 from ator_ros.actions.base import Goal
-from ator_ros.actions.remote_results import failure_in
+from ator_ros.actions.remote import failure_in
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.remote_messages import GoalWriter, check_result

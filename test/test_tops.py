@@ -16,12 +16,9 @@ from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import Simulation
-from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain, projected
-from ator_ros.tops.conditions import Condition, Term
-from ator_ros.tops.driving import driving_top
-from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.relations import Distance
-from ator_ros.tops.top import Top
+from ator_ros.tops.chain import InvalidChainError, Top, TopCall, TopChain, projected
+from ator_ros.tops.conditions import Condition, Distance, Term
+from ator_ros.tops.library import TopLibrary, driving_top
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 ROBOT = load_robot()

@@ -16,9 +16,9 @@ from ator_ros.domains.declared_situations import DeclaredChain, DeclaredDrives
 from ator_ros.files import is_name
 from ator_ros.robot.description import Robot
 from ator_ros.schema import require
+from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition, Statement, Term
 from ator_ros.tops.ranges import USUAL_RANGES, Range
-from ator_ros.tops.top import Top
 from ator_ros.world.messages import ObjectSource
 
 _ROBOT = (*(f"robot.{name}" for name in ("x", "y", "yaw", "v", "w")), "hold.x", "hold.y")

@@ -34,12 +34,11 @@ from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot, load_robot
 from ator_ros.schema import SchemaError, structured
-from ator_ros.tops.chain import TopChain
+from ator_ros.tops.chain import Top, TopChain
 from ator_ros.tops.conditions import Condition
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import objects_in
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges, declared_ranges
-from ator_ros.tops.top import Top
 from ator_ros.world.messages import ObjectSource
 from ator_ros.world.scene import Bay, RoundObject, Scene
 from ator_ros.world.state import World

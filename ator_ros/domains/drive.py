@@ -17,11 +17,10 @@ from ator_ros.domains.soccer.tops import GO_TO_POSE
 from ator_ros.performance.features import OBSERVED, names_of
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot
-from ator_ros.tops.chain import TopChain
+from ator_ros.tops.chain import Top, TopChain
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
-from ator_ros.tops.top import Top
 from ator_ros.world.state import CONTROL_PERIOD, World
 
 TIME_LIMIT = 120.0

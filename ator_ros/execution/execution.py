@@ -18,10 +18,9 @@ from ator_ros.execution.step_run import ActionRecord
 from ator_ros.execution.transitions import GoalCourse, Signal
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.chain_prediction import ChainPrediction
-from ator_ros.tops.chain import TopChain
+from ator_ros.tops.chain import Top, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_rest, missing_in, missing_object
-from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, Command, World
 
 LONGEST_STOP = 5.0  # s for which a robot that still moves is commanded to stop

@@ -7,9 +7,8 @@ from typing import NamedTuple
 from ator_ros.execution.fence import Fence, FenceWatch
 from ator_ros.execution.phases import Ending
 from ator_ros.robot.description import Robot
-from ator_ros.tops.chain import TopCall
+from ator_ros.tops.chain import Top, TopCall
 from ator_ros.tops.objects import missing_object, objects_in
-from ator_ros.tops.top import Top
 from ator_ros.world.state import World
 
 

@@ -12,10 +12,9 @@ from ator_ros.geometry import Pose
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import fetched, held_first, kept, objects_in
-from ator_ros.tops.top import Top
 from ator_ros.world.state import CONTROL_PERIOD, ObjectState, RobotState, World
 
 OPEN = frozenset({"yaw", "speed"})

@@ -13,10 +13,10 @@ from ator_ros.execution.phases import Ending
 from ator_ros.execution.transitions import STAGES, Stage, TransitionError
 from ator_ros.geometry import FloatArray
 from ator_ros.tops.chain import TopCall
+from ator_ros.tops.conditions import state_of
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_rest, followed, held_first, is_lost, kept
 from ator_ros.tops.outcome import failure, may_settle, unmet
-from ator_ros.tops.state import state_of
 from ator_ros.world.state import STOP, World
 
 Predict = Callable[[World], Any]

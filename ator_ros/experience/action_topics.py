@@ -15,8 +15,7 @@ from typing import Any
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GOAL_VARIABLES
-from ator_ros.actions.remote import RemoteCall
-from ator_ros.actions.remote_results import failure_in, status_name, value_at
+from ator_ros.actions.remote import RemoteCall, failure_in, status_name, value_at
 from ator_ros.actions.situation import Situation
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.records import fault_of
@@ -25,8 +24,8 @@ from ator_ros.experience.vocabulary import Vocabulary
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.printable import printable
 from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import Top
 from ator_ros.tops.outcome import failure, shortfall, unmet
-from ator_ros.tops.top import Top
 from ator_ros.world.messages import plain_frame, pose_from
 from ator_ros.world.state import World
 

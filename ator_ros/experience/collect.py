@@ -18,8 +18,8 @@ from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import episode_frame
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.simulation import Simulation
+from ator_ros.tops.chain import Top
 from ator_ros.tops.outcome import NoTopError, top_of
-from ator_ros.tops.top import Top
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from ator_ros.experience.columns import STATE_COLUMNS
 from ator_ros.geometry import FloatArray
 from ator_ros.simulation.run import judge, place, run_action
 from ator_ros.simulation.simulation import Simulation
-from ator_ros.tops.top import Top
+from ator_ros.tops.chain import Top
 from ator_ros.world.state import STOP, World
 
 TICKS_PER_SAMPLE = 2  # control ticks of 1/20 s, so that samples come at the paper's 10 Hz

@@ -16,8 +16,8 @@ from ator_ros.experience.vocabulary import Vocabulary, point_of
 from ator_ros.files import is_name
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import objects_in
-from ator_ros.tops.top import Top
 from ator_ros.world.messages import MessageError, object_from, pose_from, velocity
 from ator_ros.world.state import RobotState
 

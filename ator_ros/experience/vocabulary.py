@@ -9,8 +9,8 @@ from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.remote import RemoteCall
 from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import held_first, held_last
-from ator_ros.tops.top import Top
 from ator_ros.world.messages import ObjectSource
 
 

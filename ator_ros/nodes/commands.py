@@ -10,16 +10,10 @@ from rclpy.node import Node
 
 from ator_ros.nodes.diagnosis import is_base, motion_cause, node_of, subscriptions_of, type_name
 from ator_ros.nodes.messages import stamp_of, twist_of
-from ator_ros.nodes.parameters import Parameter
+from ator_ros.nodes.parameters import STAMPED
 from ator_ros.nodes.qos import COMMANDS
 from ator_ros.world.state import Command
 
-STAMPED = Parameter(
-    "stamped_commands",
-    "auto",
-    "whether cmd_vel is a TwistStamped; auto: what the base subscribes to",
-    choices=("auto", "true", "false"),
-)
 _TOPIC = "cmd_vel"
 
 

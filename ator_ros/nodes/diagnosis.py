@@ -16,8 +16,8 @@ from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosgraph_msgs.msg import Clock
 
+from ator_ros.nodes.inputs import Input, TfListener
 from ator_ros.nodes.qos import RESULTS, SENSOR_DATA
-from ator_ros.nodes.tf_listener import TfListener, TFMessage
 from ator_ros.printable import printable
 from ator_ros.world.messages import FrameError
 
@@ -268,20 +268,6 @@ def type_name(kind: type) -> str:
 
 
 # Causes
-
-
-@dataclass(frozen=True, slots=True)
-class Input:
-    """Where a node gets the robot or an object from: a topic and its type, or two frames in tf."""
-
-    topic: str
-    kind: Any
-    frames: tuple[str, str] | None = None
-
-    @classmethod
-    def of_tf(cls, frame: str, child: str) -> Input:
-        """Return the input of the frame `child` in `frame`."""
-        return cls("/tf", TFMessage, (frame, child))
 
 
 class Diagnosis:

@@ -22,16 +22,14 @@ from ator_ros.nodes.diagnostics import Diagnostics, Health, Ticks
 from ator_ros.nodes.execution_drawing import ExecutionDrawing
 from ator_ros.nodes.executor_settings import inputs_of, parameters_for, rolling_of
 from ator_ros.nodes.goal_run import GoalRun, concluded, run_of, unstarted
+from ator_ros.nodes.inputs import ObjectSources, RobotSource, TfListener
 from ator_ros.nodes.loading import rehearsed_predictors
 from ator_ros.nodes.model_sets import problems_of, startup_text, told_of
-from ator_ros.nodes.object_sources import ObjectSources
 from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of, domain_of, fence_of, robot_of
 from ator_ros.nodes.plan_client import PREEMPTED, PlannedGoals
 from ator_ros.nodes.qos import LATCHED, RESULTS, SERVICES
 from ator_ros.nodes.remote_servers import RemoteServers
-from ator_ros.nodes.robot_source import RobotSource
 from ator_ros.nodes.running import run_node, spin_out
-from ator_ros.nodes.tf_listener import TfListener
 from ator_ros.nodes.watchdog import Watchdog
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import missing_in

@@ -10,10 +10,19 @@ from ator_ros.actions.remote import LONGEST
 from ator_ros.execution.phases import Deadlines
 from ator_ros.execution.refining import AGAIN_AFTER
 from ator_ros.execution.rolling import Rolling
-from ator_ros.nodes.commands import STAMPED
 from ator_ros.nodes.learned_sets import LEARNED
-from ator_ros.nodes.parameters import DOMAIN, FENCE, FRAME, MODELS, ROBOT, ROBOT_FRAME, Parameter, SetupError
-from ator_ros.nodes.robot_source import STATE
+from ator_ros.nodes.parameters import (
+    DOMAIN,
+    FENCE,
+    FRAME,
+    MODELS,
+    ROBOT,
+    ROBOT_FRAME,
+    STAMPED,
+    STATE,
+    Parameter,
+    SetupError,
+)
 from ator_ros.robot.description import Robot
 from ator_ros.world.estimation import ObjectTracker, Sightings
 from ator_ros.world.inputs import Inputs

@@ -26,7 +26,7 @@ from ator_ros.nodes.parameters import (
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.running import run_node
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.driving import driving_top
+from ator_ros.tops.library import driving_top
 from ator_ros.world import messages
 from ator_ros.world.messages import MessageError, pose_from
 

@@ -18,9 +18,9 @@ from ator_ros.nodes.advice import advice_from, goal_of, request_of
 from ator_ros.nodes.guests import Guests
 from ator_ros.nodes.heard import Heard
 from ator_ros.nodes.live_chain import LiveChain
+from ator_ros.nodes.parameters import STATE
 from ator_ros.nodes.placing import Placing
 from ator_ros.nodes.qos import SERVICES
-from ator_ros.nodes.robot_source import STATE
 from ator_ros.nodes.seen import SeenWorld
 from ator_ros.nodes.spun_node import SpunNode
 from ator_ros.robot.description import Robot

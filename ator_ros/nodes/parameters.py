@@ -127,6 +127,15 @@ MODELS = Parameter("models", "", "folder of the performance models and the gate;
 FENCE = Parameter(
     "fence", [0.0] * 4, "m: x and y from, x and y to, of the robot's axle; all 0: area and margin"
 )
+STATE = Parameter(
+    "robot_from", "odom", "where the robot's state comes from: odom, or tf", choices=("odom", "tf")
+)
+STAMPED = Parameter(
+    "stamped_commands",
+    "auto",
+    "whether cmd_vel is a TwistStamped; auto: what the base subscribes to",
+    choices=("auto", "true", "false"),
+)
 OBJECT = "OBJECT"
 """Placeholder for the name of an object in descriptions of parameters."""
 Changed = Callable[[Mapping[str, Any]], None]

@@ -11,8 +11,7 @@ from rosidl_parser import definition
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import goal_values
-from ator_ros.actions.remote import Filling, RemoteCall
-from ator_ros.actions.remote_results import parts
+from ator_ros.actions.remote import Filling, RemoteCall, parts
 from ator_ros.nodes.messages import pose_of
 from ator_ros.printable import printable, quoted
 

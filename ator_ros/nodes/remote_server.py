@@ -11,8 +11,7 @@ from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 
 from ator_ros.actions.base import Goal
-from ator_ros.actions.remote import RemoteCall
-from ator_ros.actions.remote_results import failure_in
+from ator_ros.actions.remote import RemoteCall, failure_in
 from ator_ros.nodes.remote_goal import RemoteGoal
 from ator_ros.nodes.remote_messages import GoalWriter, RemoteError, action_type_of, check_result
 from ator_ros.nodes.signs_of_life import SignsOfLife

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import gc
 import inspect
+import itertools
 import os
 import re
 import signal
 import sys
 import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +22,10 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from ator_ros.nodes.configured import ParameterFileError, check_parameter_files
-from ator_ros.nodes.machine import check_machine
+from ator_ros.files import FileError, read_yaml
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.parameters import Parameter, SetupError
-from ator_ros.printable import printable
+from ator_ros.printable import printable, short
 from ator_ros.resources import ResourceError
 
 _WAKE_UP = 0.1
@@ -36,6 +36,14 @@ _RCL_SOURCE = re.compile(r", at \S+:\d+")
 """Where rcl's errors, which have several lines, name their place in its source."""
 _LONGEST_REASON = 1000
 """Characters of the line with which a node ends: a path may have 255 in each of its parts."""
+_LARGEST = 1_000_000  # bytes of a parameter file; ours have some 2 kB, and PyYAML takes seconds for 1 MB
+_SETTINGS = "ros__parameters"
+
+
+class ParameterFileError(ValueError):
+    """A parameter file that cannot be used; the message names it."""
+
+
 _EXPECTED = (SetupError, ParameterFileError, ResourceError, ParameterException, RuntimeError)
 """Errors for the user; rcl's are RuntimeErrors."""
 
@@ -56,7 +64,6 @@ def run_node(
     try:
         check_parameter_files(words)
         _command_line(make, parameters).parse_args(remove_ros_args(words)[1:])
-        check_machine(os.environ, words)
         stay_on_this_machine(os.environ)
         # rclpy's own handlers would invalidate the context before the robot has been stopped.
         rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
@@ -98,3 +105,34 @@ def _command_line(make: Callable[[], Node], parameters: Sequence[Parameter]) -> 
         epilog="\n".join(["parameters:", *lines]) if lines else None,
         formatter_class=RawDescriptionHelpFormatter,
     )
+
+
+def check_parameter_files(words: Sequence[str]) -> None:
+    """Check the files that follow ``--params-file``; call this before rclpy reads them.
+
+    rcl waits for ever for a pipe, and ignores a text that holds no parameters.
+
+    Raises
+    ------
+    ParameterFileError
+        One cannot be read, or holds something else than parameters. It may be empty.
+    """
+    for word, following in itertools.pairwise(words):
+        if word != "--params-file":
+            continue
+        try:
+            content = read_yaml(Path(following), largest=_LARGEST)
+        except FileError as error:
+            raise ParameterFileError(f"--params-file: {error}") from error
+        if content is not None and not _holds_parameters(content):
+            raise ParameterFileError(
+                f"--params-file: {following}: expected a table of nodes, each with {_SETTINGS}, "
+                f"got {short(content)}"
+            )
+
+
+def _holds_parameters(content: Any) -> bool:
+    """Return whether each branch of nested tables, which are namespaces and nodes, leads to parameters."""
+    if not isinstance(content, Mapping) or not content:
+        return False
+    return _SETTINGS in content or all(map(_holds_parameters, content.values()))

@@ -10,9 +10,7 @@ from typing import Any
 from rclpy.node import Node
 
 from ator_ros.domains.domain import Domain
-from ator_ros.nodes.object_sources import ObjectSources
-from ator_ros.nodes.robot_source import RobotSource
-from ator_ros.nodes.tf_listener import TfListener
+from ator_ros.nodes.inputs import ObjectSources, RobotSource, TfListener
 from ator_ros.robot.description import Robot
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import ObjectState, RobotState, World

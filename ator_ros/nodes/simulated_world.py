@@ -1,4 +1,4 @@
-"""The world that the node `simulation` keeps: simulator, sensors, starts, and what may be placed where."""
+"""The world of the node `simulation`: simulator, sensors, starts, and checks of placements."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FASTEST = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """A stop of a robot: simulated time (s) of the last command to move, and since when it stands."""
+    """A stop of a robot: simulated times (s) of the last command to move, and of the standstill."""
 
     robot: str
     last_command: float
@@ -29,7 +29,7 @@ class Stop:
 
 
 class SimulatedRobot:
-    """One robot of the world: what it is, what it observes, and how it was commanded.
+    """One robot of the world: its description, observations and commands.
 
     Parameters
     ----------
@@ -38,14 +38,14 @@ class SimulatedRobot:
     robot : Robot
         Shape, masses and limits.
     sensors : Sensors
-        What it observes of the world.
+        Its sensors.
     start : Pose
         At the start and after a reset.
 
     Attributes
     ----------
     observed : World
-        What it observed last.
+        The last observation.
     """
 
     observed: World
@@ -70,14 +70,14 @@ class SimulatedRobot:
         return time - self._commanded < COMMAND_TIMEOUT
 
     @property
-    def told_to_move(self) -> bool:
+    def commanded_to_move(self) -> bool:
         """Whether the last command was to move."""
         return self._command != STOP
 
     def observe(self, world: World) -> Stop | None:
         """Observe the true state; return the stop if the robot has come to stand."""
         self.observed = self.sensors.observe(world)
-        driving = self.steered(world.time) and self.told_to_move
+        driving = self.steered(world.time) and self.commanded_to_move
         if self._driven is None or driving or not world.robot.is_standing:
             return None
         stop, self._driven = Stop(self.name, self._driven, world.time), None
@@ -85,7 +85,7 @@ class SimulatedRobot:
 
 
 class SimulatedWorld:
-    """One world that can be reset; every wish is checked before anything changes.
+    """One world that can be reset; every placement is checked before anything changes.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ class SimulatedWorld:
             robot.observed = robot.sensors.observe(self._simulation.world(number=number))
 
     def _appears(self, name: str) -> None:
-        """Let all robots see an object anew; what they believe of themselves stays."""
+        """Reset the sensors of all robots for one object; their odometry stays."""
         for number, robot in enumerate(self._robots):
             world = self._simulation.world(number=number)
             robot.sensors.placed(name, world)
@@ -157,18 +157,19 @@ class SimulatedWorld:
         return frozenset(number for number, robot in enumerate(self._robots) if robot.steered(self.time))
 
     def awaited(self) -> frozenset[int]:
-        """Return the numbers of the robots whose next commands are worth waiting for.
+        """Return the numbers of the robots whose next command a tick waits for.
 
-        Where there are several, one that was told to stand is not waited for: the others need their odometry.
+        Where there are several, one that was commanded to stop is not waited for, as the others need
+        their odometry.
         """
         steered = self.steered()
         if len(self._robots) == 1:
             return steered
-        return frozenset(number for number in steered if self._robots[number].told_to_move)
+        return frozenset(number for number in steered if self._robots[number].commanded_to_move)
 
-    def told_to_move(self, number: int) -> bool:
+    def commanded_to_move(self, number: int) -> bool:
         """Return whether a robot's last command was to move."""
-        return self._robots[number].told_to_move
+        return self._robots[number].commanded_to_move
 
     def tick(self) -> Iterator[Stop]:
         """Advance by one control tick; return which robots have come to stand."""

@@ -2,30 +2,107 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from geometry_msgs.msg import Twist, TwistStamped
+from geometry_msgs.msg import TransformStamped, Twist, TwistStamped
+from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.domains.domain import domain_for
+from ator_ros.files import is_name
+from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.nodes import messages
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
-from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of
-from ator_ros.nodes.qos import SENSOR_DATA, SERVICES
-from ator_ros.nodes.robot_topics import RobotTopics
+from ator_ros.nodes.messages import stamp_of
+from ator_ros.nodes.parameters import (
+    DOMAIN,
+    FRAME,
+    OBJECT,
+    ROBOT,
+    ROBOT_FRAME,
+    Parameter,
+    SetupError,
+    declare_with_domain,
+    digest_of,
+    robot_of,
+)
+from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA, SERVICES, STATES
 from ator_ros.nodes.running import run_node
-from ator_ros.nodes.simulated_world import Stop
-from ator_ros.nodes.simulation_settings import names_of, parameters_for, robots_of, simulated_of, world_of
+from ator_ros.nodes.simulated_world import SimulatedRobot, SimulatedWorld, Stop
+from ator_ros.printable import quoted
+from ator_ros.robot.description import Robot
+from ator_ros.simulation.sensors import SensorConfig, Sensors, Sight
 from ator_ros.simulation.simulation import TICK
+from ator_ros.simulation.urdf import WHEEL_NAMES, Wheels, robot_urdf
 from ator_ros.world import messages as checks
 from ator_ros.world.messages import MessageError
+from ator_ros.world.scene import Area
+from ator_ros.world.state import World
 
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:  # ROS without tf
+    TFMessage = None
+
+
+WORLD = "world"
+"""The frame in which robots of one simulation begin."""
+
+
+_COMMON = (
+    FRAME,
+    ROBOT_FRAME,
+    DOMAIN,
+    ROBOT,
+    # Times as fast as computers can be (0: no limit), and not so slow that a tick takes more than a minute.
+    Parameter("robots", [""], "names of the robots, namespaces of their topics and frames; '': none"),
+    Parameter("descriptions", [""], "files of robots' descriptions; missing or empty: what `robot` names"),
+    Parameter(
+        "real_time_factor",
+        1.0,
+        "simulated per real seconds; 0: as fast as possible",
+        0.0,
+        100.0,
+        smallest=0.001,
+        live=True,
+    ),
+    Parameter(
+        "command_wait",
+        0.2,
+        "real s that a tick waits for a command; less than the executor's odom_timeout",
+        0.0,
+        10.0,
+        live=True,
+    ),
+    Parameter("lockstep", False, "whether ticks wait for commands at any real_time_factor"),
+    Parameter("publish_clock", False, "whether to publish the simulated time on /clock"),
+    Parameter("stamped_commands", False, "whether the robots subscribe to TwistStamped instead of Twist"),
+    Parameter(
+        "robot_start",
+        [-2.0, 0.0, 0.0],
+        "x, y (m, from the area's centre), yaw of each robot after a reset; else beside the last",
+    ),
+    # Drifts of 1 are errors as large as the motion; the executor allows as much latency.
+    Parameter("seed", 0, "of the sensors' noise", 0, 2**31 - 1),
+    Parameter("drift", 0.0, "odometry's position error in m after 1 m of driving", 0.0, 1.0),
+    Parameter("heading_drift", 0.0, "odometry's heading error in rad after 1 m of driving", 0.0, 1.0),
+    Parameter("latency", 0.0, "simulated s after which odom and objects come, with their stamps", 0.0, 0.3),
+)
+_ASIDE = 1.0
+"""m between objects, and between robots, that are where they start by default."""
+_MOST_YAW = 1e6
+"""rad; far more than turns that a start is given in, and a float64 still resolves 1e-10."""
+_MOST = 16
+"""Robots of one simulation."""
 _FASTEST_PERIOD = 0.0005
 _PAUSED_PERIOD = 0.05
 _LAPSE = round(5.0 / TICK)  # ticks that take as long as in reality, after those that a command held for
@@ -47,7 +124,7 @@ class SimulationNode(Node):
         odom (nav_msgs/Odometry): the middle of the axle, twist in the robot's frame.
         NAME of each object of the scene (nav_msgs/Odometry): position and velocity, both in the
         header's frame; nothing while the object is not there.
-        joint_states, robot_description; tf of all robots: see `Embodiment`.
+        joint_states, robot_description; tf of all robots: see `RobotStatePublisher`.
     Publishes
         /clock (rosgraph_msgs/Clock), when `publish_clock`: every tick.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
@@ -145,7 +222,7 @@ class SimulationNode(Node):
         else:
             self._lateness.came(now)
             for stop in self._world.tick():
-                self.get_logger().debug(_told(stop))
+                self.get_logger().debug(_stop_text(stop))
             self._ticks += 1
             self._awaited = set(self._world.awaited()) if self._waits else set()
             self._schedule(now)
@@ -168,7 +245,7 @@ class SimulationNode(Node):
         for topics in self._topics:
             topics.publish()
 
-    # What comes in
+    # Commands and services
 
     def _command(self, number: int, message: Twist | TwistStamped) -> None:
         topics = self._topics[number]
@@ -181,8 +258,8 @@ class SimulationNode(Node):
         except MessageError as error:
             self._reject(str(error))
             return
-        if not (number in self._awaited or self._world.told_to_move(number)):
-            return  # who only stands hastens nobody
+        if not (number in self._awaited or self._world.commanded_to_move(number)):
+            return  # stop commands do not advance the clock
         self._awaited.discard(number)
         if not (self._paused or self._awaited):
             self._deadline = 0.0
@@ -194,7 +271,7 @@ class SimulationNode(Node):
         self.get_logger().warning(f"ignored: {reason}", throttle_duration_sec=_WARNING_PERIOD)
 
     def _guarded(self, handle: Callable[[Any], str]) -> Callable[[Any, Any], Any]:
-        """Return a service callback that answers with what `handle` says, or with why it could not."""
+        """Return a service callback that answers with the text of `handle`, or with its error."""
 
         def serve(request: Any, response: Any) -> Any:
             try:
@@ -258,8 +335,8 @@ class SimulationNode(Node):
         )
 
 
-def _told(stop: Stop) -> str:
-    """Return what the log says of a stop."""
+def _stop_text(stop: Stop) -> str:
+    """Return the log message of a stop."""
     who = f"robot {stop.robot}" if stop.robot else "the robot"
     return f"{who} stands since {stop.stood:.2f} s, last told to move at {stop.last_command:.2f} s"
 
@@ -267,6 +344,222 @@ def _told(stop: Stop) -> str:
 def _period_at(factor: float) -> float:
     """Return the real s between ticks."""
     return TICK / factor if factor else _FASTEST_PERIOD
+
+
+# From parameters to the world
+
+
+def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
+    """Return the parameters of the node, among them five for each of the `objects`."""
+    return (*_COMMON, *(item for place, name in enumerate(objects) for item in _parameters_of(name, place)))
+
+
+def _parameters_of(name: str, place: int) -> tuple[Parameter, ...]:
+    start = [0.0, _ASIDE * place]
+    # Noise of 1 m or 1 m/s, an age of 5 s and one sight in a hundred are beyond what any chain can bear.
+    return (
+        Parameter(
+            f"{name}_start", start, f"position of the {name} after a reset: x, y in m from the area's centre"
+        ),
+        Parameter(f"{name}_noise", 0.0, f"error of the {name}'s coordinates in m", 0.0, 1.0),
+        Parameter(f"{name}_velocity_noise", 0.0, f"error of the {name}'s velocity in m/s", 0.0, 1.0),
+        Parameter(f"{name}_delay", 0.0, f"age of what is known of the {name} in simulated s", 0.0, 5.0),
+        Parameter(f"{name}_dropouts", 0.0, f"probability that the {name} is not seen in a tick", 0.0, 0.99),
+    )
+
+
+def names_of(settings: Mapping[str, Any]) -> list[str]:
+    """Return the names of the robots; raises SetupError where they cannot be told apart by them."""
+    names = list(settings["robots"])
+    good = 0 < len(names) <= _MOST and len(set(names)) == len(names)
+    if not good or not all(is_name(name) for name in names if name or len(names) > 1):
+        raise SetupError(
+            f"parameter robots: expected 1 to {_MOST} different names of letters, digits and _, "
+            f"got {quoted(names)}"
+        )
+    return names
+
+
+def robots_of(settings: Mapping[str, Any]) -> list[Robot]:
+    """Return the robots, all in the scene of the first; raises SetupError where a file cannot be used."""
+    files, names = settings["descriptions"], names_of(settings)
+    if len(files) > len(names):
+        raise SetupError(f"parameter descriptions: expected at most {len(names)} files, got {len(files)}")
+    named = [file or settings[ROBOT.name] for file in (*files, *[""] * (len(names) - len(files)))]
+    robots = [robot_of({**settings, ROBOT.name: file}) for file in named]
+    return [dataclasses.replace(robot, scene=robots[0].scene) for robot in robots]
+
+
+def world_of(settings: Mapping[str, Any], robots: Sequence[SimulatedRobot]) -> SimulatedWorld:
+    """Return the world at its start.
+
+    Raises
+    ------
+    SetupError
+        A start is outside the floor, or two are one.
+    """
+    try:
+        return SimulatedWorld(robots, _object_starts(settings, robots[0].robot))
+    except ValueError as error:
+        raise SetupError(str(error)) from error
+
+
+def _object_starts(settings: Mapping[str, Any], robot: Robot) -> dict[str, tuple[float, float]]:
+    places = {name: settings[f"{name}_start"] for name in robot.scene.objects}
+    for name, place in places.items():
+        checks.count(place, f"parameter {name}_start", least=2, most=2)
+    centred = {name: robot.scene.area.at(*place) for name, place in places.items()}
+    return {name: (there.x, there.y) for name, there in centred.items()}
+
+
+def simulated_of(settings: Mapping[str, Any], robots: Sequence[Robot]) -> list[SimulatedRobot]:
+    """Return the robots at their starts; what they observe errs independently. Raises SetupError."""
+    config = SensorConfig(
+        drift=settings["drift"],
+        heading_drift=settings["heading_drift"],
+        latency=settings["latency"],
+        objects={name: _sight_of(settings, name) for name in robots[0].scene.objects},
+    )
+    try:
+        starts = _starts(settings["robot_start"], len(robots), robots[0].scene.area)
+    except MessageError as error:
+        raise SetupError(str(error)) from error
+    named = zip(names_of(settings), robots, starts, strict=True)
+    return [
+        SimulatedRobot(name, robot, Sensors(config, settings["seed"] + number), start)
+        for number, (name, robot, start) in enumerate(named)
+    ]
+
+
+def _starts(numbers: Sequence[float], count: int, area: Area) -> list[Pose]:
+    """Return the start of each robot: those given, then each `_ASIDE` to the left of the last."""
+    checks.count(numbers, "parameter robot_start", least=3, most=3 * count)
+    if len(numbers) % 3:
+        raise SetupError(f"parameter robot_start: expected x, y and yaw of each, got {len(numbers)} numbers")
+    for yaw in numbers[2::3]:
+        checks.number(yaw, "parameter robot_start: yaw", low=-_MOST_YAW, high=_MOST_YAW, unit="rad")
+    starts = [area.at(*numbers[at : at + 3]) for at in range(0, len(numbers), 3)]
+    while len(starts) < count:
+        starts.append(starts[-1].compose(Pose(0.0, _ASIDE, 0.0)))
+    return starts
+
+
+def _sight_of(settings: Mapping[str, Any], name: str) -> Sight:
+    kinds = (field.name for field in dataclasses.fields(Sight))
+    return Sight(**{kind: settings[f"{name}_{kind}"] for kind in kinds})
+
+
+# Topics
+
+
+class RobotTopics:
+    """Publishes the sensor data of one robot; its name is the namespace of its topics and frames.
+
+    Parameters
+    ----------
+    node : Node
+        Owns the publishers.
+    robot : SimulatedRobot
+        The robot.
+    frame, robot_frame : str
+        The frame of odometry and the robot's own, before the name is put before them.
+
+    Attributes
+    ----------
+    frame, robot_frame : str
+        These frames, with the name.
+    objects : tuple of str
+        The names of the objects that it may observe.
+    """
+
+    def __init__(self, node: Node, robot: SimulatedRobot, *, frame: str, robot_frame: str) -> None:
+        self._robot = robot
+        self._prefix = f"{robot.name}/" if robot.name else ""
+        self.frame, self.robot_frame = self.resolved(frame), self.resolved(robot_frame)
+        self._odom = node.create_publisher(Odometry, self.resolved("odom"), STATES)
+        self._objects = {
+            name: node.create_publisher(Odometry, self.resolved(name), STATES)
+            for name in robot.robot.scene.objects
+        }
+        self.objects = tuple(self._objects)
+        self._embodiment = RobotStatePublisher(
+            node, robot.robot, frame=self.frame, robot_frame=self.robot_frame, prefix=self._prefix
+        )
+
+    def resolved(self, name: str) -> str:
+        """Return the name of a topic, a service or a frame of this robot."""
+        return f"{self._prefix}{name}"
+
+    def publish(self) -> None:
+        """Publish the last observation."""
+        world = self._robot.observed
+        # Objects come first: subscribers that act on odom then have the objects of the same tick.
+        for name, there in world.objects.items():
+            height = self._robot.robot.scene.radius(name)
+            message = messages.object_odometry_of(world.time, there, frame=self.frame, height=height)
+            self._objects[name].publish(message)
+        odometry = messages.odometry_of(world.time, world.robot, frame=self.frame, child=self.robot_frame)
+        self._odom.publish(odometry)
+        self._embodiment.publish(world)
+
+
+class RobotStatePublisher:
+    """Publishes tf, joint states and the URDF as the driver of a base does; all names are relative.
+
+    Robots of one node share `tf`, in which their frames are children of the frame `world`.
+
+    Publishes
+        tf (tf2_msgs/TFMessage): from the frame of odometry to the robot's own, where there are subscribers.
+        tf_static (tf2_msgs/TFMessage, transient local), with a prefix: from `world` to the frame of odometry.
+        joint_states (sensor_msgs/JointState): the wheels, where there are subscribers.
+        robot_description (std_msgs/String, transient local): URDF.
+
+    Parameters
+    ----------
+    node : Node
+        Owns the publishers.
+    robot : Robot
+        The robot.
+    frame, robot_frame : str
+        The frame of odometry, and the robot's own.
+    prefix : str
+        Put before the names of all topics but tf.
+    """
+
+    def __init__(self, node: Node, robot: Robot, *, frame: str, robot_frame: str, prefix: str = "") -> None:
+        self._frame, self._robot_frame = frame, robot_frame
+        self._wheels = Wheels(robot)
+        self._joints = node.create_publisher(JointState, f"{prefix}joint_states", RESULTS)
+        self._tf = None if TFMessage is None else node.create_publisher(TFMessage, "tf", RESULTS)
+        if TFMessage is not None and prefix:
+            self._fixed = node.create_publisher(TFMessage, "tf_static", LATCHED)
+            beginning = transform_of(0.0, Pose(0.0, 0.0, 0.0), frame=WORLD, child=frame)
+            self._fixed.publish(TFMessage(transforms=[beginning]))
+        self._description = node.create_publisher(String, f"{prefix}robot_description", LATCHED)
+        self._description.publish(String(data=robot_urdf(robot)))
+
+    def publish(self, world: World) -> None:
+        """Publish the pose of the robot and the angles of its wheels."""
+        state = world.robot
+        self._wheels.roll(world.time, state.v, state.w)
+        if self._tf is not None and self._tf.get_subscription_count():
+            there = transform_of(world.time, state.pose, frame=self._frame, child=self._robot_frame)
+            self._tf.publish(TFMessage(transforms=[there]))
+        if self._joints.get_subscription_count():
+            message = JointState(name=list(WHEEL_NAMES), position=list(self._wheels.angles))
+            message.header.stamp = stamp_of(world.time)
+            self._joints.publish(message)
+
+
+def transform_of(time: float, pose: Pose, *, frame: str, child: str) -> TransformStamped:
+    """Write the pose of the frame `child` in `frame` at `time` (s) as a transform."""
+    message = TransformStamped(child_frame_id=child)
+    message.header.stamp, message.header.frame_id = stamp_of(time), frame
+    transform = message.transform
+    transform.translation.x, transform.translation.y = float(pose.x), float(pose.y)
+    turn = transform.rotation
+    turn.x, turn.y, turn.z, turn.w = quaternion_from_yaw(pose.yaw)
+    return message
 
 
 def main(args: list[str] | None = None) -> None:

@@ -14,8 +14,8 @@ from ator_ros.planning.facts import resolved
 from ator_ros.planning.operators import PlannedStep
 from ator_ros.planning.placing import place_in
 from ator_ros.tops.chain import TopCall, TopChain, projected
+from ator_ros.tops.conditions import state_of
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.state import state_of
 from ator_ros.world.state import World
 
 

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ator_ros.planning.values import Binding, Symbol, Value, Values, is_chosen, satisfies, target_of
-from ator_ros.tops.conditions import Condition, Statement
-from ator_ros.tops.relations import Relation, violation_of
-from ator_ros.tops.state import State
-from ator_ros.tops.top import Top
+from ator_ros.tops.chain import Top
+from ator_ros.tops.conditions import Condition, Relation, State, Statement, violation_of
 
 _GOAL = "goal"
 _SLACK = 1e-9

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from ator_ros.planning.facts import Fact, placed_thing, preconditions, region_name
 from ator_ros.planning.values import Binding, Symbol, Value, Values, after
 from ator_ros.planning.wanted import bindings_for, groups_of
+from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import followed
-from ator_ros.tops.top import Top
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,8 @@ import numpy as np
 from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
 from ator_ros.planning.facts import Fact, placed_thing, resolved
 from ator_ros.planning.values import reach_about
-from ator_ros.tops.conditions import Statement, lookup
-from ator_ros.tops.state import State
-from ator_ros.tops.top import Top
+from ator_ros.tops.chain import Top
+from ator_ros.tops.conditions import State, Statement, lookup
 
 _SPACING = 0.1
 _MOST_STEPS = 400

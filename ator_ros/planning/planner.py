@@ -15,12 +15,10 @@ from ator_ros.planning.posed import Posed, posed
 from ator_ros.planning.symbolic import Plan, SymbolicProblem
 from ator_ros.planning.wanted import Wish, checked, facts_of, known_variables
 from ator_ros.refinement.refiner import LONGEST_CHAIN
-from ator_ros.tops.chain import TopChain, projected
-from ator_ros.tops.driving import driving_top
-from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.chain import Top, TopChain, projected
+from ator_ros.tops.conditions import state_of
+from ator_ros.tops.library import TopLibrary, driving_top
 from ator_ros.tops.objects import missing_object
-from ator_ros.tops.state import state_of
-from ator_ros.tops.top import Top
 from ator_ros.world.state import World
 
 MOST_CHAINS = 8

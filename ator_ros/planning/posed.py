@@ -11,9 +11,9 @@ from ator_ros.planning.facts import Fact, placed_thing, resolved
 from ator_ros.planning.operators import PlannedStep
 from ator_ros.planning.symbolic import MOST_FACTS, MOST_OPERATORS, Operator, SymbolicProblem
 from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import Top
+from ator_ros.tops.conditions import State, state_of
 from ator_ros.tops.objects import fetched
-from ator_ros.tops.state import State, state_of
-from ator_ros.tops.top import Top
 from ator_ros.world.state import World
 
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 from ator_ros.actions.base import Point
 from ator_ros.geometry import wrap_angle
+from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Statement
-from ator_ros.tops.top import Top
 
 Symbol = float | str
 Binding = Mapping[str, Symbol]

@@ -11,8 +11,8 @@ from ator_ros.planning.errors import PlanningError
 from ator_ros.planning.facts import Fact
 from ator_ros.planning.values import Symbol, Value, after, difference
 from ator_ros.printable import quoted
+from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Region, Statement
-from ator_ros.tops.top import Top
 
 MOST_STATEMENTS = 8
 _ROBOT = tuple(f"robot.{name}" for name in ("x", "y", "yaw", "v", "w"))

@@ -33,10 +33,8 @@ from ator_ros.refinement.search import Allowed, spread_points
 from ator_ros.robot.description import Robot
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopCall, TopChain, projected
-from ator_ros.tops.conditions import Condition, Region, Term, lookup
+from ator_ros.tops.conditions import Condition, Distance, Region, Relation, Term, lookup, state_of
 from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
-from ator_ros.tops.relations import Distance, Relation
-from ator_ros.tops.state import state_of
 from ator_ros.world.state import World
 
 NEGLIGIBLE = 0.02

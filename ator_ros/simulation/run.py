@@ -13,8 +13,8 @@ from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, Goal, Point, Status, Step, started
 from ator_ros.geometry import wrap_angle
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
+from ator_ros.tops.chain import Top
 from ator_ros.tops.outcome import failure, may_settle, shortfall, unmet
-from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, Command, World
 
 

@@ -13,7 +13,6 @@ from rclpy.signals import SignalHandlerOptions
 
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.diagnosis import ClockFacts, Reception, input_cause, publishers_of
-from ator_ros.nodes.machine import MachineError, check_machine
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.robot.probe_drive import DriveError, DriveSample, ProbeDrive
@@ -44,10 +43,6 @@ def drive_over_ros(drive: ProbeDrive, words: Sequence[str], *, stamped: str, fra
     DriveError
         Odometry is missing or malformed, another program commands the base, or it does not move.
     """
-    try:
-        check_machine(os.environ, words)
-    except MachineError as error:
-        raise DriveError(str(error)) from error
     stay_on_this_machine(os.environ)
     # rclpy's own handlers would invalidate the context before the robot has been stopped.
     rclpy.init(args=["calibrate", *words], signal_handler_options=SignalHandlerOptions.NO)

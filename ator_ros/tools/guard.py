@@ -17,7 +17,6 @@ from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.parallel import BackendError
 from ator_ros.files import FileError
-from ator_ros.nodes.machine import MachineError
 from ator_ros.performance.model_file import ModelFileError
 from ator_ros.performance.training import TrainingError
 from ator_ros.planning.errors import PlanningError
@@ -35,7 +34,7 @@ INTERRUPTED = 130
 RESUMES = "the same command goes on from here"
 
 EXPECTED_ERRORS: tuple[type[Exception], ...] = (
-    *(BackendError, ConfigError, DomainError, DriveError, EvaluationError, ExperienceError, MachineError),
+    *(BackendError, ConfigError, DomainError, DriveError, EvaluationError, ExperienceError),
     *(MessageError, ModelFileError, NodesError, OSError, PlanningError, RefinementError, SchemaError),
     *(FileError, TrainingError),
 )

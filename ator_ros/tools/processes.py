@@ -15,7 +15,6 @@ from types import MappingProxyType, TracebackType
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.domain import domain_for
-from ator_ros.nodes.machine import check_machine
 from ator_ros.nodes.network import RANGE, THIS_MACHINE, free_domain, stay_on_this_machine
 
 # The executor waits so long, in s, for odometry and refinement: more than on a robot, for machines that are
@@ -158,13 +157,10 @@ def own_nodes() -> Iterator[NodeProcesses]:
     ------
     ImportError
         ROS is not there, or has not been sourced.
-    MachineError
-        ROS cannot run on this machine as it is.
     NodesError
         Our nodes are not installed.
     """
     folder = folder_of(DeclaredServer("ator_ros", "executor"), where="nodes")
-    check_machine(os.environ, ())
     os.environ[RANGE] = THIS_MACHINE
     stay_on_this_machine(os.environ)
     with free_domain() as domain, NodeProcesses(folder, domain) as nodes:

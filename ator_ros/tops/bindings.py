@@ -14,8 +14,8 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ator_ros.actions.base import Point
+from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition, Region, Statement
-from ator_ros.tops.top import Top
 
 Variable = tuple[int, str]
 """A goal variable of a chain: the step, from 0, and its name."""

@@ -10,8 +10,9 @@ from ator_ros.actions.base import Action, Goal
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import ConfigError, Robot
+from ator_ros.tops.chain import Top
+from ator_ros.tops.conditions import Condition
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges
-from ator_ros.tops.top import Top
 
 
 class LeftOutError(ConfigError, KeyError):
@@ -126,3 +127,19 @@ class TopLibrary(Mapping[str, Top]):
         """Return a goal of `top` at rest, with the usual values of the variables that its action declares."""
         values = {variable.name: variable.usual for variable in self.goal_variables(top)}
         return Goal(pose, 0.0, top.point, values)
+
+
+# TOPs that only drive
+
+
+_PLACE = {"robot.x", "robot.y", "robot.yaw"}
+
+
+def driving_top(library: TopLibrary) -> Top | None:
+    """Return the first TOP that drives the robot to a pose whatever the situation is; None without one."""
+    return next((top for top in library.values() if _drives(top)), None)
+
+
+def _drives(top: Top) -> bool:
+    placed = {term.variable for term in top.post.terms if str(term.target).startswith("goal.")}
+    return top.pre == Condition() and placed >= _PLACE

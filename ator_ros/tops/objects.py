@@ -9,10 +9,8 @@ from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
-from ator_ros.tops.chain import TopCall
-from ator_ros.tops.conditions import Condition, Statement
-from ator_ros.tops.state import state_of
-from ator_ros.tops.top import Top
+from ator_ros.tops.chain import Top, TopCall
+from ator_ros.tops.conditions import Condition, Statement, state_of
 from ator_ros.world.state import World
 
 _TOUCHING = 0.08

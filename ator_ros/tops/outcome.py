@@ -8,9 +8,9 @@ from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.actions.situation import Situation
 from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import Top
+from ator_ros.tops.conditions import state_of
 from ator_ros.tops.objects import objects_in
-from ator_ros.tops.state import state_of
-from ator_ros.tops.top import Top
 from ator_ros.world.state import World
 
 

@@ -12,9 +12,9 @@ from tf2_msgs.msg import TFMessage
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import PlaceObject, PlaceRobot, RefineSubgoal
 from ator_ros.geometry import Pose
-from ator_ros.nodes.embodiment import transform_of
 from ator_ros.nodes.messages import object_odometry_of, odometry_of
 from ator_ros.nodes.qos import RESULTS, SERVICES, STATES
+from ator_ros.nodes.simulation import transform_of
 from ator_ros.nodes.spun_node import SpunNode
 from ator_ros.world.state import ObjectState, RobotState
 

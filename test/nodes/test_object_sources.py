@@ -7,8 +7,8 @@ from typing import Any, get_args
 import pytest
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
+from ator_ros.nodes.inputs import TYPES
 from ator_ros.nodes.messages import object_odometry_of, stamp_of
-from ator_ros.nodes.object_sources import TYPES
 from ator_ros.world.messages import Kind, MessageError, ObjectReader, ObjectSource
 from ator_ros.world.state import ObjectState
 from ator_ros.world.transforms import Placement

@@ -18,9 +18,9 @@ from ator_ros.execution.rehearsal import rehearse, rehearse_refinement
 from ator_ros.motion import displacements, search
 from ator_ros.refinement.refiner import Refinement, Refiner
 from ator_ros.robot.description import Robot, load_robot
+from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.top import Top
 from ator_ros.world.state import STOP, World
 
 

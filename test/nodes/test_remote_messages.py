@@ -10,8 +10,7 @@ from action_servers import declared
 
 from ator_interfaces.action import ExecuteChain
 from ator_ros.actions.base import Goal
-from ator_ros.actions.remote import Expectation, Filling, Success
-from ator_ros.actions.remote_results import failure_in, status_name
+from ator_ros.actions.remote import Expectation, Filling, Success, failure_in, status_name
 from ator_ros.geometry import Pose
 from ator_ros.nodes.remote_messages import (
     GoalWriter,

@@ -19,7 +19,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.parameters import SetupError
 from ator_ros.nodes.qos import RESULTS
-from ator_ros.nodes.simulation_settings import names_of, parameters_for, robots_of, simulated_of, world_of
+from ator_ros.nodes.simulation import names_of, parameters_for, robots_of, simulated_of, world_of
 from ator_ros.resources import share_folder
 
 NAMES = ("ann", "bob")

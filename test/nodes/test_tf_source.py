@@ -18,8 +18,8 @@ from tf2_msgs.msg import TFMessage
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
-from ator_ros.nodes.embodiment import transform_of
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
+from ator_ros.nodes.simulation import transform_of
 from ator_ros.robot.description import StopBraking, load_robot
 from ator_ros.robot.response import ramped
 from ator_ros.world.messages import command_from

@@ -18,11 +18,9 @@ from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.features import Feature, variables
 from ator_ros.robot.description import Robot
-from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.conditions import Condition, Region, Term
+from ator_ros.tops.chain import Top, TopCall, TopChain
+from ator_ros.tops.conditions import Condition, Distance, Region, Term
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.relations import Distance
-from ator_ros.tops.top import Top
 from ator_ros.world.scene import RoundObject
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 

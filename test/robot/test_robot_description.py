@@ -24,7 +24,7 @@ from ator_ros.robot.response import ramped, stopping_way
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.state import state_of
+from ator_ros.tops.conditions import state_of
 from ator_ros.world.scene import Bay
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 

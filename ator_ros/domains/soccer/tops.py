@@ -8,10 +8,9 @@ import math
 from ator_ros.actions.base import Point
 from ator_ros.domains.soccer.field import Field, field_of
 from ator_ros.robot.description import Robot
-from ator_ros.tops.conditions import Condition, Region, Term
+from ator_ros.tops.chain import Top
+from ator_ros.tops.conditions import Bearing, Condition, Distance, Region, Term
 from ator_ros.tops.objects import held_within, lost_beyond
-from ator_ros.tops.relations import Bearing, Distance
-from ator_ros.tops.top import Top
 
 _NET = 0.1
 """Distance in m by which the net gives way behind the depth of the goal."""

@@ -12,7 +12,6 @@ from functools import partial
 from pathlib import Path
 
 from ator_ros.domains.domain import Domain, DomainError, domain_for
-from ator_ros.nodes.machine import check_machine
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.parameters import SetupError
 from ator_ros.performance.model import PerformanceModel
@@ -95,7 +94,6 @@ def _serve(options: argparse.Namespace, words: Sequence[str], not_stopped: Calla
 def _nodes(options: argparse.Namespace) -> Iterator[tuple[int | None, Callable[[], None]]]:
     """Yield the ROS domain, None for that of the environment, and what raises when a node has ended."""
     if options.attach:
-        check_machine(os.environ, ())
         stay_on_this_machine(os.environ)
         yield None, lambda: None
         return

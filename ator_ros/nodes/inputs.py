@@ -1,0 +1,302 @@
+"""Subscriptions to the state of the world: the robot and the objects, from topics or tf.
+
+tf is read from its messages; tf2_ros is not needed.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Container, Iterable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from ator_ros.nodes.parameters import STATE, SetupError
+from ator_ros.nodes.qos import RESULTS, SENSOR_DATA
+from ator_ros.robot.description import Robot
+from ator_ros.world.estimation import RobotVelocity
+from ator_ros.world.messages import (
+    MessageError,
+    ObjectReader,
+    ObjectSource,
+    OdometryReader,
+    robot_from_placement,
+    transform_from,
+)
+from ator_ros.world.state import ObjectState, RobotState
+from ator_ros.world.transforms import MOST_FRAMES, Placement, Transforms
+
+try:
+    from tf2_msgs.msg import TFMessage as TFMessage
+except ImportError:  # ROS without tf
+    TFMessage = None
+
+_FIXED = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=100,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""For /tf_static, on which each of many publishers keeps its last message."""
+_WARNING_PERIOD = 2.0
+_MOST_NAMED = 8
+
+
+class Found(NamedTuple):
+    """Where a frame is: stamp in s and placement in another frame."""
+
+    time: float
+    placement: Placement
+
+
+@dataclass
+class _Followed:
+    """A frame that is looked up in another one."""
+
+    frame: str
+    child: str
+    take: Callable[[Found], None]
+    last: float | None = None
+
+    def look(self, transforms: Transforms) -> None:
+        """Pass on where the frame is, if there is a newer stamp, or an older one after a reset."""
+        found = transforms.latest(self.frame, self.child)
+        if found is not None and found[0] != self.last:
+            self.last = found[0]
+            self.take(Found(*found))
+
+
+class TfListener:
+    """Subscribes to /tf and /tf_static once a frame is followed, and looks frames up.
+
+    The names are absolute, as those of tf2_ros: where tf has a namespace, remap them (``-r /tf:=tf``).
+
+    Parameters
+    ----------
+    node : Node
+        Owns the subscriptions, and logs messages that cannot be used.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._transforms = Transforms()
+        self._followed: list[_Followed] = []
+
+    @property
+    def used(self) -> bool:
+        """Whether any frame is followed."""
+        return bool(self._followed)
+
+    def lacking(self, frame: str, child: str) -> str:
+        """Return the problem if the place of `child` in `frame` is unknown or old."""
+        if self._transforms.latest(frame, child) is not None:
+            return f"tf: expected newer transforms from {frame} to {child}"
+        frames = self._transforms.frames
+        known = f"{', '.join(frames[:_MOST_NAMED])}{' …' if len(frames) > _MOST_NAMED else ''}"
+        return f"tf: expected transforms from {frame} to {child}, got the frames: {known or 'none'}"
+
+    def follow(self, frame: str, child: str, take: Callable[[Found], None]) -> None:
+        """Pass on each update of the pose of `child` in `frame`, in the order of these calls.
+
+        Raises
+        ------
+        SetupError
+            tf2_msgs is not installed.
+        """
+        if TFMessage is None:
+            raise SetupError(f"{child} is to come from tf: expected the package tf2_msgs, got none")
+        if not self.used:
+            self._node.create_subscription(TFMessage, "/tf_static", partial(self._hear, fixed=True), _FIXED)
+            self._node.create_subscription(TFMessage, "/tf", partial(self._hear, fixed=False), RESULTS)
+        self._followed.append(_Followed(frame, child, take))
+
+    def _hear(self, message: Any, *, fixed: bool) -> None:
+        for transform in itertools.islice(message.transforms, MOST_FRAMES):
+            try:
+                self._add(transform, fixed=fixed)
+            except ValueError as error:
+                logger = self._node.get_logger()
+                logger.warning(f"ignored: {error}", throttle_duration_sec=_WARNING_PERIOD)
+        for followed in self._followed:
+            followed.look(self._transforms)
+
+    def _add(self, message: Any, *, fixed: bool) -> None:
+        frame, child, time, placement = transform_from(message)
+        self._transforms.add(frame, child, time, placement, fixed=fixed)
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """Where a node gets the robot or an object from: a topic and its type, or two frames in tf."""
+
+    topic: str
+    kind: Any
+    frames: tuple[str, str] | None = None
+
+    @classmethod
+    def of_tf(cls, frame: str, child: str) -> Input:
+        """Return the input of the frame `child` in `frame`."""
+        return cls("/tf", TFMessage, (frame, child))
+
+
+class RobotSource:
+    """Subscribes to the robot's state.
+
+    Parameters
+    ----------
+    node : Node
+        The node that subscribes.
+    settings : mapping
+        The parameters `STATE`, `frame` and `robot_frame`.
+    robot : Robot
+        Its limits, for velocities that are estimated from tf.
+    take : callable
+        Called with time in s and state of the robot for each message.
+    reject : callable
+        Called with "odom" and the error of a message that cannot be used.
+    warn : callable
+        Called with a remark on a message that is used although it is doubtful.
+    tf : TfListener
+        Looks up the robot in tf.
+
+    Attributes
+    ----------
+    input : Input
+        Where the state comes from.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        settings: Mapping[str, Any],
+        robot: Robot,
+        take: Callable[[float, RobotState], None],
+        reject: Callable[[str, MessageError], None],
+        warn: Callable[[str], None],
+        tf: TfListener,
+    ) -> None:
+        self._take, self._reject, self._warn = take, reject, warn
+        self._tf, self._frames = tf, (settings["frame"], settings["robot_frame"])
+        self._from_tf = settings[STATE.name] == "tf"
+        if self._from_tf and len(set(self._frames)) < 2:
+            raise SetupError(
+                f"parameter robot_frame: expected another frame than frame, got {self._frames[1]}"
+            )
+        self.input = Input.of_tf(*self._frames) if self._from_tf else Input("odom", Odometry)
+        self._velocity = RobotVelocity(robot.limits.v, robot.limits.w)
+        self._reader = OdometryReader(settings["frame"])
+        if self._from_tf:
+            tf.follow(*self._frames, self._take_found)
+        else:
+            node.create_subscription(Odometry, "odom", self._take_odometry, SENSOR_DATA)
+
+    def _take_odometry(self, message: Odometry) -> None:
+        try:
+            time, robot = self._reader.read(message)
+        except MessageError as error:
+            self._reject("odom", error)
+            return
+        if self._reader.remark:
+            self._warn(self._reader.remark)
+        self._take(time, robot)
+
+    def _take_found(self, found: Found) -> None:
+        try:
+            robot = robot_from_placement(found.time, found.placement, self._velocity)
+        except MessageError as error:
+            self._reject("odom", error)
+            return
+        self._take(found.time, robot)
+
+    def missing(self) -> str:
+        """Return the problem while there is no usable state."""
+        return "tf is missing" if self._from_tf else "odom is missing"
+
+
+TYPES: dict[str, Any] = {
+    "Odometry": Odometry,
+    "PoseStamped": PoseStamped,
+    "PoseWithCovarianceStamped": PoseWithCovarianceStamped,
+}
+
+
+class ObjectSources:
+    """Subscribes to the objects of a domain.
+
+    Parameters
+    ----------
+    node : Node
+        The node that subscribes.
+    sources : iterable of ObjectSource
+        The objects.
+    take : callable
+        Called with name, time in s and state of an object for each message.
+    reject : callable
+        Called with the name of an object and the error of a message that cannot be used.
+    tf : TfListener
+        Looks up objects in tf.
+    frame : str
+        The frame that objects must be in.
+
+    Attributes
+    ----------
+    inputs : dict of str to Input
+        Where each object comes from, by its name.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        sources: Iterable[ObjectSource],
+        take: Callable[[str, float, ObjectState], None],
+        reject: Callable[[str, MessageError], None],
+        tf: TfListener,
+        *,
+        frame: str,
+    ) -> None:
+        self._sources, self._take, self._reject = tuple(sources), take, reject
+        self.inputs: dict[str, Input] = {}
+        for source in self._sources:
+            reader = ObjectReader(source, frame)
+            if source.type == "tf":
+                self.inputs[source.name] = Input.of_tf(frame, source.listened)
+                tf.follow(frame, source.listened, partial(self._take_found, source.name, reader))
+            else:
+                callback = partial(self._take_message, source.name, reader)
+                kind, topic = TYPES[source.type], source.listened
+                self.inputs[source.name] = Input(topic, kind)
+                node.create_subscription(kind, topic, callback, SENSOR_DATA)
+
+    def _take_message(self, name: str, reader: ObjectReader, message: Any) -> None:
+        try:
+            time, there = reader.read(message)
+        except MessageError as error:
+            self._reject(name, error)
+            return
+        self._take(name, time, there)
+
+    def _take_found(self, name: str, reader: ObjectReader, found: Found) -> None:
+        try:
+            time, there = reader.read_placement(found.time, found.placement)
+        except MessageError as error:
+            self._reject(name, error)
+            return
+        self._take(name, time, there)
+
+    def told(self, known: Container[str], overdue: Container[str]) -> dict[str, str]:
+        """Return the state of each object for diagnostics."""
+        return {
+            source.name: ("overdue" if source.name in overdue else "known")
+            if source.name in known
+            else "unknown"
+            for source in self._sources
+        }
+
+    def missing(self, known: Container[str]) -> list[str]:
+        """Return the required objects without a usable message."""
+        return [item.name for item in self._sources if not item.optional and item.name not in known]

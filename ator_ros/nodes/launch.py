@@ -1,0 +1,72 @@
+"""Values for the launch file: the configured domain, a robot's URDF, whether a package is installed.
+
+python3 -m ator_ros.nodes.launch domain CONFIG_FOLDER
+python3 -m ator_ros.nodes.launch urdf ROBOT_FILE
+python3 -m ator_ros.nodes.launch installed PACKAGE
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+
+from ator_ros.files import FileError, read_yaml
+from ator_ros.robot.description import ConfigError, load_robot
+from ator_ros.simulation.urdf import robot_urdf
+
+_FILE = "executor.yaml"
+_LARGEST = 1_000_000  # bytes; ours have some 2 kB
+_SETTINGS = "ros__parameters"
+
+
+def configured_domain(folder: str) -> str:
+    """Return the domain that the executor's file in `folder` names.
+
+    It is empty where the file names none, or cannot be read: the node that reads it reports why.
+    """
+    try:
+        content = read_yaml(Path(folder) / _FILE, largest=_LARGEST)
+    except FileError:
+        return ""
+    nodes = content.values() if isinstance(content, Mapping) else ()
+    settings = (node.get(_SETTINGS) for node in nodes if isinstance(node, Mapping))
+    named = [found.get("domain") for found in settings if isinstance(found, Mapping)]
+    return next((name for name in named if isinstance(name, str) and name), "")
+
+
+def urdf(file: str) -> str:
+    """Return the URDF of the robot that a file describes; end with one line if it describes none."""
+    try:
+        return robot_urdf(load_robot(file))
+    except ConfigError as error:
+        sys.exit(f"launch: {error}")
+
+
+def is_installed(package: str) -> str:
+    """Return "true" if a package is in a prefix that is sourced, otherwise "false"."""
+    try:
+        get_package_prefix(package)
+    except (PackageNotFoundError, OSError):  # no prefix is known without ROS
+        return "false"
+    return "true"
+
+
+_VALUES: Mapping[str, Callable[[str], str]] = {
+    "domain": configured_domain,
+    "urdf": urdf,
+    "installed": is_installed,
+}
+
+
+def main() -> None:
+    """Print a value, without an end of line."""
+    if len(sys.argv) != 3 or sys.argv[1] not in _VALUES:
+        sys.exit(f"launch: expected one of {', '.join(_VALUES)} and its argument, got {sys.argv[1:]}")
+    sys.stdout.write(_VALUES[sys.argv[1]](sys.argv[2]))
+
+
+if __name__ == "__main__":
+    main()
