@@ -5,11 +5,9 @@ from __future__ import annotations
 import itertools
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step
-from ator_ros.execution.execution import Execution
 from ator_ros.execution.fence import Fence
-from ator_ros.execution.phases import Deadlines
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.refining import Refining
+from ator_ros.execution.supervisor import Deadlines, Supervisor
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import Top, TopCall, TopChain
@@ -70,10 +68,11 @@ class Sent:
     def __init__(
         self, ledger: Ledger, chain: TopChain, fence: Fence | None = None, *, refine: bool = False
     ) -> None:
-        self.execution = Execution(
+        self.execution = Supervisor(
             ledger.library(),
             chain,
-            refining=Refining(ROBOT, wanted=refine, again_after=0.0),
+            refine=refine,
+            again_after=0.0,
             now=0.0,
             predictor=Predictor(ROBOT, {}),
             deadlines=Deadlines(action=1.0),

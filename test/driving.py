@@ -7,12 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from ator_ros.domains.soccer.ball import BALL, ball_of
-from ator_ros.execution.execution import Execution
+from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.motion_watch import Driving
-from ator_ros.execution.phases import Deadlines, Ending, Phase
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.refining import Refining
+from ator_ros.execution.supervisor import Deadlines, Phase, Supervisor
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.sensors import SensorConfig, Sensors, Sight
 from ator_ros.simulation.simulation import TICK, Simulation
@@ -68,7 +67,7 @@ class Base:
 class Drive:
     """What came of a goal: its execution, the true states and the commands, a tick after the other."""
 
-    execution: Execution
+    execution: Supervisor
     worlds: list[World] = field(default_factory=list)
     commands: list[Command] = field(default_factory=list)
     ended: float | None = None
@@ -102,10 +101,11 @@ def drive(
     `odometry` changes what is told of the world, `motors` what the base makes of a command at a time (s).
     """
     base, robot = base or Base(), library.robot
-    execution = Execution(
+    execution = Supervisor(
         library,
         chain,
-        refining=Refining(robot, wanted=False, again_after=0.0),
+        refine=False,
+        again_after=0.0,
         now=0.0,
         predictor=Predictor(robot, {}),
         deadlines=Deadlines(),
@@ -126,7 +126,7 @@ def drive(
             seen, now = odometry(tracker.observe(sensors.observe(world), BALL)), world.time
             if seen.time > last:
                 last = seen.time
-                command = execution.tick(driving.ahead(seen, execution, now), now)
+                command = execution.tick(driving.ahead(seen), now, fault=driving.fault(seen, now))
                 driving.sent(seen.time, command)
                 simulation.command(motors(now, command) if motors else base.obey(command))
                 if done.ended is None and execution.ending is not None:

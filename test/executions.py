@@ -5,11 +5,9 @@ from __future__ import annotations
 from ator_ros.actions.base import Goal
 from ator_ros.domains.soccer.ball import objects_of
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.execution.execution import Execution
 from ator_ros.execution.fence import Fence
-from ator_ros.execution.phases import Deadlines
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.refining import Refining
+from ator_ros.execution.supervisor import Deadlines, Supervisor
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
@@ -29,11 +27,12 @@ FORWARD = chain(("goToPose", Pose(1.0, 0.0, 0.0)))
 FORWARD_LEFT = chain(("goToPose", Pose(1.0, 1.0, 0.0)))
 
 
-def execution(plan: TopChain, *others: TopChain, refine: bool = False, fetches: int = 0) -> Execution:
-    return Execution(
+def execution(plan: TopChain, *others: TopChain, refine: bool = False, fetches: int = 0) -> Supervisor:
+    return Supervisor(
         LIBRARY,
         plan,
-        refining=Refining(ROBOT, wanted=refine, again_after=0.15),
+        refine=refine,
+        again_after=0.15,
         now=100.0,
         predictor=Predictor(ROBOT, {}),
         deadlines=Deadlines(),

@@ -9,12 +9,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ator_ros.execution.execution import Execution
+from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.motion_watch import Driving
-from ator_ros.execution.phases import Deadlines, Ending, Phase
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.refining import Refining
+from ator_ros.execution.supervisor import Deadlines, Phase, Supervisor
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.robot.response import ramped
@@ -130,7 +129,7 @@ def _moved(pose: Pose, v: float, w: float) -> Pose:
 class Goal:
     """What came of a goal. Times are in s."""
 
-    execution: Execution
+    execution: Supervisor
     driving: Driving
     states: list[tuple[float, RobotState]] = field(default_factory=list)
     commands: list[Command] = field(default_factory=list)
@@ -167,10 +166,11 @@ def execute(
 ) -> Goal:
     """Execute a goal until it has ended, or for `longest` s."""
     robot, rng = library.robot, np.random.default_rng(seed)
-    execution = Execution(
+    execution = Supervisor(
         library,
         chain,
-        refining=Refining(robot, wanted=False, again_after=0.0),
+        refine=False,
+        again_after=0.0,
         now=0.0,
         predictor=Predictor(robot, {}),
         deadlines=Deadlines(),
@@ -195,7 +195,9 @@ def execute(
             if rng.random() >= dropped:
                 state = sense(base.state()) if sense else base.state()
                 world = World(base.time, state, objects or {})
-                command = execution.tick(goal.driving.ahead(world, execution, base.time), base.time)
+                command = execution.tick(
+                    goal.driving.ahead(world), base.time, fault=goal.driving.fault(world, base.time)
+                )
                 goal.driving.sent(base.time, command, base.time)
                 _command((base, twin), command or STOP)
                 goal.states.append((base.time, base.state()))

@@ -11,13 +11,11 @@ from ator_ros.actions.base import Status
 from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.toolset import Toolset
 from ator_ros.evaluation.trials import Trial
-from ator_ros.execution.chain_executor import ChainStep
-from ator_ros.execution.execution import Execution
+from ator_ros.execution.chain_executor import ActionRecord, ChainStep, Ending
 from ator_ros.execution.fence import Fence
-from ator_ros.execution.phases import Deadlines, Ending
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.refining import AGAIN_AFTER, Refining
-from ator_ros.execution.step_run import ActionRecord
+from ator_ros.execution.refining import AGAIN_AFTER
+from ator_ros.execution.supervisor import Deadlines, Supervisor
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.refiner import Refiner, choose
 from ator_ros.tops.chain import TopChain
@@ -70,14 +68,15 @@ class RefinedAlong:
     def __init__(self, library: TopLibrary, chain: TopChain, along: Along, *, time_limit: float) -> None:
         self.asked = 0
         self._chain, self._along = chain, along
-        self._execution = Execution(
+        self._supervisor = Supervisor(
             library,
             along.plans[0],
-            refining=Refining(library.robot, wanted=True, again_after=along.again_after),
             now=0.0,
             predictor=Predictor(library.robot, {}),
             deadlines=Deadlines(action=time_limit),
             fence=Fence.around(library.robot),
+            refine=True,
+            again_after=along.again_after,
             alternatives=along.plans[1:],
         )
         self._begun = False
@@ -85,45 +84,45 @@ class RefinedAlong:
     @property
     def again(self) -> int:
         """Number of answers that changed the chain after its start."""
-        return self._execution.refined_again
+        return self._supervisor.refining.again
 
     @property
     def records(self) -> list[ActionRecord]:
         """The actions that have ended."""
-        return self._execution.records
+        return self._supervisor.executor.records
 
     def step(self, world: World) -> ChainStep:
         """Return the command of this tick; the answer to the first question is known already."""
-        execution = self._execution
+        run, executor = self._supervisor, self._supervisor.executor
         if not self._begun:
             self._begun = True
-            execution.tick(world, world.time)
-            execution.refined_to(self._chain, True, "as chosen before", chosen=self._along.chosen)
+            run.tick(world, world.time)
+            run.refined_to(self._chain, True, "as chosen before", chosen=self._along.chosen)
         self._answer()
-        command = execution.tick(world, world.time)
-        self.asked += execution.question is not None
+        command = run.tick(world, world.time)
+        self.asked += run.question is not None
         status = Status.RUNNING
-        if execution.ending is not None:
-            status = Status.SUCCEEDED if execution.ending is Ending.SUCCEEDED else Status.FAILED
-        return ChainStep(command, status, execution.step, execution.reason, execution.elapsed)
+        if run.ending is not None:
+            status = Status.SUCCEEDED if run.ending is Ending.SUCCEEDED else Status.FAILED
+        return ChainStep(command, status, executor.index, run.reason, executor.elapsed)
 
     def break_off(self, world: World, ending: Ending, why: str) -> None:
         """End the action under way, if any."""
-        self._execution.end(ending, why)
+        self._supervisor.end(ending, why)
 
     def _answer(self) -> None:
         """Answer the question of the tick before, as the refinement node would."""
-        execution, question = self._execution, self._execution.question
+        run, question = self._supervisor, self._supervisor.question
         if question is None:
             return
         chains = (question.chain, *(other.chain for other in question.others))
         try:
             choice = choose(self._along.refiner, question.world, chains)
         except RefinementError as error:
-            execution.unrefined(str(error))
+            run.unrefined(str(error))
             return
         found = choice.refinement
-        execution.refined_to(found.chain, found.refined, found.reason, chosen=choice.number)
+        run.refined_to(found.chain, found.refined, found.reason, chosen=choice.number)
 
 
 def refining_along(tools: Toolset, library: TopLibrary, trial: Trial) -> tuple[TopChain, RefinedAlong]:

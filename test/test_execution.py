@@ -8,7 +8,8 @@ import math
 import pytest
 from executions import FORWARD, FORWARD_LEFT, LIBRARY, chain, execution, world
 
-from ator_ros.execution.phases import Ending, Phase
+from ator_ros.execution.chain_executor import Ending
+from ator_ros.execution.supervisor import Phase
 from ator_ros.geometry import Pose
 from ator_ros.tops.objects import objects_in
 from ator_ros.world.state import STOP, ObjectState
@@ -129,9 +130,9 @@ def test_refinement_is_waited_for_until_its_deadline() -> None:
     run.tick(world(1.4), 100.55)
     run.watch(100.55)
     assert run.tick(world(1.5), 100.6).v > 0.0
-    assert run.refinement == "executed as sent, refinement failed: no answer within 0.5 s"
+    assert run.refining.reason == "executed as sent, refinement failed: no answer within 0.5 s"
     run.refined_to(FORWARD_LEFT, True, "too late")
-    assert run.chain is FORWARD
+    assert run.executor.chain is FORWARD
 
 
 def test_a_refined_chain_is_executed_if_it_is_valid() -> None:
@@ -144,13 +145,17 @@ def test_a_refined_chain_is_executed_if_it_is_valid() -> None:
     run.refined_to(forward_left, True, "0.5 s faster")
     assert run.reason == "executing"
     run.tick(world(1.05), 100.1)
-    assert (run.chain, run.refined, run.refinement) == (forward_left, True, "0.5 s faster")
+    assert (run.executor.chain, run.refining.refined, run.refining.reason) == (
+        forward_left,
+        True,
+        "0.5 s faster",
+    )
     other = execution(FORWARD, refine=True)
     other.tick(world(), 100.0)
     other.refined_to(chain(("shoot", Pose(4.0, 0.0, 0.0))), True, "nonsense")
-    assert other.chain is FORWARD
-    assert "expected the steps of the question" in other.refinement
-    assert not other.refined
+    assert other.executor.chain is FORWARD
+    assert "expected the steps of the question" in other.refining.reason
+    assert not other.refining.refined
 
 
 def test_a_refined_chain_whose_first_action_finds_no_way_is_executed_as_sent() -> None:
@@ -159,16 +164,16 @@ def test_a_refined_chain_whose_first_action_finds_no_way_is_executed_as_sent() -
     run = execution(sent, refine=True)
     run.tick(world(), 100.0)
     run.refined_to(in_a_post, True, "0.5 s faster")
-    assert run.refined
+    assert run.refining.refined
     for tick in range(1, 60):
         command = run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick)
-        if not run.refined and command != STOP:
+        if not run.refining.refined and command != STOP:
             break
-    assert (run.ending, run.chain, run.refined) == (None, sent, False)
+    assert (run.ending, run.executor.chain, run.refining.refined) == (None, sent, False)
     assert command.v > 0.0
-    assert run.refinement.startswith("executed as sent, as the refined chain failed at its start: ")
-    assert "found none" in run.refinement
-    assert [record.ending for record in run.records] == [Ending.FAILED]
+    assert run.refining.reason.startswith("executed as sent, as the refined chain failed at its start: ")
+    assert "found none" in run.refining.reason
+    assert [record.ending for record in run.executor.records] == [Ending.FAILED]
 
 
 @pytest.mark.parametrize("refined", [False, True])
@@ -180,7 +185,7 @@ def test_an_action_that_finds_no_way_to_what_was_sent_fails(refined: bool) -> No
     for tick in range(1, 100):
         run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick)
     assert run.ending is Ending.FAILED
-    assert len(run.records) == 1 + refined
+    assert len(run.executor.records) == 1 + refined
 
 
 def test_open_variables_are_filled_in_also_where_nothing_is_refined() -> None:
@@ -192,14 +197,14 @@ def test_open_variables_are_filled_in_also_where_nothing_is_refined() -> None:
     run.tick(state, 100.0)
     run.refined_to(filled, False, "the gate is closed")
     run.tick(dataclasses.replace(state, time=1.05), 100.1)
-    assert run.chain == filled
-    assert (run.refined, run.refinement) == (False, "the gate is closed")
+    assert run.executor.chain == filled
+    assert (run.refining.refined, run.refining.reason) == (False, "the gate is closed")
 
 
 def test_without_models_nothing_is_predicted() -> None:
     run = execution(FORWARD)
     run.tick(world(), 100.0)
-    assert run.predicted is None
+    assert run.forecast.whole is None
     assert math.isnan(run.predicted_remaining(1.0))
 
 
@@ -209,10 +214,10 @@ def test_an_action_that_is_broken_off_leaves_its_record(ending: Ending) -> None:
     run.tick(world(), 100.0)
     run.tick(world(1.05), 100.05)
     run.tick(world(1.1, v=0.05), 100.1)
-    assert run.records == []
+    assert run.executor.records == []
     run.end(ending, "for some reason")
     run.end(Ending.CANCELED, "too late")
-    [record] = run.records
+    [record] = run.executor.records
     told = record.top, record.reason, record.ending, record.end.time
     assert told == ("goToPose", "for some reason", ending, 1.1)
     assert record.duration == pytest.approx(0.05)
@@ -222,14 +227,17 @@ def test_a_goal_that_ends_before_its_first_action_has_no_record() -> None:
     run = execution(FORWARD, refine=True)
     run.tick(world(), 100.0)
     run.end(Ending.CANCELED, "canceled by the client")
-    assert run.records == []
+    assert run.executor.records == []
 
 
 def test_an_action_that_has_ended_is_recorded_once() -> None:
     run = execution(chain(("goToPose", Pose(0.0, 0.0, 0.0))))
     for tick in range(4):
         run.tick(world(1.0 + 0.05 * tick), 100.0)
-    assert (run.ending, [record.ending for record in run.records]) == (Ending.SUCCEEDED, [Ending.SUCCEEDED])
+    assert (run.ending, [record.ending for record in run.executor.records]) == (
+        Ending.SUCCEEDED,
+        [Ending.SUCCEEDED],
+    )
 
 
 def test_nothing_remains_of_a_goal_that_has_ended() -> None:
@@ -247,7 +255,7 @@ class TestAlternatives:
     def test_without_refinement_the_first_valid_plan_is_executed(self) -> None:
         run = execution(DRIBBLE, FORWARD, FORWARD_LEFT)
         run.tick(AWAY, 100.0)
-        assert run.chain == FORWARD
+        assert run.executor.chain == FORWARD
         assert run.ending is None
 
     def test_without_a_valid_plan_all_reasons_are_told(self) -> None:
@@ -262,17 +270,17 @@ class TestAlternatives:
         run = execution(FORWARD, opened, refine=True)
         run.tick(world(), 100.0)
         run.refined_to(turned, True, "better", chosen=1)
-        assert run.chain == turned
-        assert run.refinement == "alternative 1 is chosen: better"
+        assert run.executor.chain == turned
+        assert run.refining.reason == "alternative 1 is chosen: better"
         other = execution(FORWARD, opened, refine=True)
         other.tick(world(), 100.0)
         other.refined_to(FORWARD_LEFT, True, "nonsense", chosen=0)
-        assert other.chain == FORWARD
-        assert "x of step 1" in other.refinement or "y of step 1" in other.refinement
+        assert other.executor.chain == FORWARD
+        assert "x of step 1" in other.refining.reason or "y of step 1" in other.refining.reason
 
     def test_a_choice_that_was_never_offered_is_refused(self) -> None:
         run = execution(FORWARD, refine=True)
         run.tick(world(), 100.0)
         run.refined_to(FORWARD, True, "nonsense", chosen=3)
-        assert run.chain == FORWARD
-        assert "chosen: expected an index from 0 to 0, got 3" in run.refinement
+        assert run.executor.chain == FORWARD
+        assert "chosen: expected an index from 0 to 0, got 3" in run.refining.reason

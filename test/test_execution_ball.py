@@ -7,8 +7,8 @@ import dataclasses
 from executions import FORWARD, ROBOT, chain, execution, world
 
 from ator_ros.domains.soccer.ball import BALL
-from ator_ros.execution.execution import Execution
-from ator_ros.execution.phases import Ending, Phase
+from ator_ros.execution.chain_executor import Ending
+from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.geometry import Pose
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import STOP, ObjectState, World
@@ -73,18 +73,21 @@ def test_a_ball_that_is_silent_when_its_step_comes_ends_the_goal() -> None:
     run.tick(world(ball=ObjectState(1.0, 0.0)), 100.0)
     for tick in range(1, 5):
         run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick)
-    assert (run.ending, len(run.records)) == (Ending.INPUT_LOST, 1)  # of goToPose: goToBall has not begun
+    assert (run.ending, len(run.executor.records)) == (
+        Ending.INPUT_LOST,
+        1,
+    )  # of goToPose: goToBall has not begun
 
 
 CARRY = chain(("goToBall", Pose(1.0, 0.0, 0.0)), ("dribbleBall", Pose(2.5, 0.0, 0.0)))
 
 
-def carrying(*, fetches: int = 0) -> tuple[Execution, World]:
+def carrying(*, fetches: int = 0) -> tuple[Supervisor, World]:
     """Return an execution of CARRY that dribbles, and the state that it is in."""
     run = execution(CARRY, fetches=fetches)
     with Simulation(ROBOT) as simulation:
         simulation.place_object(BALL, 1.0, 0.0)
-        while run.top.name != "dribbleBall":
+        while run.executor.call.top.name != "dribbleBall":
             simulation.command(run.tick(simulation.world(), 100.0))
             simulation.tick()
             assert run.ending is None
@@ -96,16 +99,16 @@ def test_a_ball_that_is_lost_ends_the_goal_under_that_name() -> None:
     assert run.tick(state.with_object(BALL, ObjectState(1.0, 0.5)), 100.0) == STOP
     assert run.ending is Ending.OBJECT_LOST
     assert run.reason.startswith("ball lost in dribbleBall: lost the ball, it is")
-    assert run.records[-1].lost
+    assert run.executor.records[-1].lost
 
 
 def test_a_ball_that_is_lost_is_fetched_where_it_is() -> None:
     run, state = carrying(fetches=1)
     lost = state.with_object(BALL, ObjectState(1.0, 0.9))
     run.tick(lost, 100.0)
-    assert (run.ending, run.fetched, run.top.name) == (None, 1, "goToBall")
+    assert (run.ending, run.executor.fetched, run.executor.call.top.name) == (None, 1, "goToBall")
     run.tick(dataclasses.replace(lost, time=state.time + 0.05), 100.05)  # one action is planned a tick
-    assert run.chain.calls[0].goal.pose == Pose(1.0, 0.9, 0.0)
+    assert run.executor.chain.calls[0].goal.pose == Pose(1.0, 0.9, 0.0)
     for wait in (0.1, 0.15):
         assert run.tick(world(state.time + wait), 100.1) == STOP
     assert run.ending is Ending.INPUT_LOST

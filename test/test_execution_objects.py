@@ -1,4 +1,4 @@
-"""Execution with objects that are no ball: awaited, followed and missed by their names."""
+"""Supervisor with objects that are no ball: awaited, followed and missed by their names."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from executions import ROBOT
 from turning_action import TurnDriveTurn
 
 from ator_ros.actions.base import Goal
-from ator_ros.execution.execution import Execution
+from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
-from ator_ros.execution.phases import Deadlines, Ending, Phase
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.refining import Refining
+from ator_ros.execution.supervisor import Deadlines, Phase, Supervisor
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
@@ -33,11 +32,12 @@ def world(tick: int, **objects: ObjectState) -> World:
 
 
 @pytest.fixture
-def run() -> Execution:
-    return Execution(
+def run() -> Supervisor:
+    return Supervisor(
         LIBRARY,
         TopChain((TopCall(VISIT, Goal(Pose(2.0, 0.0, 0.0))),)),
-        refining=Refining(ROBOT, wanted=False, again_after=0.0),
+        refine=False,
+        again_after=0.0,
         now=100.0,
         predictor=Predictor(ROBOT, {}),
         deadlines=Deadlines(),
@@ -45,7 +45,7 @@ def run() -> Execution:
     )
 
 
-def test_a_goal_waits_for_the_object_that_it_needs(run: Execution) -> None:
+def test_a_goal_waits_for_the_object_that_it_needs(run: Supervisor) -> None:
     assert run.tick(world(0, ball=BALL), 100.0) == STOP
     assert (run.phase, run.reason) == (Phase.WAITING, "waiting for the cup")
     run.watch(102.05)
@@ -53,20 +53,20 @@ def test_a_goal_waits_for_the_object_that_it_needs(run: Execution) -> None:
     assert "cup is missing: visit needs it" in run.reason
 
 
-def test_a_step_follows_its_object_and_no_other(run: Execution) -> None:
+def test_a_step_follows_its_object_and_no_other(run: Supervisor) -> None:
     run.tick(world(0, cup=CUP, ball=BALL), 100.0)
     assert run.tick(world(1, cup=CUP, ball=ObjectState(-1.0, 2.0)), 100.05).v > 0.0
-    assert run.chain.calls[0].goal.pose == Pose(2.0, 0.0, 0.0)
+    assert run.executor.chain.calls[0].goal.pose == Pose(2.0, 0.0, 0.0)
     run.tick(world(2, cup=ObjectState(2.0, 0.5), ball=BALL), 100.1)
-    assert run.chain.calls[0].goal.pose == Pose(2.0, 0.5, 0.0)
+    assert run.executor.chain.calls[0].goal.pose == Pose(2.0, 0.5, 0.0)
     assert run.ending is None
 
 
-def test_a_step_pauses_while_its_object_is_overdue_and_ends_without_it(run: Execution) -> None:
+def test_a_step_pauses_while_its_object_is_overdue_and_ends_without_it(run: Supervisor) -> None:
     run.tick(world(0, cup=CUP), 100.0)
     assert run.tick(world(1, cup=CUP), 100.05, overdue=frozenset({"ball"})).v > 0.0
     assert run.tick(world(2, cup=CUP), 100.1, overdue=frozenset({"cup"})) == STOP
-    assert run.reason == "visit pauses: no word of the cup"
+    assert run.reason == "visit paused: no recent message of the cup"
     for tick in (3, 4):
         assert run.ending is None
         assert run.tick(world(tick, ball=BALL), 100.0 + 0.05 * tick) == STOP

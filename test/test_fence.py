@@ -11,8 +11,9 @@ from executions import LIBRARY, ROBOT, chain
 
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.planned.planned_action import POSITION_TOLERANCE
+from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence, FenceWatch, room_inside
-from ator_ros.execution.phases import Deadlines, Ending
+from ator_ros.execution.supervisor import Deadlines
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import STOP, ObjectState, RobotState, World

@@ -18,7 +18,7 @@ import pytest
 import yaml
 
 from ator_ros.domains.soccer.ball import BALL
-from ator_ros.nodes.executor_settings import parameters_for as of_executor
+from ator_ros.nodes.executor import parameters_for as of_executor
 from ator_ros.nodes.learning import PARAMETERS as LEARNING
 from ator_ros.nodes.refinement import PARAMETERS as REFINEMENT
 from ator_ros.nodes.simulation import parameters_for as of_simulation

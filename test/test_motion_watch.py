@@ -6,8 +6,6 @@ import dataclasses
 import itertools
 import re
 from collections.abc import Callable
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 from driving import LATE, Base, Drive, drive
@@ -15,9 +13,9 @@ from executions import LIBRARY, ROBOT, chain
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import random_trial
+from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.motion_watch import Driving, MotionWatch, Thresholds
-from ator_ros.execution.phases import Ending
 from ator_ros.geometry import Pose
 from ator_ros.robot.response import ramped
 from ator_ros.simulation.sensors import REALISTIC
@@ -88,7 +86,7 @@ def test_a_base_that_moves_without_a_command_ends_the_goal(speeds: Command) -> N
     done = drive(LIBRARY, START, waits, motors=runaway(0.5, speeds), limit=3.0)
     assert done.ending is Ending.BASE_FAULT
     assert ("turns" if speeds.w else "moves") + " although it was not commanded to" in done.reason
-    assert done.execution.records == []
+    assert done.execution.executor.records == []
     assert done.ended is not None
     assert 0.5 < done.ended <= 1.0
 
@@ -116,12 +114,11 @@ def test_nobody_minds_what_happened_before_the_goal() -> None:
 @pytest.mark.parametrize("preempts", [True, False])
 def test_commands_on_their_way_count_when_another_goal_takes_over(preempts: bool) -> None:
     """They reach the base after the newer goal has told it to stand, which takes as long."""
-    latency, v, x, ended = 0.5, 0.0, 0.0, []
-    driving, sent = Driving(ROBOT, latency), []
-    goal: Any = SimpleNamespace(misbehaved=ended.append)
+    latency, v, x = 0.5, 0.0, 0.0
+    driving, sent, faults = Driving(ROBOT, latency), [], []
     for tick in range(40):
         time = tick * TICK
-        driving.ahead(World(time, RobotState(Pose(x, 0.0, 0.0), v)), goal, time)
+        faults.append(driving.fault(World(time, RobotState(Pose(x, 0.0, 0.0), v)), time))
         if tick == 9:  # the base does not move yet
             driving.begin(latency, preempts=preempts)
         sent.append(Command(0.8, 0.0) if tick < 9 else STOP)
@@ -129,7 +126,7 @@ def test_commands_on_their_way_count_when_another_goal_takes_over(preempts: bool
         acting = sent[tick - 10] if tick >= 10 else STOP
         v = ramped(Command(v, 0.0), acting, TICK, ROBOT.limits, ROBOT.stop).v
         x += v * TICK
-    assert bool(ended) is not preempts
+    assert any(faults) is not preempts
 
 
 def test_another_latency_counts_from_the_next_goal_on_unless_it_takes_over() -> None:
@@ -138,7 +135,7 @@ def test_another_latency_counts_from_the_next_goal_on_unless_it_takes_over() -> 
 
     def foreseen() -> float:
         driving.sent(0.0, Command(0.5, 0.0))
-        return driving.ahead(there, None, 0.0).robot.pose.x
+        return driving.ahead(there).robot.pose.x
 
     assert foreseen() == 0.0
     driving.begin(0.2, preempts=True)

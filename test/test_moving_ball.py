@@ -9,9 +9,7 @@ import pytest
 from ator_ros.actions.base import Goal, Status
 from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
-from ator_ros.execution.phases import Ending
-from ator_ros.execution.step_run import StepRun
+from ator_ros.execution.chain_executor import ChainExecutor, ChainStep, Ending, StepRun
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import Simulation

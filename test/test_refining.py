@@ -12,11 +12,11 @@ from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import with_values
 from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.execution.execution import Execution
+from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
-from ator_ros.execution.phases import Deadlines, Ending
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.refining import Question, Refining, refined_chain
+from ator_ros.execution.refining import Question, refined_chain
+from ator_ros.execution.supervisor import Deadlines, Supervisor
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import Simulation
@@ -44,10 +44,11 @@ class Drive:
         self.simulation = simulation
         simulation.place_robot(Pose(-2.0, 0.0, 0.0))
         simulation.place_object(BALL, 0.0, 0.0)
-        self.run = Execution(
+        self.run = Supervisor(
             LIBRARY,
             CHAIN,
-            refining=Refining(ROBOT, wanted=refine, again_after=again_after),
+            refine=refine,
+            again_after=again_after,
             now=0.0,
             predictor=Predictor(ROBOT, {}),
             deadlines=Deadlines(),
@@ -111,14 +112,14 @@ def test_the_answer_changes_the_goal_without_a_stop(drive: Drive) -> None:
     drive.run.refined_to(with_yaw(question.chain, NEW_YAW), True, "0.5 s faster")
     drive.tick(10)
     assert STOP not in drive.commands[5:]
-    assert drive.run.chain.calls[0].goal.pose == Pose(0.3, 0.4, NEW_YAW)
+    assert drive.run.executor.chain.calls[0].goal.pose == Pose(0.3, 0.4, NEW_YAW)
     assert drive.to_the_end() is Ending.SUCCEEDED
-    assert (drive.run.refined, drive.run.refined_again) == (True, 1)
-    assert drive.run.refinement == (
+    assert (drive.run.refining.refined, drive.run.refining.again) == (True, 1)
+    assert drive.run.refining.reason == (
         "the first answer; refined again after 1.20 s, as the ball comes to rest 0.50 m from the forecast: "
         "0.5 s faster"
     )
-    outcomes = [(record.index, record.ending) for record in drive.run.records]
+    outcomes = [(record.index, record.ending) for record in drive.run.executor.records]
     moved, answered = (0, Ending.PREEMPTED), (0, Ending.PREEMPTED)
     assert outcomes == [moved, answered, (0, Ending.SUCCEEDED), (1, Ending.SUCCEEDED)]
 
@@ -129,24 +130,24 @@ def test_a_ball_that_moves_on_after_the_question_keeps_its_place(drive: Drive) -
     drive.tick()
     drive.run.refined_to(with_yaw(question.chain, NEW_YAW), True, "0.5 s faster")
     drive.tick()
-    assert drive.run.chain.calls[0].goal.pose == Pose(0.3, 0.6, NEW_YAW)
+    assert drive.run.executor.chain.calls[0].goal.pose == Pose(0.3, 0.6, NEW_YAW)
 
 
 def test_without_an_answer_it_goes_on(drive: Drive) -> None:
     asked(drive)
     drive.tick(12)
     assert drive.run.question is None
-    assert "asked again after" in drive.run.refinement
-    assert "m from the forecast: no answer within 0.5 s" in drive.run.refinement
+    assert "asked again after" in drive.run.refining.reason
+    assert "m from the forecast: no answer within 0.5 s" in drive.run.refining.reason
     assert drive.to_the_end() is Ending.SUCCEEDED
-    assert drive.run.refined_again == 0
+    assert drive.run.refining.again == 0
 
 
 def test_an_answer_with_other_steps_is_left_alone(drive: Drive) -> None:
     asked(drive)
     drive.run.refined_to(TopChain(CHAIN.calls[1:]), True, "nonsense")
     drive.tick()
-    assert "expected the steps of the question" in drive.run.refinement
+    assert "expected the steps of the question" in drive.run.refining.reason
     assert drive.run.ending is None
 
 
@@ -165,17 +166,17 @@ def test_an_answer_that_changes_what_it_may_not_is_left_alone_on_the_way(
     goal = with_values(question.chain.calls[step].goal, change)
     drive.run.refined_to(with_yaw(question.chain, NEW_YAW).with_goal(step, goal), True, "nonsense")
     drive.tick()
-    assert drive.run.chain == question.chain
-    assert f"m from the forecast: the answer cannot be used: {told}" in drive.run.refinement
+    assert drive.run.executor.chain == question.chain
+    assert f"m from the forecast: the answer cannot be used: {told}" in drive.run.refining.reason
     assert drive.to_the_end() is Ending.SUCCEEDED
-    assert drive.run.refined_again == 0
+    assert drive.run.refining.again == 0
 
 
 def test_a_long_refusal_on_the_way_is_told_in_short(drive: Drive) -> None:
     asked(drive)
     drive.run.unrefined("no valid plan: " + 50 * "it is too far; ")
-    assert "m from the forecast: no valid plan: it is too far; " in drive.run.refinement
-    assert len(drive.run.refinement) < 250
+    assert "m from the forecast: no valid plan: it is too far; " in drive.run.refining.reason
+    assert len(drive.run.refining.reason) < 250
 
 
 def test_of_an_answer_that_is_no_plan_one_reason_is_told(drive: Drive) -> None:
@@ -189,10 +190,10 @@ def test_of_an_answer_that_is_no_plan_one_reason_is_told(drive: Drive) -> None:
 def test_the_first_answer_is_looked_at_too() -> None:
     with Simulation(ROBOT) as simulation:
         drive = Drive(simulation, refine=True, again_after=0.15, answer=TopChain(CHAIN.calls[:1]))
-        assert drive.run.chain is CHAIN
+        assert drive.run.executor.chain is CHAIN
         told = "the answer cannot be used: expected the steps of the question"
-        assert drive.run.refinement == f"executed as sent, refinement failed: {told}"
-        assert not drive.run.refined
+        assert drive.run.refining.reason == f"executed as sent, refinement failed: {told}"
+        assert not drive.run.refining.refined
 
 
 def test_a_question_on_the_way_is_a_valid_plan_also_while_the_ball_rolls(drive: Drive) -> None:
@@ -223,16 +224,12 @@ def test_who_does_not_want_it_is_not_asked(options: dict[str, object]) -> None:
         drive.simulation.place_object(BALL, 0.3, 0.4)
         drive.tick()
         assert drive.run.question is None
-        assert drive.run.chain.calls[0].goal.pose == Pose(0.3, 0.4, 0.0)
+        assert drive.run.executor.chain.calls[0].goal.pose == Pose(0.3, 0.4, 0.0)
 
 
 def test_before_an_answer_it_says_whether_one_is_awaited() -> None:
-    refining = Refining(ROBOT, wanted=True, again_after=0.15)
-    assert refining.reason == "refinement not requested yet"
-    refining.ask(World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), {BALL: ObjectState(0.0, 0.0)}), CHAIN, 0.0)
-    assert refining.reason == "no answer from refinement yet"
-    unwanted = Refining(ROBOT, wanted=False, again_after=0.15)
-    assert unwanted.reason == "executed as sent; the goal has refine: false"
+    for drive in start(refine=False):
+        assert drive.run.refining.reason == "executed as sent; the goal has refine: false"
 
 
 def test_a_refined_chain_must_be_valid() -> None:

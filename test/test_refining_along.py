@@ -13,13 +13,11 @@ import pytest
 from ator_ros.actions.base import Goal
 from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.execution.execution import Execution
+from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
-from ator_ros.execution.phases import Deadlines, Ending
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.refining import Question, Refining
-from ator_ros.execution.remaining import continuations, with_followed
-from ator_ros.execution.told_world import ToldWorld
+from ator_ros.execution.refining import Question, ReplanTrigger, continuations, with_followed
+from ator_ros.execution.supervisor import Deadlines, Supervisor
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.robot.description import load_robot
@@ -61,10 +59,11 @@ class Drive:
         self.simulation, self.commands = simulation, list[Command]()
         simulation.place_robot(Pose(-1.5, -1.0, 0.5))
         simulation.place_object(BALL, 2.0, 0.0)
-        self.run = Execution(
+        self.run = Supervisor(
             LIBRARY,
             plans[0],
-            refining=Refining(ROBOT, wanted=True, again_after=0.15),
+            refine=True,
+            again_after=0.15,
             now=0.0,
             predictor=CountsSteps(),
             deadlines=Deadlines(),
@@ -133,16 +132,16 @@ def test_another_plan_is_taken_up_without_a_stop_and_carried_out(simulation: Sim
     assert [other.number for other in question.others] == [1, 2]
     drive.run.refined_to(question.others[1].chain, False, "3 s faster", chosen=2)
     drive.tick(20)
-    assert [c.top.name for c in drive.run.chain.calls] == ["goToPose", "goToBall", "shoot"]
-    assert drive.run.chain.calls[1].goal.pose == Pose(2.0, 0.4, 0.0)
+    assert [c.top.name for c in drive.run.executor.chain.calls] == ["goToPose", "goToBall", "shoot"]
+    assert drive.run.executor.chain.calls[1].goal.pose == Pose(2.0, 0.4, 0.0)
     assert STOP not in drive.commands[3:]
     assert_smooth(drive.commands[3:])
     assert drive.run.predicted_remaining(drive.simulation.time) == pytest.approx(2.0 + 0.0, abs=0.1)
-    assert drive.run.refined_again == 1
+    assert drive.run.refining.again == 1
     told = "as the ball comes to rest 0.40 m from the forecast: alternative 2 is chosen: 3 s faster"
-    assert told in drive.run.refinement
+    assert told in drive.run.refining.reason
     assert drive.to_the_end() is Ending.SUCCEEDED, drive.run.reason
-    assert [r.top for r in drive.run.records if r.ending is Ending.SUCCEEDED] == [
+    assert [r.top for r in drive.run.executor.records if r.ending is Ending.SUCCEEDED] == [
         "goToPose",
         "goToBall",
         "shoot",
@@ -155,7 +154,9 @@ def test_a_plan_with_more_steps_is_predicted_to_its_end(simulation: Simulation) 
     drive.run.refined_to(question.others[0].chain, False, "better", chosen=1)
     seen = set()
     while drive.run.ending is None:
-        seen.add((drive.run.step, math.isfinite(drive.run.predicted_remaining(drive.simulation.time))))
+        seen.add(
+            (drive.run.executor.index, math.isfinite(drive.run.predicted_remaining(drive.simulation.time)))
+        )
         drive.tick()
     assert drive.run.ending is Ending.SUCCEEDED, drive.run.reason
     assert seen == {(0, True), (1, True), (2, True)}
@@ -166,9 +167,9 @@ def test_a_choice_that_was_not_offered_or_changes_what_it_may_not_is_left_alone(
 ) -> None:
     drive = Drive(simulation, HERE, ANYWHERE)
     drive.asked()
-    before = drive.run.chain
+    before = drive.run.executor.chain
     drive.run.refined_to(ANYWHERE, False, "nonsense", chosen=2)
-    assert "chosen: expected an index from 0 to 1, got 2" in drive.run.refinement
+    assert "chosen: expected an index from 0 to 1, got 2" in drive.run.refining.reason
     drive.simulation.place_object(BALL, 2.0, 0.0)
     drive.tick()
     question = drive.run.question
@@ -177,9 +178,9 @@ def test_a_choice_that_was_not_offered_or_changes_what_it_may_not_is_left_alone(
     astray = other.with_goal(2, dataclasses.replace(other.calls[2].goal, pose=Pose(4.0, 1.0, 0.0)))
     drive.run.refined_to(astray, True, "nonsense", chosen=1)
     drive.tick()
-    assert "y of step 3 (shoot): expected 0 as planned, got 1" in drive.run.refinement
-    assert drive.run.chain.calls[1:] == before.calls[1:]
-    assert drive.run.refined_again == 0
+    assert "y of step 3 (shoot): expected 0 as planned, got 1" in drive.run.refining.reason
+    assert drive.run.executor.chain.calls[1:] == before.calls[1:]
+    assert drive.run.refining.again == 0
 
 
 def test_a_robot_that_keeps_to_its_way_raises_no_question(simulation: Simulation) -> None:
@@ -202,18 +203,18 @@ def test_a_robot_that_is_pushed_off_its_way_raises_one_question(simulation: Simu
     drive.run.refined_to(question.chain, False, "no better")
     drive.tick(20)
     assert drive.run.question is None
-    assert "asked again after" in drive.run.refinement
+    assert "asked again after" in drive.run.refining.reason
     assert drive.to_the_end() is Ending.SUCCEEDED
 
 
 def test_the_distance_from_a_way_is_that_from_its_nearest_stretch() -> None:
     way: FloatArray = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 1.0, 1.57]])
-    told_world, chain = ToldWorld(ROBOT), TopChain((ROUND,))
-    told_world.told(World(0.0, RobotState(Pose(0.0, 0.0, 0.0))))
+    trigger, chain = ReplanTrigger(ROBOT), TopChain((ROUND,))
+    trigger.set_reference(World(0.0, RobotState(Pose(0.0, 0.0, 0.0))))
     for pose, off in ((Pose(1.0, 0.2, 0.0), 0.2), (Pose(2.5, 0.5, 0.0), 0.5), (Pose(-0.3, 0.4, 0.0), 0.5)):
-        said = told_world.beyond(0.1, World(0.0, RobotState(pose)), chain, 0, lambda: way)
+        said = trigger.deviation(0.1, World(0.0, RobotState(pose)), chain, 0, lambda: way)
         assert said == f"the robot is {off:.2f} m off its way"
-        assert told_world.beyond(off + 0.01, World(0.0, RobotState(pose)), chain, 0, lambda: way) == ""
+        assert trigger.deviation(off + 0.01, World(0.0, RobotState(pose)), chain, 0, lambda: way) == ""
 
 
 def test_goals_of_later_steps_follow_the_ball_until_a_step_moves_it() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from carried import CALL, Ledger, Sent, begun
 
-from ator_ros.execution.phases import Phase
+from ator_ros.execution.supervisor import Phase
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.inputs import Inputs
@@ -28,7 +28,7 @@ def test_an_overdue_object_pauses_a_step_before_it_is_released() -> None:
     state = late(goal)
     assert goal.execution.phase is Phase.EXECUTING
     assert goal.execution.tick(state, state.time, overdue=frozenset({"mark"})) == STOP
-    assert "no word of the mark" in goal.execution.reason
+    assert "no recent message of the mark" in goal.execution.reason
 
 
 def test_late_odometry_does_not_stop_it_until_the_goal_ends() -> None:

@@ -15,8 +15,8 @@ from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.toolset import ToolsetSource, make_library
 from ator_ros.evaluation.trials import random_trial
+from ator_ros.execution.chain_executor import ActionRecord
 from ator_ros.execution.rolling import Rolling
-from ator_ros.execution.step_run import ActionRecord
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.library import TopLibrary

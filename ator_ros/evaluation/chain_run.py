@@ -9,10 +9,8 @@ from dataclasses import dataclass
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Status
 from ator_ros.actions.goal_variables import goal_values
-from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
-from ator_ros.execution.phases import Ending
+from ator_ros.execution.chain_executor import ActionRecord, ChainExecutor, ChainStep, Ending
 from ator_ros.execution.rolling import Rolling
-from ator_ros.execution.step_run import ActionRecord
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.robot.response import Foresight

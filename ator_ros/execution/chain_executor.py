@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import enum
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 from ator_ros.actions import TIME_LIMIT
-from ator_ros.actions.base import Status, Step
-from ator_ros.execution.phases import Ending
+from ator_ros.actions.base import Action, ActionError, Goal, Status, Step
+from ator_ros.actions.goal_variables import goal_values
 from ator_ros.execution.rolling import Rolling
-from ator_ros.execution.step_run import STOPPING, ActionRecord, StepRun
 from ator_ros.geometry import FloatArray
 from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.conditions import state_of
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import (
     at_object,
@@ -25,12 +27,107 @@ from ator_ros.tops.objects import (
     is_at_front,
     is_in_the_way,
     is_lost,
+    kept,
 )
+from ator_ros.tops.outcome import failure, may_settle, unmet
 from ator_ros.world.state import STOP, Command, World
 
+Predict = Callable[[World], Any]
+
+STOPPING = "stopping, to go on from there"
+"""Message of a step that waits until the robot stands."""
 _STAYED = 0.02
 """Distance in m, and angle in rad, within which a robot has stayed where it was."""
+
+
+class Ending(enum.Enum):
+    """How a goal or an action ended; names and values are those of Outcome.msg."""
+
+    SUCCEEDED = 1
+    FAILED = 2
+    REFUSED = 3
+    CANCELED = 4
+    PREEMPTED = 5
+    INPUT_LOST = 6
+    SHUTDOWN = 7
+    OBJECT_LOST = 8
+    BASE_FAULT = 9
+    OUT_OF_BOUNDS = 10
+
+
 _ENDINGS = {Status.SUCCEEDED: Ending.SUCCEEDED, Status.FAILED: Ending.FAILED}
+
+
+class Stage(enum.Enum):
+    """Where one step of a chain is, while its goal is in the phase EXECUTING."""
+
+    STANDING = "waiting until the robot stands"
+    READY = "ready to start its action"
+    ACTING = "its action runs"
+    SETTLING = "its action has ended, its effect is awaited"
+    OVER = "over"
+
+
+STAGES: Mapping[Stage, frozenset[Stage]] = MappingProxyType(
+    {
+        Stage.STANDING: frozenset({Stage.READY, Stage.OVER}),
+        Stage.READY: frozenset({Stage.ACTING, Stage.OVER}),
+        Stage.ACTING: frozenset({Stage.SETTLING, Stage.OVER}),
+        Stage.SETTLING: frozenset({Stage.OVER}),
+        Stage.OVER: frozenset(),
+    }
+)
+"""The stages that may follow each stage; an action is ended when its step leaves ACTING."""
+
+
+class TransitionError(RuntimeError):
+    """An event that the present phase does not know: a fault of the program."""
+
+
+@dataclass(frozen=True, slots=True)
+class ActionRecord:
+    """How one action of a chain went.
+
+    Attributes
+    ----------
+    index : int
+        Step of the chain, from 0.
+    top, action : str
+        Names of the TOP and of its action.
+    start : World
+        Situation in which the action started.
+    goal : Goal
+        Its goal.
+    end : World
+        Situation in which it ended.
+    duration : float
+        Time it took in s.
+    ending : Ending
+        SUCCEEDED, FAILED, or why it was broken off: PREEMPTED by another goal of the same step, for example
+        because an object had moved, or the ending of the whole chain.
+    reason : str
+        A sentence on how it ended.
+    position_error, heading_error : float
+        Distance from the goal at the end in m, difference of headings in rad.
+    predicted : object
+        What the performance model predicted at the start; None without one.
+    lost : str or None
+        The object whose loss made it fail; None if it did not fail, or not for that reason.
+    """
+
+    index: int
+    top: str
+    action: str
+    start: World
+    goal: Goal
+    end: World
+    duration: float
+    ending: Ending
+    reason: str
+    position_error: float
+    heading_error: float
+    predicted: Any = None
+    lost: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +146,10 @@ class ChainExecutor:
 
     Attributes
     ----------
+    chain : TopChain
+        The chain with its present goals: goals that lie at an object move with it.
+    index : int
+        Index of the step being executed, from 0.
     records : list of ActionRecord
         The actions that have ended.
     fetched : int
@@ -85,7 +186,7 @@ class ChainExecutor:
     ) -> None:
         self._described, self._rolling = library, rolling
         self._library = self._library_as_seen()
-        self._chain = chain
+        self.chain = chain
         self._time_limit = time_limit
         self._predict = predict
         self._fetches = fetches
@@ -94,13 +195,13 @@ class ChainExecutor:
         self._last: ChainStep | None = None
         self.records: list[ActionRecord] = []
         self.fetched = 0
-        self._index = 0
+        self.index = 0
         self._run = self._new_run(chain, 0)
 
     def choose(self, chain: TopChain) -> None:
         """Execute `chain` instead of the one given; only before the first tick."""
         assert self._began is None
-        self._chain, self._run = chain, self._new_run(chain, 0)
+        self.chain, self._run = chain, self._new_run(chain, 0)
 
     def begin_again(self, chain: TopChain) -> bool:
         """Execute `chain` instead if the first action failed where it began; return whether it did."""
@@ -109,9 +210,9 @@ class ChainExecutor:
             return False
         there, here = first.start.robot.pose, first.end.robot.pose
         stayed = there.distance(here) <= _STAYED and abs(there.relative(here).yaw) <= _STAYED
-        if first.lost is not None or not stayed or chain.calls[0] == self._chain.calls[0]:
+        if first.lost is not None or not stayed or chain.calls[0] == self.chain.calls[0]:
             return False
-        self._chain = chain
+        self.chain = chain
         self._enter(0, standing_first=True)
         return True
 
@@ -133,7 +234,7 @@ class ChainExecutor:
             if following is None:
                 return self._chain_step(world, Step(STOP, step.status, step.message))
             self._enter(*following)
-            if self._run.stopping:
+            if self._run.stage is Stage.STANDING:
                 step = Step(STOP, Status.RUNNING, STOPPING)
             elif waiting or self._planned == world.time:
                 step = Step(step.command, Status.RUNNING, step.message)
@@ -143,27 +244,17 @@ class ChainExecutor:
 
     def break_off(self, world: World, ending: Ending, why: str) -> None:
         """End the action under way, if any, and record it as ended by `ending` in the state `world`."""
-        if self._run.begun and not self._run.over:
+        if self._run.begun and self._run.stage is not Stage.OVER:
             self.records.append(self._run.close(world, ending, why))
-
-    @property
-    def chain(self) -> TopChain:
-        """The chain with its present goals: goals that lie at an object move with it."""
-        return self._chain
 
     def way(self) -> FloatArray | None:
         """Return the planned way of the action under way; see `Action.way`."""
         return self._run.way()
 
     @property
-    def index(self) -> int:
-        """Index of the step being executed, from 0."""
-        return self._index
-
-    @property
     def call(self) -> TopCall:
         """The step being executed, with its present goal."""
-        return self._chain.calls[self._index]
+        return self.chain.calls[self.index]
 
     @property
     def elapsed(self) -> float:
@@ -190,14 +281,14 @@ class ChainExecutor:
         bool
             False if no way for the changed present step is found at once; then nothing has changed.
         """
-        if chain.calls[self._index] != self._run.call:
-            run = self._changed_run(chain, standing_first=self._run.stopping)
-            if self._run.settling or (self._run.begun and self._is_blocked(world)):
+        if chain.calls[self.index] != self._run.call:
+            run = self._changed_run(chain, standing_first=self._run.stage is Stage.STANDING)
+            if self._run.stage is Stage.SETTLING or (self._run.begun and self._is_blocked(world)):
                 return False
             if self._run.begun and not self._begins(world, run):
                 return False
             self._replace_run(world, run)
-        self._chain = chain
+        self.chain = chain
         return True
 
     def _begins(self, world: World, run: StepRun) -> bool:
@@ -218,11 +309,11 @@ class ChainExecutor:
         resting = at_rest(world, robot)
         if not has_left(resting, call, robot) or self._planned == world.time:
             return None
-        chain = self._chain.with_goal(self._index, at_object(call.goal, resting, name))
+        chain = self.chain.with_goal(self.index, at_object(call.goal, resting, name))
         if self.head_for(world, chain):
             return None
         self._replace_run(world, self._changed_run(chain, standing_first=True))
-        self._chain = chain
+        self.chain = chain
         return Step(STOP, Status.RUNNING, STOPPING)
 
     def _is_blocked(self, world: World) -> bool:
@@ -238,7 +329,7 @@ class ChainExecutor:
     def _after(self, world: World, status: Status) -> tuple[int, bool] | None:
         """Return the next step and whether the robot must stand first; None at the end of the chain."""
         if status is Status.SUCCEEDED:
-            return (self._index + 1, False) if self._index + 1 < len(self._chain) else None
+            return (self.index + 1, False) if self.index + 1 < len(self.chain) else None
         fetching = self._fetching_step(world)
         if fetching is None:
             return None
@@ -251,14 +342,14 @@ class ChainExecutor:
         name = held_first(top) or (fetched(top) if self._run.begun else None)
         if name is None or self.fetched >= self._fetches or not is_lost(world, self._library.robot, name):
             return None
-        before = (i for i in range(self._index, -1, -1) if fetched(self._chain.calls[i].top) == name)
+        before = (i for i in range(self.index, -1, -1) if fetched(self.chain.calls[i].top) == name)
         return next(before, None)
 
     def _enter(self, index: int, standing_first: bool) -> None:
-        self._index = index
+        self.index = index
         if standing_first:
             self._library = self._library_as_seen()
-        self._run = self._new_run(self._chain, index, standing_first=standing_first)
+        self._run = self._new_run(self.chain, index, standing_first=standing_first)
 
     def _library_as_seen(self) -> TopLibrary:
         """Return the TOPs and actions for the scene as it has been seen to be."""
@@ -266,7 +357,7 @@ class ChainExecutor:
 
     def _changed_run(self, chain: TopChain, *, standing_first: bool) -> StepRun:
         """Return a run of the present step with its goal in `chain`; its time limit keeps running."""
-        return self._new_run(chain, self._index, standing_first=standing_first, since=self._run.since)
+        return self._new_run(chain, self.index, standing_first=standing_first, since=self._run.since)
 
     def _new_run(
         self, chain: TopChain, index: int, *, standing_first: bool = False, since: float | None = None
@@ -285,5 +376,171 @@ class ChainExecutor:
     def _chain_step(self, world: World, step: Step) -> ChainStep:
         assert self._began is not None
         elapsed = world.time - self._began
-        self._last = ChainStep(step.command, step.status, self._index, step.message, elapsed)
+        self._last = ChainStep(step.command, step.status, self.index, step.message, elapsed)
         return self._last
+
+
+class StepRun:
+    """One action of a chain with one goal, from its pre-condition to its post-condition.
+
+    Attributes
+    ----------
+    stage : Stage
+        Where it is.
+    call : TopCall
+        The step.
+    since : float or None
+        Time in s from which its limit counts.
+
+    Parameters
+    ----------
+    library : TopLibrary
+        TOPs and actions.
+    index : int
+        Index of the step, from 0.
+    call : TopCall
+        The step to execute.
+    time_limit : float
+        Time in s that it may take, including the stop before it.
+    predict : callable, optional
+        Predicts the performance of the step from the world in which it starts.
+    standing_first : bool
+        Whether the robot must stand before the action starts.
+    since : float, optional
+        Time in s from which the limit counts, if this run replaces one with another goal.
+    """
+
+    def __init__(
+        self,
+        library: TopLibrary,
+        index: int,
+        call: TopCall,
+        *,
+        time_limit: float,
+        predict: Predict | None = None,
+        standing_first: bool = False,
+        since: float | None = None,
+    ) -> None:
+        self.call = call
+        self.since = since
+        self.stage = Stage.STANDING if standing_first else Stage.READY
+        self._library, self._index = library, index
+        self._time_limit, self._predict = time_limit, predict
+        self._action: Action | None = None
+        self._start: World | None = None
+        self._settling = math.inf  # time in s since which the action's effect is awaited
+        self._predicted: Any = None
+
+    @property
+    def begun(self) -> bool:
+        """Whether its action has started."""
+        return self._action is not None
+
+    @property
+    def planning(self) -> bool:
+        """Whether its action has started and is still planning."""
+        return self.stage is Stage.ACTING and self._acting.planning
+
+    def way(self) -> FloatArray | None:
+        """Return the planned way of its action; see `Action.way`."""
+        return self._acting.way() if self.stage is Stage.ACTING else None
+
+    def defer_planning(self, time: float) -> None:
+        """Let the action, if it has started, plan nothing in the tick at `time` (s)."""
+        if self.stage is Stage.ACTING:
+            self._acting.defer_planning(time)
+
+    def begin(self, world: World) -> str | None:
+        """Start the action; return the reason if that is impossible."""
+        call, robot = self.call, self._library.robot
+        seen = at_rest(world, robot) if followed(call.top) else world
+        violations = call.top.pre.violations(state_of(seen, robot), goal_values(call.goal))
+        if violations:
+            return f"pre-condition of {call.top.name}: {'; '.join(violations)}"
+        try:
+            action = self._library.action(call.top)
+            action.start(world, call.goal)
+        except ActionError as error:
+            return str(error)
+        self._action, self._start = action, world
+        self._go(Stage.ACTING)
+        self._predicted = None if self._predict is None else self._predict(world)
+        return None
+
+    def step(self, world: World) -> Step:
+        """Return the command of this tick; start the action if it has not started."""
+        self.since = world.time if self.since is None else self.since
+        step = self._next(world)
+        if step.status is Status.RUNNING and world.time - self.since > self._time_limit:
+            return Step(STOP, Status.FAILED, f"{self.call.top.name} took longer than {self._time_limit:g} s")
+        return step
+
+    def _next(self, world: World) -> Step:
+        if self.stage is Stage.STANDING:
+            if not world.robot.is_standing:
+                return Step(STOP, Status.RUNNING, STOPPING)
+            self._go(Stage.READY)
+        fault = self.begin(world) if self.stage is Stage.READY else None
+        if fault is not None:
+            return Step(STOP, Status.FAILED, fault)
+        if self.stage is Stage.SETTLING:
+            return self._confirmed(world, Step(STOP, Status.SUCCEEDED, f"{self.call.top.name} has settled"))
+        return self._confirmed(world, self._acting.step(world))
+
+    @property
+    def _acting(self) -> Action:
+        assert self._action is not None
+        return self._action
+
+    def _confirmed(self, world: World, step: Step) -> Step:
+        """Return `step`; a failure or a stop to settle if the action succeeded without its post-condition."""
+        if step.status is not Status.SUCCEEDED:
+            return step
+        top = self.call.top
+        lacks = unmet(top, world, self.call.goal, self._library.robot)
+        if not lacks:
+            return step
+        self._settling = min(self._settling, world.time)
+        if may_settle(top, world) and world.time - self._settling < top.settles:
+            if self.stage is Stage.ACTING:
+                self._go(Stage.SETTLING, step.message)
+            return Step(STOP, Status.RUNNING, f"{top.name} settles: {'; '.join(lacks)}")
+        return Step(STOP, Status.FAILED, failure(top, lacks))
+
+    def end(self, reason: str) -> None:
+        """End the step, and its action if that runs; see `Action.end`."""
+        self._go(Stage.OVER, reason)
+
+    def _go(self, stage: Stage, why: str = "") -> None:
+        """Go on to the next stage; the action ends, for the reason `why`, when it leaves ACTING."""
+        former, self.stage = self.stage, stage
+        if stage not in STAGES[former]:
+            raise TransitionError(f"stage {former.name}: expected another stage, got {stage.name}")
+        if former is Stage.ACTING:
+            self._acting.end(why)
+
+    def close(self, world: World, ending: Ending, reason: str) -> ActionRecord:
+        """End the step in the state `world`; return its record."""
+        self.end(reason)
+        call, start, robot = self.call, self._start or world, self._library.robot
+        pose, goal = world.robot.pose, call.goal.robot_pose(robot)
+        return ActionRecord(
+            self._index,
+            call.top.name,
+            call.top.action,
+            start,
+            call.goal,
+            world,
+            world.time - start.time,
+            ending,
+            reason,
+            pose.distance(goal),
+            abs(pose.relative(goal).yaw),
+            self._predicted,
+            self._lost(world) if ending is Ending.FAILED else None,
+        )
+
+    def _lost(self, world: World) -> str | None:
+        """Return the object that this step should hold and does not; None if there is none."""
+        name = kept(self.call.top) if self.begun else held_first(self.call.top)
+        return name if name is not None and is_lost(world, self._library.robot, name) else None

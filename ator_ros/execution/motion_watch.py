@@ -8,7 +8,6 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ator_ros.execution.execution import Execution
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.robot.response import Foresight, clip
@@ -543,7 +542,7 @@ def _moved(before: RobotState, after: RobotState) -> tuple[float, float]:
 
 
 class Driving:
-    """Predicts late states forward, and ends a goal if the base does not move as commanded.
+    """Watches whether the base moves as commanded, and predicts late states forward.
 
     Parameters
     ----------
@@ -599,19 +598,10 @@ class Driving:
         """Return the command to send now for one that took `took` s to compute; see `Foresight.punctual`."""
         return self._foresight.punctual(robot, command, took)
 
-    def ahead(self, world: World, execution: Execution | None, now: float) -> World:
-        """Return the world at the time when the command for `world` takes effect.
+    def fault(self, world: World, now: float) -> str | None:
+        """Return how the base does not follow its commands, by the measured state; see `MotionWatch`."""
+        return self._watch.fault(world.time, world.robot, now)
 
-        Parameters
-        ----------
-        world : World
-            The measured state.
-        execution : Execution or None
-            The execution to end if the base does not obey.
-        now : float
-            Real time in s.
-        """
-        fault = None if execution is None else self._watch.fault(world.time, world.robot, now)
-        if execution is not None and fault is not None:
-            execution.misbehaved(fault)
+    def ahead(self, world: World) -> World:
+        """Return the world at the time when the command for the measured `world` takes effect."""
         return self._foresight.ahead(world)

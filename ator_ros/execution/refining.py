@@ -1,19 +1,24 @@
-"""The questions of a goal to refinement: before its chain starts, and again when the world has changed."""
+"""Refinement of a goal's chain: before it starts, and again when the world has changed."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from ator_ros.actions.goal_variables import with_values
-from ator_ros.execution.remaining import Continuation
-from ator_ros.execution.told_world import ToldWorld, Way
+import numpy as np
+
+from ator_ros.actions.goal_variables import goal_values, with_values
+from ator_ros.execution.chain_executor import ChainExecutor
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.printable import printable
 from ator_ros.refinement.free_variables import allowed_changes
 from ator_ros.robot.description import Robot
-from ator_ros.tops.chain import InvalidChainError, TopChain
+from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world.state import World
+from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_front
+from ator_ros.world.state import ObjectState, World
 
 AGAIN_AFTER = 0.15
 """Distance in m by which the world must differ from what was expected before refinement is asked again."""
@@ -22,6 +27,16 @@ _NOT_REACHED = "refinement not requested yet"
 _UNANSWERED = "no answer from refinement yet"
 _LONGEST = 120
 """Characters of the result of a question along the way: the sentence on all questions stays readable."""
+_SAME = 1e-6
+_PLACE = ("x", "y")
+
+
+@dataclass(frozen=True, slots=True)
+class Continuation:
+    """The steps of a plan that are not done; `number` is that of the plan among those of the goal, from 0."""
+
+    number: int
+    chain: TopChain
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +68,14 @@ class Question:
 
 
 class Refining:
-    """The questions of one goal, one at a time, and a sentence on their results.
+    """The questions of one goal to refinement, one at a time, and what the answers change.
 
     Attributes
     ----------
     question : Question or None
         The open question.
+    wanted : bool
+        Whether the goal asks for refinement.
     refined : bool
         Whether an answer changed the chain.
     again : int
@@ -66,75 +83,308 @@ class Refining:
 
     Parameters
     ----------
-    robot : Robot
-        Its sizes, and the deceleration of rolling objects.
+    executor : ChainExecutor
+        Owns the chain.
+    library : TopLibrary
+        The robot, and the ranges of goal variables.
+    plans : sequence of TopChain
+        The chains of the goal, of which an answer may choose any.
     wanted : bool
-        Whether the goal asks for refinement.
+        As above.
     again_after : float
         Distance in m by which an object or the robot must differ from the last question before refinement is
         asked again; 0: never again.
     """
 
-    def __init__(self, robot: Robot, *, wanted: bool, again_after: float) -> None:
-        self.wanted = wanted
+    def __init__(
+        self,
+        executor: ChainExecutor,
+        library: TopLibrary,
+        plans: Sequence[TopChain],
+        *,
+        wanted: bool,
+        again_after: float = AGAIN_AFTER,
+    ) -> None:
         self.question: Question | None = None
-        self.refined = False
-        self.again = 0
-        self._again_after = again_after
-        self._told_world = ToldWorld(robot)
-        self._first: str | None = None
-        self._changed = self._left = ""
+        self.wanted, self.refined, self.again = wanted, False, 0
+        self._executor, self._library, self._robot = executor, library, library.robot
+        self._plans, self._number = plans, 0
+        self._again_after, self._trigger = again_after, ReplanTrigger(library.robot)
+        self._answer: tuple[TopChain, str, int] | None = None
+        self._first: str | None = None  # result of the first question
+        self._changed = self._unchanged = ""  # results of the last question that changed the chain, and after
 
     @property
     def reason(self) -> str:
         """Results of the first question, of the last that changed the chain, and of the last since then."""
-        return (self._first or self._no_result()) + self._changed + self._left
-
-    def _no_result(self) -> str:
-        """Return why there is no result of the first question."""
+        if self._first is not None:
+            return self._first + self._changed + self._unchanged
         if not self.wanted:
             return _NOT_ASKED
         return _NOT_REACHED if self.question is None else _UNANSWERED
 
-    def ask(
-        self,
-        world: World,
-        chain: TopChain,
-        now: float,
-        *,
-        step: int = 0,
-        others: tuple[Continuation, ...] = (),
-        cause: str = "",
-    ) -> None:
-        """Ask about `chain` from `step` on."""
-        self._told_world.told(world)
-        self.question = Question(world, TopChain(chain.calls[step:]), step, now, others, cause)
+    def ask(self, world: World, now: float) -> None:
+        """Ask about the whole chain, before it starts."""
+        self._trigger.set_reference(world)
+        self.question = Question(world, self._executor.chain, 0, now)
 
-    def cause(self, world: World, chain: TopChain, step: int, way: Way) -> str:
-        """Return in words why to ask again, see `ToldWorld.beyond`; empty where there is no reason to."""
+    def ask_again(self, world: World, now: float) -> None:
+        """Ask about what remains, and about the other plans, if the world differs from the last one."""
         if not (self.wanted and self._again_after) or self.question is not None:
-            return ""
-        return self._told_world.beyond(self._again_after, world, chain, step, way)
+            return
+        executor, step = self._executor, self._executor.index
+        cause = self._trigger.deviation(self._again_after, world, executor.chain, step, executor.way)
+        if not cause:
+            return
+        resting = at_rest(world, self._robot)
+        chain = with_followed(executor.chain, resting, self._robot, step=step)
+        others = continuations(self._plans, self._number, chain, step, resting, self._robot)
+        self._trigger.set_reference(resting)
+        self.question = Question(resting, TopChain(chain.calls[step:]), step, now, others, cause)
 
-    def close(self, why: str, *, changed: bool, elapsed: float) -> None:
-        """Close the question, `elapsed` s after the chain's start, with the reason for its result."""
+    def take(self, chain: TopChain, refined: bool, reason: str, chosen: int) -> None:
+        """Accept the answer to `question`; while the robot drives, `apply` applies it in the next tick.
+
+        Parameters
+        ----------
+        chain, refined, reason, chosen
+            As for `Supervisor.refined_to`.
+        """
+        assert self.question is not None
+        choices = len(self._plans) if self._first is None else 1 + len(self.question.others)
+        if chosen >= choices:
+            self.refuse(f"chosen: expected an index from 0 to {choices - 1}, got {chosen}")
+        elif self._first is None:
+            self._start_with(self.question, chain, refined, reason, chosen)
+        elif refined or chosen:
+            self._answer = chain, reason, chosen
+        else:  # the chain being executed has no placeholders left
+            self._close(reason, changed=False)
+
+    def _start_with(
+        self, question: Question, chain: TopChain, refined: bool, reason: str, chosen: int
+    ) -> None:
+        planned = self._plans[chosen]
+        asked = dataclasses.replace(question, chain=planned)
+        reason = f"alternative {chosen} is chosen: {reason}" if chosen else reason
+        try:
+            executed = refined_chain(planned, asked, chain, question.world, self._library)
+        except InvalidChainError as error:
+            self.refuse(f"the answer cannot be used: {error}")
+            return
+        self._executor.choose(executed)
+        self._number = chosen
+        self._close(reason, changed=refined and executed != planned)
+
+    def refuse(self, why: str) -> None:
+        """Go on with the chain as it is because `question` has no valid answer."""
+        if self._first is None:
+            self._number = self._plans.index(self._executor.chain)
+            why = f"executed as sent, refinement failed: {why}"
+        self._close(why, changed=False)
+
+    def revert(self, why: str) -> bool:
+        """Begin with the chain as sent if the first action of the refined one failed where it began.
+
+        Returns
+        -------
+        bool
+            Whether it begins again; `why` is the failure.
+        """
+        if not self.refined or not self._executor.begin_again(self._plans[self._number]):
+            return False
+        self.refined, self.again = False, 0
+        self._first = f"executed as sent, as the refined chain failed at its start: {why}"
+        self._changed = self._unchanged = ""
+        return True
+
+    def apply(self, world: World) -> bool:
+        """Switch to the refined goals if there are some and it is still possible; return whether it was."""
+        answer, question, self._answer = self._answer, self.question, None
+        if answer is None or question is None:
+            return False
+        refined, reason, chosen = answer
+        obstacle = self._switch(question, refined, chosen, world)
+        if obstacle:
+            self.refuse(obstacle)
+            return False
+        if chosen:
+            self._number = question.others[chosen - 1].number
+            reason = f"alternative {self._number} is chosen: {reason}"
+        self._close(reason, changed=True)
+        return True
+
+    def _switch(self, question: Question, refined: TopChain, chosen: int, world: World) -> str:
+        """Switch to the refined goals; return why that is impossible, or an empty text."""
+        chain, step = self._executor.chain, question.step
+        if step != self._executor.index:
+            return "the step was over when the answer came"
+        if chosen:
+            rest = question.others[chosen - 1].chain
+            chain = TopChain((*chain.calls[:step], *rest.calls))
+            question = dataclasses.replace(question, chain=rest)
+        resting = at_rest(world, self._robot)
+        chain = with_followed(chain, resting, self._robot, step=step)
+        try:
+            changed = refined_chain(chain, question, refined, resting, self._library)
+        except InvalidChainError as error:
+            return f"the answer cannot be used: {error}"
+        if not self._executor.head_for(world, changed):
+            return "there is no way from here to the refined subgoal"
+        return ""
+
+    def _close(self, why: str, *, changed: bool) -> None:
+        """Close the question with the reason for its result."""
         cause = "" if self.question is None else self.question.cause
         self.question, why = None, why or "no reason given"
         self.refined = self.refined or changed
         if self._first is None:
             self._first = why
             return
-        why = printable(why, _LONGEST)
+        after = f"after {self._executor.elapsed:.2f} s, as {cause}: {printable(why, _LONGEST)}"
         if changed:
             self.again += 1
-            self._changed, self._left = f"; refined again after {elapsed:.2f} s, as {cause}: {why}", ""
+            self._changed, self._unchanged = f"; refined again {after}", ""
         else:
-            self._left = f"; asked again after {elapsed:.2f} s, as {cause}: {why}"
+            self._unchanged = f"; asked again {after}"
 
-    def take_back(self, why: str) -> None:
-        """Forget all changes: the chain begins anew as it was sent, for the reason `why`."""
-        self.refined, self.again, self._first = False, 0, why
-        self._changed = self._left = ""
+
+class ReplanTrigger:
+    """Compares objects with where they were expected, and the robot with its planned path.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its sizes, and the deceleration of rolling objects.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._expected: Mapping[str, ObjectState] = {}
+        self._path: FloatArray | None = None
+        self._call: tuple[int, TopCall] | None = None
+
+    def set_reference(self, world: World) -> None:
+        """Compare with this world from now on, and with the path that is followed then."""
+        self._expected = world.objects
+        self._call = None
+
+    def deviation(
+        self, most: float, world: World, chain: TopChain, step: int, path: Callable[[], FloatArray | None]
+    ) -> str:
+        """Return in words what differs by more than `most` (m) from the reference; empty: nothing does.
+
+        Objects are compared where they come to rest, those that the robot itself moves excepted.
+
+        Parameters
+        ----------
+        most : float
+            Distance in m.
+        world : World
+            The present state.
+        chain, step
+            The chain, and the step being executed, from 0.
+        path : callable
+            Returns the planned path of the action under way; see `Action.way`.
+        """
+        resting = at_rest(world, self._robot)
+        for _, name in awaited(chain.calls[step:]):
+            there, expected = resting.objects.get(name), self._expected.get(name)
+            if there is None or is_at_front(world, self._robot, name):
+                continue
+            if expected is None:
+                return f"the {name} was not known"
+            moved = math.hypot(there.x - expected.x, there.y - expected.y)
+            if moved > most:
+                return f"the {name} comes to rest {moved:.2f} m from the forecast"
+        call = (step, chain.calls[step])
+        if self._path is None or call != self._call:
+            self._path, self._call = path(), call
+        off = 0.0 if self._path is None else _distance(world.robot.pose, self._path)
+        return f"the robot is {off:.2f} m off its way" if off > most else ""
+
+
+def _distance(pose: Pose, path: FloatArray) -> float:
+    """Return the distance in m from a pose to the polygon through the positions of a path."""
+    points = path[:, :2] - (pose.x, pose.y)
+    begins, along = points[:-1], np.diff(points, axis=0)
+    squares = np.maximum((along**2).sum(axis=1), 1e-12)
+    shares = np.clip(-(begins * along).sum(axis=1) / squares, 0.0, 1.0)
+    nearest = np.vstack([points[-1:], begins + shares[:, None] * along])
+    return float(np.hypot(nearest[:, 0], nearest[:, 1]).min())
+
+
+def awaited(calls: Sequence[TopCall]) -> Iterator[tuple[int, str]]:
+    """Yield the steps that follow an object which no step before moves, from 0, and the object."""
+    moved: set[str] = set()
+    for index, call in enumerate(calls):
+        name = followed(call.top)
+        if name is not None and name not in moved:
+            yield index, name
+        moved |= call.top.post.objects()
+
+
+def with_followed(chain: TopChain, resting: World, robot: Robot, *, step: int = 0) -> TopChain:
+    """Return `chain` with the goals from `step` on where the objects lie that have left them.
+
+    Parameters
+    ----------
+    chain : TopChain
+        The chain.
+    resting : World
+        The state, with its objects at rest.
+    robot : Robot
+        Its sizes.
+    step : int
+        The first step that is not done, from 0.
+    """
+    for index, name in awaited(chain.calls[step:]):
+        call = chain.calls[step + index]
+        if has_left(resting, call, robot):
+            chain = chain.with_goal(step + index, at_object(call.goal, resting, name))
+    return chain
+
+
+def continuations(
+    plans: Sequence[TopChain], number: int, chain: TopChain, step: int, resting: World, robot: Robot
+) -> tuple[Continuation, ...]:
+    """Return how other plans go on from here: after the steps that they share with what is done, or from 0.
+
+    Parameters
+    ----------
+    plans : sequence of TopChain
+        The plans of the goal.
+    number : int
+        Number of the plan that is executed, from 0.
+    chain, step
+        The chain as it is executed, and the first step of it that is not done, from 0.
+    resting, robot
+        As for `with_followed`. What is no valid plan from there is left out.
+    """
+    found = []
+    done = chain.calls[:step]
+    for other, plan in enumerate(plans):
+        if other == number:
+            continue
+        shared = 0 < len(done) < len(plan) and all(map(_same, done, plan.calls))
+        for rest in ([TopChain(plan.calls[len(done) :])] if shared else []) + [plan]:
+            moved = with_followed(rest, resting, robot)
+            if not moved.violations(resting, robot):
+                found.append(Continuation(other, moved))
+                break
+    return tuple(found)
+
+
+def _same(done: TopCall, planned: TopCall) -> bool:
+    """Return whether a step that is done is one that was planned, in all that this commits to."""
+    if done.top != planned.top or done.goal.values.keys() != planned.goal.values.keys():
+        return False
+    there = goal_values(done.goal)
+    return all(
+        abs(math.remainder(there[name] - value, math.tau) if name == "yaw" else there[name] - value) <= _SAME
+        for name, value in goal_values(planned.goal).items()
+        if not planned.opens(name) and not (name in _PLACE and followed(planned.top))
+    )
 
 
 def refined_chain(

@@ -13,8 +13,7 @@ from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.msg import ChainPerformance
 from ator_ros.domains.domain import Domain
-from ator_ros.execution.execution import Execution
-from ator_ros.execution.phases import Phase
+from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.nodes.drawn import Drawn
 from ator_ros.nodes.goal_run import GoalRun
@@ -73,7 +72,7 @@ class ExecutionDrawing:
         """Tell of the goal under way, and draw its chain until it ends; `world` is the newest state."""
         if world is not None:
             self._tell(run, world)
-        self._draw(run.execution, world)
+        self._draw(run.supervisor, world)
 
     def _tell(self, run: GoalRun, world: World) -> None:
         told, when = self._told
@@ -81,18 +80,18 @@ class ExecutionDrawing:
             self._told = run.stage, world.time
             self._under_way.offer(partial(run.so_far, world))
 
-    def _draw(self, execution: Execution, world: World | None) -> None:
-        under_way = execution.phase is Phase.EXECUTING and world is not None
-        drawn = (execution.chain if under_way else None, execution.step)
+    def _draw(self, run: Supervisor, world: World | None) -> None:
+        under_way = run.phase is Phase.EXECUTING and world is not None
+        drawn = (run.executor.chain if under_way else None, run.executor.index)
         now = 0.0 if world is None else world.time
         if drawn == self._drawn and abs(now - self._looked) < _PERIOD:
             return
         self._looked = now
         if drawn != self._drawn:
-            self._drawn, start = drawn, execution.start
+            self._drawn, start = drawn, run.start
             pose = Pose(0.0, 0.0, 0.0) if start is None else start.robot.pose
             self._chain.offer(partial(self._chain_message, pose, *drawn))
-        way = execution.way()
+        way = run.way()
         way = NO_WAY if way is None else way
         if not np.array_equal(way, self._way):
             self._way = way

@@ -5,6 +5,8 @@ from __future__ import annotations
 import functools
 import math
 import time
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
@@ -13,28 +15,54 @@ from rclpy.node import Node
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_interfaces.srv import RefineSubgoal
-from ator_ros.execution.execution import LONGEST_STOP, Execution
+from ator_ros.actions.remote import LONGEST
+from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.motion_watch import Driving
-from ator_ros.execution.phases import LONGEST_STOP_DELAY, Ending, Phase
+from ator_ros.execution.refining import AGAIN_AFTER
+from ator_ros.execution.rolling import Rolling
+from ator_ros.execution.supervisor import (
+    LONGEST_STOP,
+    LONGEST_STOP_DELAY,
+    WATCH_PERIOD,
+    Deadlines,
+    Phase,
+    Supervisor,
+)
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.diagnosis import Diagnosis, rival_senders
-from ator_ros.nodes.diagnostics import Diagnostics, Health, Ticks
+from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Ticks
 from ator_ros.nodes.execution_drawing import ExecutionDrawing
-from ator_ros.nodes.executor_settings import inputs_of, parameters_for, rolling_of
-from ator_ros.nodes.goal_run import GoalRun, concluded, run_of, unstarted
+from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
 from ator_ros.nodes.inputs import ObjectSources, RobotSource, TfListener
+from ator_ros.nodes.learned_sets import LEARNED
 from ator_ros.nodes.loading import rehearsed_predictors
 from ator_ros.nodes.model_sets import problems_of, startup_text, told_of
-from ator_ros.nodes.parameters import OBJECT, declare_with_domain, digest_of, domain_of, fence_of, robot_of
+from ator_ros.nodes.parameters import (
+    DOMAIN,
+    FENCE,
+    FRAME,
+    MODELS,
+    OBJECT,
+    ROBOT,
+    ROBOT_FRAME,
+    STAMPED,
+    STATE,
+    Parameter,
+    SetupError,
+    declare_with_domain,
+    digest_of,
+    domain_of,
+    fence_of,
+    robot_of,
+)
 from ator_ros.nodes.plan_client import PREEMPTED, PlannedGoals
 from ator_ros.nodes.qos import LATCHED, RESULTS, SERVICES
-from ator_ros.nodes.remote_servers import RemoteServers
+from ator_ros.nodes.remote_actions import RemoteServers
 from ator_ros.nodes.running import run_node, spin_out
-from ator_ros.nodes.watchdog import Watchdog
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import missing_in
-from ator_ros.world.estimation import StampError
-from ator_ros.world.inputs import ClockJumpError
+from ator_ros.world.estimation import ObjectTracker, Sightings, StampError
+from ator_ros.world.inputs import ClockJumpError, Inputs
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
@@ -42,7 +70,65 @@ _WARNING_PERIOD = 2.0
 _DISCOVERY_GRACE = 1.0  # real s; DDS may still be connecting cmd_vel to a base that has just started
 _RESET_PERIOD = 1.0  # real s; two resets within it mean that two nodes publish odometry
 _RESULT_KEPT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
+_IDLE_PERIOD = 1.0  # real s between two checks of the deadlines without a goal: each costs a millisecond
 _ENDED = "the executor was ended"
+_USUAL = Deadlines()
+_COMMON = (
+    FRAME,
+    ROBOT_FRAME,
+    STATE,
+    STAMPED,
+    DOMAIN,
+    ROBOT,
+    MODELS,
+    LEARNED,
+    # Timeouts: from one control tick to `LONGEST`, or to a minute where the robot waits amid a chain.
+    Parameter("start_timeout", _USUAL.start, "real s that a goal waits for inputs", 0.05, LONGEST, live=True),
+    Parameter(
+        "odom_timeout",
+        _USUAL.odom,
+        "real s without odometry, more if its stamps are slower than real time; the robot pauses after half",
+        0.05,
+        60.0,
+        live=True,
+    ),
+    # A base that does not follow is stopped within 0.5 s: with more latency nothing can be known by then.
+    Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3, live=True),
+    FENCE,
+    Parameter("plan_timeout", 10.0, "real s that a goal waits for its chains", 0.05, LONGEST, live=True),
+    Parameter(
+        "refinement_timeout", _USUAL.refinement, "real s that refinement may take", 0.01, 60.0, live=True
+    ),
+    Parameter(
+        "refine_again_after", AGAIN_AFTER, "m off what was expected to ask again, or 0", 0.0, 10.0, live=True
+    ),
+    Parameter(
+        "action_timeout", _USUAL.action, "s, by the stamps, that one action may take", 1.0, LONGEST, live=True
+    ),
+)
+
+
+def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
+    """Return the parameters of the node, among them three for each of the `objects`."""
+    return (*_COMMON, *(parameter for name in objects for parameter in _parameters_of(name)))
+
+
+def _parameters_of(name: str) -> tuple[Parameter, ...]:
+    return (
+        Parameter(
+            f"{name}_timeout",
+            0.3,
+            f"s by which the {name} may be older than odometry; the robot pauses after half",
+            0.05,
+            60.0,
+            live=True,
+        ),
+        # A tracker that errs by more than 1 m or 10 m/s says nothing about an object of a robot's size.
+        Parameter(
+            f"{name}_noise", 0.0, f"m, standard deviation of the {name}'s coordinates; 0: exact", 0.0, 1.0
+        ),
+        Parameter(f"{name}_velocity_noise", 0.0, "m/s, standard deviation of its velocity", 0.0, 10.0),
+    )
 
 
 class ExecutorNode(Node):
@@ -135,7 +221,7 @@ class ExecutorNode(Node):
             cancel_service_qos_profile=SERVICES,
             result_timeout=_RESULT_KEPT,
         )  # fmt: skip
-        self._watchdog = Watchdog(self, self._watch)
+        self._watchdog = self.create_timer(_IDLE_PERIOD, self._watch, clock=STEADY)
 
     def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:
         self._diagnosis.read(name, stamp, time.monotonic())
@@ -160,7 +246,8 @@ class ExecutorNode(Node):
             return
         if world is None:
             return
-        world = self._driving.ahead(world, None if self._run is None else self._run.execution, now)
+        fault = None if self._run is None else self._driving.fault(world, now)
+        world = self._driving.ahead(world)
         if self._run is not None and self._driving.remark not in ("", self._slow):
             self._slow = self._driving.remark
             self.get_logger().warning(self._slow)
@@ -168,15 +255,15 @@ class ExecutorNode(Node):
         self._rolling.observe(world)  # also between goals, when the robot has lost an object
         self._ticks.came(now)
         if self._run is not None:
-            self._run.execution.slowdown = self._inputs.slowdown
+            self._run.supervisor.slowdown = self._inputs.slowdown
         if self._run is not None and (self._remotes.ending() or self._is_new(self._run, now)):
             self._stand_by(self._run)
         elif self._run is not None:
-            command = self._run.execution.tick(world, now, overdue=self._inputs.overdue)
+            command = self._run.supervisor.tick(world, now, overdue=self._inputs.overdue, fault=fault)
             done = time.monotonic()
             self._send(self._driving.punctual(world.robot, command, done - now), answers=True)
             self._ticks.took(done - now)
-            self._run.execution.listening(done)
+            self._run.supervisor.listening(done)
             self._follow(self._run)
         elif self._plans.halting:
             self._send(STOP)
@@ -200,13 +287,13 @@ class ExecutorNode(Node):
         """Return whether a goal would begin on a base that may not receive commands yet, as if blocked."""
         grace = min(_DISCOVERY_GRACE, 0.5 * self._settings["start_timeout"])
         connecting = now - max(self._inputs.since, self._commands.changed) < grace
-        return run.execution.phase is Phase.WAITING and connecting
+        return run.supervisor.phase is Phase.WAITING and connecting
 
     def _stand_by(self, run: GoalRun) -> None:
         """Send stop commands, while a canceled server may still drive or before a new base listens."""
         self._send(STOP)
         self._driving.reset()  # its motion is not ours
-        run.execution.listening(time.monotonic())
+        run.supervisor.listening(time.monotonic())
 
     def _take_jump(self, jump: ClockJumpError) -> None:
         """Reset the state after odometry's clock has jumped. One reset is no cause for a warning."""
@@ -218,7 +305,7 @@ class ExecutorNode(Node):
         self._jumped = now
         self._driving.reset()
         # A goal that waits for its first state has nothing to lose, as after a restart of the simulation.
-        if self._run is not None and self._run.execution.phase is not Phase.WAITING:
+        if self._run is not None and self._run.supervisor.phase is not Phase.WAITING:
             self._end(Ending.INPUT_LOST, str(jump))
 
     def _watch(self) -> None:
@@ -233,11 +320,11 @@ class ExecutorNode(Node):
         if self._run is None:
             return
         if ending and fresh:
-            self._run.execution.postpone(now, "waiting until a canceled server has ended")
+            self._run.supervisor.postpone(now, "waiting until a canceled server has ended")
         silent = 0.5 * self._settings["odom_timeout"] * min(self._inputs.slowdown, LONGEST_STOP_DELAY)
-        if self._run.execution.silent(now) or (ending and silence > silent):
+        if self._run.supervisor.silent(now) or (ending and silence > silent):
             self._send(STOP)
-        self._run.execution.watch(now)
+        self._run.supervisor.watch(now)
         self._follow(self._run)
 
     def _accept(self, handle: ServerGoalHandle) -> None:
@@ -248,9 +335,15 @@ class ExecutorNode(Node):
 
     def _begin(self, handle: ServerGoalHandle) -> None:
         try:
-            models, parameters = self._sets.present.by_set, self._settings
-            run = run_of(
-                handle, self._libraries, models, self._refinement, parameters, self._fence, self._rolling
+            models = self._sets.present.by_set
+            run = GoalRun(
+                handle,
+                self._libraries,
+                models,
+                self._refinement,
+                self._settings,
+                self._fence,
+                self._rolling,
             )
         except MessageError as error:  # the running goal continues
             self._finish(handle, Ending.REFUSED, str(error))
@@ -288,14 +381,18 @@ class ExecutorNode(Node):
 
     def _adjust_watchdog(self) -> None:
         """Watch closely while a goal is under way or waits for its plan."""
-        self._watchdog.watch(closely=self._run is not None or self._plans.waiting)
+        busy = self._run is not None or self._plans.waiting
+        period = round(1e9 * (WATCH_PERIOD if busy else _IDLE_PERIOD))
+        if period != self._watchdog.timer_period_ns:
+            self._watchdog.timer_period_ns = period
+            self._watchdog.reset()
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         if self._plans.cancel(handle):
             return CancelResponse.ACCEPT
         if self._run is None or self._run.handle is not handle:
             return CancelResponse.REJECT
-        self._run.execution.end(Ending.CANCELED, "canceled by the client")
+        self._run.supervisor.end(Ending.CANCELED, "canceled by the client")
         self._send(STOP)
         return CancelResponse.ACCEPT
 
@@ -303,9 +400,9 @@ class ExecutorNode(Node):
         """End the running goal, if there is one; `at_once` does not wait until the robot stands."""
         if self._run is None:
             return
-        self._run.execution.end(ending, reason)
+        self._run.supervisor.end(ending, reason)
         if at_once:
-            self._run.execution.drop()
+            self._run.supervisor.drop()
         self._send(STOP)
         self._follow(self._run)
 
@@ -324,26 +421,26 @@ class ExecutorNode(Node):
         self._stop_until = now + LONGEST_STOP if silent else -math.inf
         self._adjust_watchdog()
         self._send(STOP)
-        run.execution.explain(self._cause(run.execution))
+        run.supervisor.explain(self._cause(run.supervisor))
         result = run.result(self._world)
         self._chains.publish(result.record)
-        ending = run.execution.ending or Ending.FAILED
+        ending = run.supervisor.ending or Ending.FAILED
         run.handle.execute(functools.partial(concluded, ending, result))
         if ending is not Ending.SUCCEEDED:
-            self._last_error = run.execution.reason
+            self._last_error = run.supervisor.reason
         self.get_logger().info(f"goal ended: {run.summary}")
 
-    def _cause(self, execution: Execution) -> str:
+    def _cause(self, run: Supervisor) -> str:
         """Return the most likely cause of an ending that inputs or the base have brought about."""
-        if execution.ending is Ending.BASE_FAULT:
+        if run.ending is Ending.BASE_FAULT:
             return self._commands.cause()
-        if execution.ending is Ending.FAILED:
+        if run.ending is Ending.FAILED:
             return self._driving.remark or self._diagnosis.rate_problem("odom", self._odom_timeout)
-        if execution.ending is not Ending.INPUT_LOST:
+        if run.ending is not Ending.INPUT_LOST:
             return ""
         if self._world is None or time.monotonic() - self._heard > 0.5 * self._odom_timeout:
             return self._diagnosis.cause("odom", self._odom_timeout)
-        lost = missing_in(execution.chain.calls, self._world)
+        lost = missing_in(run.executor.chain.calls, self._world)
         if lost is not None:
             return self._diagnosis.cause(lost[0], self._settings[f"{lost[0]}_timeout"])
         return rival_senders(self, self._diagnosis.topics)
@@ -378,7 +475,7 @@ class ExecutorNode(Node):
             **self._objects.told(known, self._inputs.overdue),
             **self._rolling.told(),
             **self._ticks.told(),
-            "goal": "none" if self._run is None else self._run.execution.phase.value,
+            "goal": "none" if self._run is None else self._run.supervisor.phase.value,
             "goals": self._goals,
             "times real time, by odometry": f"{self._inputs.pace:.2f}",
             "last error": self._last_error,
@@ -412,6 +509,27 @@ class ExecutorNode(Node):
         self._send(STOP)
         spin_out(self)  # so that the answer leaves, also to a client that asks for it only now
         self._send(STOP)
+
+
+def inputs_of(settings: Mapping[str, Any], objects: Iterable[str]) -> Inputs:
+    """Return what joins odometry and the objects; raises SetupError."""
+    return Inputs({name: _sightings(settings, name) for name in objects})
+
+
+def _sightings(settings: Mapping[str, Any], name: str) -> Sightings:
+    noise, velocity_noise = settings[f"{name}_noise"], settings[f"{name}_velocity_noise"]
+    if (noise > 0.0) != (velocity_noise > 0.0):
+        raise SetupError(
+            f"parameters {name}_noise and {name}_velocity_noise: expected both above 0 or both 0, "
+            f"got {noise:g} and {velocity_noise:g}"
+        )
+    return Sightings(name, settings[f"{name}_timeout"], ObjectTracker(noise, velocity_noise))
+
+
+def rolling_of(settings: Mapping[str, Any], robot: Robot) -> Rolling:
+    """Return what watches objects roll, at speeds that stand out from the noise."""
+    noises = (value for name, value in settings.items() if name.endswith("_velocity_noise"))
+    return Rolling(robot, slowest=3.0 * max(noises, default=0.0))
 
 
 def main(args: list[str] | None = None) -> None:

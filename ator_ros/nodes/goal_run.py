@@ -1,8 +1,10 @@
-"""One goal of execute_chain: its execution, its action handle, and its call of refinement."""
+"""One goal of execute_chain as ROS messages: request, refinement, feedback, records and result."""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
+import math
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -12,55 +14,61 @@ from rclpy.client import Client
 from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
-from ator_interfaces.msg import ActionPerformance, ChainPerformance
+from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, Performance
 from ator_interfaces.srv import RefineSubgoal
-from ator_ros.execution.execution import Execution
+from ator_ros.execution.chain_executor import ActionRecord, Ending
 from ator_ros.execution.fence import Fence
-from ator_ros.execution.phases import Deadlines, Ending, Phase
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.refining import Question, Refining
+from ator_ros.execution.refining import Question
 from ator_ros.execution.rolling import Rolling
-from ator_ros.nodes import messages
-from ator_ros.nodes.execution_records import (
-    action_record_of,
-    actual,
-    chain_record_of,
-    chain_so_far_of,
-    outcome_of,
+from ator_ros.execution.supervisor import Deadlines, Phase, Supervisor
+from ator_ros.nodes.messages import (
+    action_set_from,
+    alternatives_from,
+    call_of,
+    chain_from,
+    chain_of,
+    chain_performance_of,
+    echo_of,
+    objective_from,
+    performance_of,
+    situation_of,
 )
-from ator_ros.nodes.executor_settings import deadlines_of
 from ator_ros.printable import printable
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import World
 
-_FEEDBACK_PERIOD = 0.1
+_FEEDBACK_PERIOD = 0.1  # s on odometry's clock
 _LONGEST_REASON = 200
+_BROKEN_OFF = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN)
 
 
 class GoalRun:
     """An accepted goal while it is executed.
 
-    Parameters
+    Attributes
     ----------
     handle : ServerGoalHandle
         The goal.
-    library, predictor
-        Of the action set that the goal names.
+    supervisor : Supervisor
+        Executes it.
+
+    Parameters
+    ----------
+    handle : ServerGoalHandle
+        As above.
+    libraries, predictors : mapping
+        By action set.
     refinement : Client
         Of the service refine_subgoal.
-    deadlines : Deadlines
-        When to give up waiting.
+    settings : mapping
+        Parameters of the executor.
     fence : Fence
         Where the robot may drive.
     rolling : Rolling
         What the executor knows of how objects roll.
-    refine_again_after : float
-        Distance in m by which an object or the robot must differ from what refinement was told to ask it
-        again; 0: never.
-    frame : str
-        The frame of all poses.
 
     Raises
     ------
@@ -71,108 +79,85 @@ class GoalRun:
     def __init__(
         self,
         handle: ServerGoalHandle,
-        library: TopLibrary,
-        predictor: Predictor,
+        libraries: Mapping[str, TopLibrary],
+        predictors: Mapping[str, Predictor],
         refinement: Client,
-        *,
-        deadlines: Deadlines,
+        settings: Mapping[str, Any],
         fence: Fence,
         rolling: Rolling,
-        refine_again_after: float,
-        frame: str,
     ) -> None:
-        goal = handle.request
-        chain = messages.chain_from(goal.chain, library, frame=frame, fence=fence)
+        goal, frame = handle.request, settings["frame"]
+        action_set = action_set_from(goal.chain, allowed=libraries)
+        library = libraries[action_set]
+        chain = chain_from(goal.chain, library, frame=frame, fence=fence)
         others = _alternatives(goal, library, frame, fence)
         if goal.refine:
-            messages.objective_from(goal.objective, failure_cost=1.0)  # what it is, refinement knows
+            objective_from(goal.objective, failure_cost=1.0)  # refinement uses it; here it is checked
         self.handle = handle
-        self.execution = Execution(
+        self.supervisor = Supervisor(
             library,
             chain,
-            refining=Refining(library.robot, wanted=goal.refine, again_after=refine_again_after),
             now=time.monotonic(),
-            predictor=predictor,
-            deadlines=deadlines,
+            predictor=predictors[action_set],
+            deadlines=Deadlines(
+                **{field.name: settings[f"{field.name}_timeout"] for field in dataclasses.fields(Deadlines)}
+            ),
             fence=fence,
+            refine=goal.refine,
+            again_after=settings["refine_again_after"],
             fetches=goal.fetches,
             alternatives=others,
             rolling=rolling,
         )
         self._library, self._refinement, self._frame, self._fence = library, refinement, frame, fence
-        self._named = {"chain_id": id_of(handle), "action_set": library.action_set, "frame": frame}
+        self._id = id_of(handle)
         self._records: list[ActionPerformance] = []
         self._request: Future | None = None
         self._asked: Question | None = None
-        self._told = ("", 0.0)
+        self._feedback = ("", 0.0)  # status and time of the last one
 
     @property
     def ended(self) -> bool:
         """Whether there is nothing more to do."""
-        return self.execution.phase is Phase.ENDED
+        return self.supervisor.phase is Phase.ENDED
 
     @property
     def summary(self) -> str:
         """How it ended, in one line."""
-        execution = self.execution
-        name = execution.ending.name.lower() if execution.ending else "running"
-        return (
-            f"{name} after {execution.elapsed:.2f} s: {execution.reason}{self._refinement_remark('refined')}"
-        )
-
-    def new_records(self) -> list[ActionPerformance]:
-        """Return the records of the actions that have ended since the last call."""
-        new = [
-            action_record_of(record, self.execution, **self._named)
-            for record in self.execution.records[len(self._records) :]
-        ]
-        self._records += new
-        return new
-
-    @property
-    def stage(self) -> tuple[object, ...]:
-        """What others should learn of at once when it changes."""
-        run, records = self.execution, len(self._records)
-        return self._named["chain_id"], run.phase, run.step, records, run.refined, run.refined_again
-
-    def so_far(self, world: World) -> ChainPerformance:
-        """Return how it goes; `world` is the last state known."""
-        return chain_so_far_of(self.execution, self._records, world=world, **self._named)
+        run = self.supervisor
+        name = run.ending.name.lower() if run.ending else "running"
+        refinement = ""
+        if run.refining.wanted:
+            refinement = f" ({'refined' if run.refining.refined else run.refining.reason})"
+        return f"{name} after {run.executor.elapsed:.2f} s: {run.reason}{refinement}"
 
     def publish_feedback(self) -> None:
         """Publish feedback when the status changes, otherwise every 0.1 s."""
-        execution = self.execution
-        now = execution.elapsed + (execution.start.time if execution.start else 0.0)
-        told, when = self._told
-        status = f"{execution.step} {execution.phase.value}"
-        if not self.handle.is_active or (status == told and abs(now - when) < _FEEDBACK_PERIOD):
+        run = self.supervisor
+        now = run.executor.elapsed + (run.start.time if run.start else 0.0)
+        published, when = self._feedback
+        status = f"{run.executor.index} {run.phase.value}"
+        if not self.handle.is_active or (status == published and abs(now - when) < _FEEDBACK_PERIOD):
             return
-        self._told = (status, now)
-        phase, reason = execution.phase.value, execution.reason
-        doing = phase if reason == phase else f"{phase}: {reason}"
+        self._feedback = (status, now)
+        phase = run.phase.value
+        doing = phase if run.reason == phase else f"{phase}: {run.reason}"
         feedback = ExecuteChain.Feedback(
-            chain_id=self._named["chain_id"],
-            step=execution.step,
-            steps=len(execution.chain),
-            top=execution.top.name,
-            status=f"{doing}{self._refinement_remark()}",
-            elapsed=execution.elapsed,
-            predicted_remaining=execution.predicted_remaining(now),
+            chain_id=self._id,
+            step=run.executor.index,
+            steps=len(run.executor.chain),
+            top=run.executor.call.top.name,
+            status=f"{doing} ({run.refining.reason})" if run.refining.wanted else doing,
+            elapsed=run.executor.elapsed,
+            predicted_remaining=run.predicted_remaining(now),
         )
         self.handle.publish_feedback(feedback)
 
     # Refinement
 
-    def _refinement_remark(self, refined: str = "") -> str:
-        """Return the result of refinement in parentheses; empty if the goal does not ask for refinement."""
-        if not self.handle.request.refine:
-            return ""
-        short = refined if refined and self.execution.refined else self.execution.refinement
-        return f" ({short})"
-
     def request_refinement(self) -> None:
-        """Ask what the execution wants to know, once the service is there; forget a question that is over."""
-        question = self.execution.question
+        """Send an open question, once the service is there; forget a question that is over."""
+        question = self.supervisor.question
         if question is not self._asked and self._request is not None:
             if not self._request.done():
                 self._refinement.remove_pending_request(self._request)
@@ -183,48 +168,105 @@ class GoalRun:
         request = RefineSubgoal.Request(
             chain=goal.chain, objective=goal.objective, alternatives=goal.alternatives
         )
-        if self.execution.phase is not Phase.REFINING:  # the chain has changed since it came
-            write = functools.partial(
-                messages.chain_of, action_set=self._library.action_set, frame=self._frame
-            )
+        if self.supervisor.phase is not Phase.REFINING:  # the chain has changed since it came
+            write = functools.partial(chain_of, action_set=self._library.action_set, frame=self._frame)
             request.chain = write(question.chain)
             request.alternatives = [write(other.chain) for other in question.others]
             request.as_given = True  # to be better than what is driven
-        request.situation = messages.situation_of(question.world, frame=self._frame)
+        request.situation = situation_of(question.world, frame=self._frame)
         self._asked, self._request = question, self._refinement.call_async(request)
         self._request.add_done_callback(functools.partial(self._take_answer, question))
 
     def _take_answer(self, question: Question, future: Future) -> None:
-        answer = future.result()
-        if answer is None or question is not self.execution.question:  # withdrawn, or late
+        answer, run = future.result(), self.supervisor
+        if answer is None or question is not run.question:  # withdrawn, or late
             return
         reason = printable(answer.reason, _LONGEST_REASON)  # of any server, in feedback, records and the log
         if not answer.accepted:
-            self.execution.unrefined(reason)
+            run.unrefined(reason)
             return
+        where = "refined chain"
         try:
-            chain = messages.chain_from(
-                answer.chain, self._library, frame=self._frame, where="refined chain", fence=self._fence
-            )
+            chain = chain_from(answer.chain, self._library, frame=self._frame, where=where, fence=self._fence)
         except MessageError as error:
-            self.execution.unrefined(str(error))
+            run.unrefined(str(error))
         else:
-            self.execution.refined_to(chain, answer.refined, reason, chosen=answer.chosen)
+            run.refined_to(chain, answer.refined, reason, chosen=answer.chosen)
 
-    # The end
+    # Records
+
+    def new_records(self) -> list[ActionPerformance]:
+        """Return the records of the actions that have ended since the last call."""
+        new = [self._action_record(each) for each in self.supervisor.executor.records[len(self._records) :]]
+        self._records += new
+        return new
+
+    def _action_record(self, record: ActionRecord) -> ActionPerformance:
+        chain, frame = self.supervisor.executor.chain, self._frame
+        message = ActionPerformance(
+            chain_id=self._id,
+            step=record.index,
+            steps=len(chain),
+            action=record.action,
+            action_set=self._library.action_set,
+            call=call_of(dataclasses.replace(chain.calls[record.index], goal=record.goal), frame=frame),
+            start=situation_of(record.start, frame=frame),
+            end=situation_of(record.end, frame=frame),
+            predicted=performance_of(None if record.predicted is None else record.predicted()),
+            actual=_actual(record.duration, record.ending, record.position_error),
+            heading_error=float(record.heading_error),
+            outcome=Outcome(code=record.ending.value, reason=record.reason),
+        )
+        message.header = message.end.header
+        return message
+
+    @property
+    def stage(self) -> tuple[object, ...]:
+        """What listeners should learn of at once when it changes."""
+        run, refining = self.supervisor, self.supervisor.refining
+        return self._id, run.phase, run.executor.index, len(self._records), refining.refined, refining.again
+
+    def so_far(self, world: World) -> ChainPerformance:
+        """Return how it goes, without predictions; `world` is the last state known."""
+        run = self.supervisor
+        waits = run.phase in (Phase.WAITING, Phase.REFINING)
+        message = self._chain_record(world)
+        message.predicted = performance_of()
+        message.actual = performance_of({} if waits else {"duration": run.executor.elapsed})
+        message.outcome = Outcome(code=run.ending.value if run.ending else 0, reason=run.reason)
+        return message
 
     def result(self, world: World | None) -> Any:
         """Return the result of the goal; `world` is the last known state."""
-        ending = self.execution.ending or Ending.FAILED
+        run, ending = self.supervisor, self.supervisor.ending or Ending.FAILED
         if world is None:
-            return unstarted(self.handle, ending, self.execution.reason, frame=self._frame)
-        record = chain_record_of(self.execution, self._records, end=world, **self._named)
+            return unstarted(self.handle, ending, run.reason, frame=self._frame)
+        record = self._chain_record(world)
+        record.predicted = chain_performance_of(run.forecast.whole)
+        record.actual = _actual(run.executor.elapsed, ending)
+        record.outcome = Outcome(code=ending.value, reason=run.reason)
         return ExecuteChain.Result(outcome=record.outcome, record=record)
+
+    def _chain_record(self, world: World) -> ChainPerformance:
+        """Return what is known of the chain whether or not it has ended."""
+        run, action_set, frame = self.supervisor, self._library.action_set, self._frame
+        message = ChainPerformance(
+            chain_id=self._id,
+            chain=chain_of(run.executor.chain, action_set=action_set, frame=frame),
+            start=situation_of(run.start or world, frame=frame),
+            refined=run.refining.refined,
+            refinement=run.refining.reason,
+            fetched=run.executor.fetched,
+            refined_again=run.refining.again,
+            actions=self._records,
+        )
+        message.header = situation_of(world, frame=frame).header
+        return message
 
 
 def _alternatives(goal: ExecuteChain.Goal, library: TopLibrary, frame: str, fence: Fence) -> list[TopChain]:
-    """Read the alternatives of a goal; raises MessageError where one cannot be read."""
-    read = messages.alternatives_from(goal.alternatives, library, frame=frame, fence=fence)
+    """Read the alternatives of a goal; raises MessageError if one cannot be read."""
+    read = alternatives_from(goal.alternatives, library, frame=frame, fence=fence)
     for each in read:
         if isinstance(each, str):
             raise MessageError(each)
@@ -238,13 +280,13 @@ def id_of(handle: ServerGoalHandle) -> str:
 
 def unstarted(handle: ServerGoalHandle, ending: Ending, reason: str, *, frame: str) -> Any:
     """Return the result of a goal that cannot be used, or that ended before it began."""
-    outcome = outcome_of(ending, reason)
+    outcome = Outcome(code=ending.value, reason=reason)
     record = ChainPerformance(
         chain_id=id_of(handle),
-        chain=messages.echo_of(handle.request.chain),
+        chain=echo_of(handle.request.chain),
         refinement="not requested",
-        predicted=messages.performance_of(),
-        actual=actual(0.0, ending),
+        predicted=performance_of(),
+        actual=_actual(0.0, ending),
         outcome=outcome,
     )
     record.header.frame_id = frame
@@ -262,25 +304,7 @@ def concluded(ending: Ending, result: Any, handle: ServerGoalHandle) -> Any:
     return result
 
 
-def run_of(
-    handle: ServerGoalHandle,
-    libraries: Mapping[str, TopLibrary],
-    predictors: Mapping[str, Predictor],
-    refinement: Client,
-    settings: Mapping[str, Any],
-    fence: Fence,
-    rolling: Rolling,
-) -> GoalRun:
-    """Return the run of a goal with the executor's parameters; raises MessageError as `GoalRun` does."""
-    action_set = messages.action_set_from(handle.request.chain, allowed=libraries)
-    return GoalRun(
-        handle,
-        libraries[action_set],
-        predictors[action_set],
-        refinement,
-        deadlines=deadlines_of(settings),
-        refine_again_after=settings["refine_again_after"],
-        fence=fence,
-        rolling=rolling,
-        frame=settings["frame"],
-    )
+def _actual(duration: float, ending: Ending, accuracy: float = math.nan) -> Performance:
+    """Write an actual performance; whether an action that was broken off had succeeded is unknown."""
+    success = math.nan if ending in _BROKEN_OFF else float(ending is Ending.SUCCEEDED)
+    return performance_of({"duration": duration, "spread": 0.0, "success": success, "accuracy": accuracy})

@@ -15,7 +15,7 @@ from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, Outcome
-from ator_ros.execution.phases import Phase
+from ator_ros.execution.supervisor import Phase
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.silence import Silence, lose
 from ator_ros.nodes.spun_node import SpunNode

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from ator_interfaces.srv import PlanChains
-from ator_ros.execution.phases import Ending
+from ator_ros.execution.chain_executor import Ending
 from ator_ros.nodes import messages
 from ator_ros.nodes.plan_messages import is_asked_for
 from ator_ros.nodes.qos import SERVICES

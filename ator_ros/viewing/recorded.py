@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ator_ros.execution.phases import Ending
+from ator_ros.execution.chain_executor import Ending
 from ator_ros.experience.records import SUCCEEDED
 from ator_ros.geometry import Pose
 from ator_ros.printable import printable

@@ -14,8 +14,7 @@ from rclpy.node import Node
 
 from ator_ros.actions.base import Goal, Status, Step
 from ator_ros.geometry import Pose
-from ator_ros.nodes.remote_action import RemoteAction
-from ator_ros.nodes.remote_server import RemoteServer
+from ator_ros.nodes.remote_actions import RemoteAction, RemoteServer
 from ator_ros.robot.description import load_robot
 from ator_ros.world.state import RobotState, World
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ator_ros.nodes import executor_settings, goal_pose, learning, refinement, simulation
+from ator_ros.nodes import executor, goal_pose, learning, refinement, simulation
 from ator_ros.nodes.parameters import Parameter, SetupError
 from ator_ros.tools import calibrate
 
 ROOT = Path(__file__).parents[2]
 NODES: dict[str, Sequence[Parameter]] = {
-    "executor": executor_settings.parameters_for(["ball"]),
+    "executor": executor.parameters_for(["ball"]),
     "simulation": simulation.parameters_for(["ball"]),
     "refinement": refinement.PARAMETERS,
     "learning": learning.PARAMETERS,

@@ -1,0 +1,470 @@
+"""Supervises one goal: waits, refines, executes, stops. Both clocks are passed in."""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from ator_ros.actions import TIME_LIMIT
+from ator_ros.actions.base import Status
+from ator_ros.execution.chain_executor import ChainExecutor, Ending, TransitionError
+from ator_ros.execution.fence import Fence, FenceWatch
+from ator_ros.execution.predictions import Forecast, Predictor
+from ator_ros.execution.refining import AGAIN_AFTER, Question, Refining
+from ator_ros.execution.rolling import Rolling
+from ator_ros.geometry import FloatArray
+from ator_ros.tops.chain import Top, TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.objects import at_rest, missing_in, missing_object, objects_in
+from ator_ros.world.state import STOP, Command, World
+
+WATCH_PERIOD = 0.05
+"""Real time in s between two checks of the deadlines."""
+LONGEST_STOP_DELAY = 5.0
+"""Greatest factor by which a slow clock delays the command to stand. After a pause of some seconds a clock
+seems up to 50 times slower than real time; the end of a goal may wait that long, a moving robot must not."""
+LONGEST_STOP = 5.0
+"""Time in s for which a robot that still moves is commanded to stop."""
+_FIRST_GAP = 1.0
+"""Real s in which a robot that does not drive yet may lack odometry, whose rate may not be known."""
+
+
+class Phase(enum.Enum):
+    """Phase of the execution of a goal."""
+
+    WAITING = "waiting for the first state"
+    REFINING = "waiting for refinement"
+    EXECUTING = "executing"
+    STOPPING = "stopping"
+    ENDED = "ended"
+
+
+class Signal(enum.Enum):
+    """What happens to a goal besides its endings."""
+
+    READY = "all that the chain needs is known, and no refinement is wanted"
+    ASKED = "all that the chain needs is known, and refinement is asked"
+    ANSWERED = "refinement has answered or timed out"
+    STOOD = "the robot stands, or the time to stop is over"
+    SILENT = "odometry is missing, so no state will show that the robot stands"
+    DROPPED = "the goal does not wait until the robot stands: a newer goal takes over, or the program ends"
+
+
+Event = Signal | Ending
+
+_FROM_OUTSIDE = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN, Ending.INPUT_LOST, Ending.BASE_FAULT)
+ENDINGS: Mapping[Phase, tuple[Ending, ...]] = MappingProxyType(
+    {
+        Phase.WAITING: (*_FROM_OUTSIDE, Ending.REFUSED),
+        Phase.REFINING: _FROM_OUTSIDE,
+        Phase.EXECUTING: (
+            *_FROM_OUTSIDE,
+            Ending.SUCCEEDED,
+            Ending.FAILED,
+            Ending.OBJECT_LOST,
+            Ending.OUT_OF_BOUNDS,
+        ),
+    }
+)
+"""How a goal may end in each phase; the robot then stops."""
+
+TRANSITIONS: Mapping[tuple[Phase, Event], Phase] = MappingProxyType(
+    {
+        (Phase.WAITING, Signal.READY): Phase.EXECUTING,
+        (Phase.WAITING, Signal.ASKED): Phase.REFINING,
+        (Phase.REFINING, Signal.ANSWERED): Phase.EXECUTING,
+        **{(phase, ending): Phase.STOPPING for phase, endings in ENDINGS.items() for ending in endings},
+        (Phase.STOPPING, Ending.BASE_FAULT): Phase.STOPPING,  # instead of a success
+        (Phase.STOPPING, Signal.STOOD): Phase.ENDED,
+        (Phase.STOPPING, Signal.SILENT): Phase.ENDED,
+        (Phase.STOPPING, Signal.DROPPED): Phase.ENDED,
+    }
+)
+"""All transitions: phase and event, and the phase that follows."""
+
+
+@dataclass(frozen=True, slots=True)
+class Deadlines:
+    """Times after which waiting ends.
+
+    Attributes
+    ----------
+    start : float
+        Real time in s from the goal's acceptance until everything that its chain needs is known.
+    odom : float
+        Real time in s without newer odometry, once there was some.
+    refinement : float
+        Real time in s that refinement may take.
+    action : float
+        Time in s on odometry's clock that one step may take, including all changes of its goal.
+    """
+
+    start: float = 2.0
+    odom: float = 0.3
+    refinement: float = 0.5
+    action: float = TIME_LIMIT
+
+    @property
+    def silence(self) -> float:
+        """Real time in s without newer odometry after which the robot should stand."""
+        return self.odom / 2.0
+
+    @property
+    def longest_gap(self) -> float:
+        """Greatest real time in s from the last odometry until the robot is commanded to stand."""
+        return self.silence + WATCH_PERIOD
+
+
+class Supervisor:
+    """One goal, from its acceptance until the robot stands again; its phases follow `TRANSITIONS`.
+
+    Attributes
+    ----------
+    phase : Phase
+        The present phase.
+    ending : Ending or None
+        How the goal ended; None before.
+    reason : str
+        A sentence on what happens now; after the end, on why it ended.
+    start : World or None
+        The state in which the chain started, before that the newest one; None if there was none.
+    executor : ChainExecutor
+        Executes the chain: present goals, step, records, elapsed time.
+    refining : Refining
+        Questions to refinement, their results, and what they change.
+    forecast : Forecast
+        Predictions of the chain.
+    slowdown : float
+        How many times longer the real timeouts of odometry are: 1, or more where its clock is slow.
+
+    Parameters
+    ----------
+    library : TopLibrary
+        TOPs and actions.
+    chain : TopChain
+        The chain to execute.
+    now : float
+        Real time in s, in all methods; states carry a time of their own.
+    predictor, deadlines, fence
+        Predictions of chains, times after which waiting ends, area in which the robot may drive.
+    refine : bool
+        Whether the goal asks for refinement; the chain starts after the first answer.
+    again_after : float
+        Distance in m by which an object or the robot must differ from the last question before refinement is
+        asked again; 0: never again.
+    fetches : int
+        Number of times that a lost object may be fetched again.
+    alternatives : sequence of TopChain
+        Other chains for the same end: refinement may choose one of them, and without it the first valid
+        plan is executed.
+    rolling : Rolling, optional
+        What is known of how objects roll; see `ChainExecutor`.
+    """
+
+    def __init__(
+        self,
+        library: TopLibrary,
+        chain: TopChain,
+        *,
+        now: float,
+        predictor: Predictor,
+        deadlines: Deadlines,
+        fence: Fence,
+        refine: bool = False,
+        again_after: float = AGAIN_AFTER,
+        fetches: int = 0,
+        alternatives: Sequence[TopChain] = (),
+        rolling: Rolling | None = None,
+    ) -> None:
+        self.phase = Phase.WAITING
+        self.ending: Ending | None = None
+        self.reason = Phase.WAITING.value
+        self.start: World | None = None
+        self.slowdown = 1.0
+        self.executor = ChainExecutor(
+            library,
+            chain,
+            time_limit=deadlines.action,
+            predict=predictor.later,
+            fetches=fetches,
+            rolling=rolling,
+        )
+        plans = (chain, *alternatives)
+        self.refining = Refining(self.executor, library, plans, wanted=refine, again_after=again_after)
+        self.forecast = Forecast(predictor, self.executor)
+        self._plans, self._robot, self._deadlines = plans, library.robot, deadlines
+        self._fence = FenceWatch(fence, library.robot, deadlines.longest_gap)
+        self._missing: str | None = None  # an object that the last state lacked
+        self._newest: World | None = None
+        self._accepted, self._heard = now, math.inf
+        self._stopped_at = math.inf
+
+    @property
+    def question(self) -> Question | None:
+        """The open question to refinement; None if there is none."""
+        return self.refining.question if self.phase in (Phase.REFINING, Phase.EXECUTING) else None
+
+    def way(self) -> FloatArray | None:
+        """Return the planned path of the action under way; see `Action.way`."""
+        return self.executor.way() if self.phase is Phase.EXECUTING else None
+
+    def predicted_remaining(self, now: float) -> float:
+        """Return the predicted time in s from `now`, on odometry's clock, to the end; NaN if unknown."""
+        return 0.0 if self.ending is not None else self.forecast.remaining(now)
+
+    # Ticks
+
+    def tick(
+        self,
+        world: World,
+        now: float,
+        *,
+        overdue: frozenset[str] = frozenset(),
+        fault: str | None = None,
+    ) -> Command | None:
+        """Process a newer state of the world; return the command for it.
+
+        Parameters
+        ----------
+        world : World
+            The state.
+        now : float
+            Real time in s.
+        overdue : frozenset of str
+            Objects whose messages are late: a step that needs one pauses.
+        fault : str, optional
+            How the base does not follow its commands; the goal then ends.
+
+        Returns
+        -------
+        Command or None
+            None if another program moves the robot.
+        """
+        if fault is not None:
+            self.misbehaved(fault)
+        self._heard, self._newest = now, world
+        # The first command, to stand, makes a simulation wait for the next one, which takes planning.
+        if self.phase is Phase.WAITING and self._begin(world, now) and world.robot.is_standing:
+            return STOP
+        if self.phase is Phase.EXECUTING:
+            return self._execute(world, now, overdue=overdue)
+        if self.phase is Phase.STOPPING:
+            self._stop(world)
+        return STOP
+
+    def _begin(self, world: World, now: float) -> bool:
+        """Start once all objects that the chain needs are known; return whether it is executed now."""
+        self.start = world
+        unknown = missing_in(self.executor.chain.calls, world)
+        if unknown is not None:
+            self.reason = f"waiting for the {unknown[0]}"
+            return False
+        if not self._choose_plan(world):
+            return False
+        if self.refining.wanted:
+            self.refining.ask(world, now)
+        self._dispatch(Signal.ASKED if self.refining.wanted else Signal.READY)
+        self.reason = self.phase.value
+        return not self.refining.wanted
+
+    def _choose_plan(self, world: World) -> bool:
+        """Take the first plan that is valid from `world`; end without one."""
+        reasons = []
+        for plan in self._plans:
+            violations = plan.violations(world, self._robot)
+            if not violations:
+                self.executor.choose(plan)
+                return True
+            reasons.append("; ".join(violations))
+        self.end(Ending.REFUSED, f"no valid plan: {' | '.join(reasons)}")
+        return False
+
+    def _execute(self, world: World, now: float, *, overdue: frozenset[str]) -> Command | None:
+        if not self.forecast.begun:
+            self.start = world  # later than the first state if refinement took time
+            self.forecast.begin(world)
+        pause = self._guard(world, overdue)
+        if self.phase is not Phase.EXECUTING:
+            return STOP
+        if pause and not self.executor.released:
+            self.reason = pause
+            return STOP
+        if self.refining.apply(world):
+            self.forecast.change(at_rest(world, self._robot))
+        step = self.executor.step(world)
+        self.reason = step.message
+        if step.status is Status.RUNNING:
+            self.refining.ask_again(world, now)
+            return step.command
+        if step.status is Status.FAILED and self.refining.revert(step.message):
+            self.forecast.change(at_rest(world, self._robot))
+            return STOP
+        last = self.executor.records[-1]
+        if not self._lacks(self.executor.call.top, world):  # the step that has just begun
+            if last.lost is not None:
+                self.end(Ending.OBJECT_LOST, f"{last.lost} lost in {self._top.name}: {step.message}")
+            else:
+                self.end(last.ending, step.message)
+        return STOP
+
+    def _guard(self, world: World, overdue: frozenset[str]) -> str:
+        """Check what ends or pauses a step whatever its action does; return why it pauses, or "".
+
+        The goal ends if an object is unknown in two states in a row. One state may lack it: after a long tick
+        odometry may be read before the object's message.
+        """
+        top = self._top
+        before, self._missing = self._missing, missing_object(top, world)
+        if self._missing and before:
+            self._lacks(top, world)
+            return ""
+        late = self._missing or next((name for name in objects_in(top) if name in overdue), None)
+        if late:
+            return f"{top.name} paused: no recent message of the {late}"
+        fault = self._fence.fault(world, self.executor.call)
+        if fault is not None:
+            self.end(Ending.OUT_OF_BOUNDS, fault)
+        return f"{top.name} paused: what it follows leads out of the fence" if self._fence.pausing else ""
+
+    def _lacks(self, top: Top, world: World) -> bool:
+        """End if an object that a TOP needs is unknown; return whether it is."""
+        name = missing_object(top, world)
+        if name is not None:
+            self.end(Ending.INPUT_LOST, f"{name} is missing: {top.name} needs it, and no recent one is known")
+        return name is not None
+
+    @property
+    def _top(self) -> Top:
+        return self.executor.call.top
+
+    def _stop(self, world: World) -> None:
+        """Wait until the robot stands, or until it should."""
+        self._stopped_at = min(self._stopped_at, world.time)
+        late = world.time - self._stopped_at > LONGEST_STOP
+        if late and not world.robot.is_standing:
+            self.explain(
+                f"the robot still moves at {world.robot.v:.2f} m/s and {world.robot.w:.2f} rad/s, "
+                f"{LONGEST_STOP:g} s after it was commanded to stop"
+            )
+        if late or world.robot.is_standing:
+            self._dispatch(Signal.STOOD)
+
+    # Deadlines
+
+    def silent(self, now: float) -> bool:
+        """Return whether odometry has been missing for half its deadline, so that the robot should stand.
+
+        A slow clock makes that at most `LONGEST_STOP_DELAY` times longer. A robot that another program moves
+        cannot be paused: our commands would only disturb.
+        """
+        released = self.phase is Phase.EXECUTING and self.executor.released
+        waiting = self.phase is not Phase.ENDED and not released
+        slowdown = min(self.slowdown, LONGEST_STOP_DELAY)
+        return waiting and now - self._heard > slowdown * self._deadlines.silence
+
+    def listening(self, now: float) -> None:
+        """Restart the deadline of odometry at `now`: messages that came during a tick were not missing."""
+        self._heard = now
+
+    def postpone(self, now: float, why: str) -> None:
+        """Restart the deadline of a goal that has not begun, and cannot yet."""
+        if self.phase is Phase.WAITING:
+            self._accepted, self.reason = now, why
+
+    def watch(self, now: float) -> None:
+        """Check all deadlines at `now`."""
+        if self.phase is Phase.WAITING and now - self._accepted > self.slowdown * self._deadlines.start:
+            self._give_up_waiting()
+        if self.question is not None and now - self.question.asked > self._deadlines.refinement:
+            self.unrefined(f"no answer within {self._deadlines.refinement:g} s")
+        limit = self.slowdown * self._deadlines.odom
+        if self.phase is Phase.WAITING:
+            limit = max(limit, _FIRST_GAP)
+        if self.phase is not Phase.ENDED and now - self._heard > limit:
+            reason = f"odom is missing: expected newer odometry within {limit:.3g} s, got none"
+            self.end(Ending.INPUT_LOST, reason)
+            self._dispatch(Signal.SILENT)
+
+    def _give_up_waiting(self) -> None:
+        seconds = self.slowdown * self._deadlines.start
+        got = "got none" if math.isinf(self._heard) else "it came too late"
+        limit = f"expected one within {seconds:.3g} s of the goal"
+        if self.start is None:
+            self.end(Ending.INPUT_LOST, f"odom is missing: {limit}, {got}")
+            self._dispatch(Signal.SILENT)
+        else:
+            name, top = missing_in(self.executor.chain.calls, self.start) or ("", "")
+            self.end(Ending.INPUT_LOST, f"{name} is missing: {top} needs it, {limit}, got none")
+
+    # Answers of refinement
+
+    def refined_to(self, chain: TopChain, refined: bool, reason: str, *, chosen: int = 0) -> None:
+        """Accept the answer to `question`.
+
+        Parameters
+        ----------
+        chain : TopChain
+            The answer. An unrefined one may differ from the question: naive values replace placeholders.
+        refined : bool
+            Whether it is refined.
+        reason : str
+            Why, or why not.
+        chosen : int
+            Index of the chain that was refined: 0 is that of the question, others are its alternatives.
+        """
+        if self.question is not None:
+            self.refining.take(chain, refined, reason, chosen)
+            self._start_answered()
+
+    def unrefined(self, why: str) -> None:
+        """Continue with the unchanged chain because `question` has no valid answer."""
+        if self.question is not None:
+            self.refining.refuse(why)
+            self._start_answered()
+
+    def _start_answered(self) -> None:
+        if self.phase is Phase.REFINING:
+            self._dispatch(Signal.ANSWERED)
+            self.reason = self.phase.value  # feedback may be sent before the next tick
+
+    # The end
+
+    def end(self, ending: Ending, reason: str) -> None:
+        """End the goal, once: later reasons are ignored. An action under way is recorded as broken off."""
+        if self.ending is not None:
+            return
+        if self._newest is not None:
+            self.executor.break_off(self._newest, ending, reason)
+        self._dispatch(ending)
+        self.reason = reason
+        if math.isinf(self._heard):  # odometry never came: its deadline counts from the acceptance
+            self._heard = self._accepted
+
+    def misbehaved(self, reason: str) -> None:
+        """End because the base does not follow its commands, even if only its standstill is awaited."""
+        if self.ending is Ending.SUCCEEDED and self.phase is Phase.STOPPING:
+            self._dispatch(Ending.BASE_FAULT)
+            self.reason = reason
+        self.end(Ending.BASE_FAULT, reason)
+
+    def explain(self, cause: str) -> None:
+        """Add the cause of the end to its reason; empty: none is known."""
+        if cause and cause not in self.reason:
+            self.reason = f"{self.reason}; {cause}"
+
+    def drop(self) -> None:
+        """End a goal that stops at once, without waiting until the robot stands."""
+        if self.phase is Phase.STOPPING:
+            self._dispatch(Signal.DROPPED)
+
+    def _dispatch(self, event: Event) -> None:
+        """Go on to the phase that follows; raise TransitionError if the table has no such transition."""
+        following = TRANSITIONS.get((self.phase, event))
+        if following is None:
+            raise TransitionError(f"phase {self.phase.name}: expected another event, got {event.name}")
+        self.phase = following
+        if isinstance(event, Ending):
+            self.ending = event

@@ -1,0 +1,436 @@
+"""Actions that the action servers of other programs execute: started, stepped and ended as ours are."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections.abc import Callable
+from functools import partial
+from itertools import chain
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
+from rclpy.exceptions import NameValidationException
+from rclpy.node import Node
+from rclpy.task import Future
+
+from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
+from ator_ros.actions.remote import RemoteCall, UnreachableAction, failure_in
+from ator_ros.actions.specification import ActionFactory
+from ator_ros.domains.domain import Domain
+from ator_ros.nodes.meeting import meeting_client, nobodys_goal
+from ator_ros.nodes.remote_messages import GoalWriter, RemoteError, action_type_of, check_result
+from ator_ros.robot.description import Robot
+from ator_ros.tops.library import TopLibrary
+from ator_ros.world.state import STOP, World
+
+_FINAL = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
+_QUESTIONS = 6
+"""Requests to a server within the longest silence."""
+_SHORTEST = 0.05
+"""Least real s between two of them."""
+
+
+class RemoteServers:
+    """The servers of a domain's remote actions; those that cannot be used are logged once.
+
+    Parameters
+    ----------
+    node : Node
+        The node that calls them.
+    domain : Domain
+        Its actions.
+    frame : str
+        The frame that states are estimated in.
+    clock : callable, optional
+        Returns the real time in s.
+    """
+
+    def __init__(
+        self, node: Node, domain: Domain, frame: str, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._domain = domain
+        callers: dict[RemoteCall, set[str]] = {}
+        for spec in chain.from_iterable(domain.action_sets.values()):
+            if spec.remote is not None:
+                callers.setdefault(spec.remote, set()).add(spec.name)
+        self._servers = {call: RemoteServer(node, call, frame, clock) for call in sorted(callers, key=repr)}
+        self.problem = "; ".join(
+            f"{server.fault}; without it {', '.join(sorted(callers[call]))} cannot be executed"
+            for call, server in self._servers.items()
+            if server.fault
+        )
+        """Which servers cannot be used as declared, and the actions that are lost with them; "": none."""
+        if self.problem:
+            node.get_logger().warning(self.problem)
+
+    def libraries(self, robot: Robot) -> dict[str, TopLibrary]:
+        """Return the libraries of all action sets, in which remote actions are executed by their servers."""
+        return {
+            action_set: self._domain.library(robot, action_set, self._factories(action_set))
+            for action_set in self._domain.action_sets
+        }
+
+    def _factories(self, action_set: str) -> dict[str, ActionFactory]:
+        specs = self._domain.actions(action_set)
+        return {name: self._factory(spec.remote) for name, spec in specs.items() if spec.remote is not None}
+
+    def _factory(self, call: RemoteCall) -> ActionFactory:
+        server = self._servers[call]
+        if server.fault:
+            return partial(UnreachableAction, why=server.fault)
+        return partial(RemoteAction, server=server)
+
+    def ending(self) -> bool:
+        """Return whether a server may still move the robot though its goal was canceled."""
+        return any(server.ending() for server in self._servers.values())
+
+    def remarks(self) -> list[str]:
+        """Return, once, which servers have ignored a cancellation."""
+        return list(filter(None, (server.remark() for server in self._servers.values())))
+
+
+class RemoteAction(Action):
+    """Lets an action server move the robot.
+
+    The goal is sent once the robot stands and has been commanded to: from then on no velocity is commanded,
+    until the server has ended. No method waits; the times of `Timeouts` are checked in each tick.
+
+    Parameters
+    ----------
+    robot : Robot
+        As for all actions.
+    server : RemoteServer
+        The server, with its clock.
+    """
+
+    name = "remote"
+
+    def __init__(self, robot: Robot, server: RemoteServer) -> None:
+        super().__init__(robot)
+        self._server = server
+        self._goal: Goal | None = None
+        self._sent: RemoteGoal | None = None
+        self._stopped = False
+        self._since = 0.0
+        """Real time in s from which the server's present answer is awaited."""
+        self._accepted: float | None = None
+        """Stamp in s of the state in which the goal was first known to be accepted."""
+
+    def start(self, world: World, goal: Goal) -> None:  # noqa: ARG002
+        """Commit to `goal`; it is sent in a later tick."""
+        fault = self._server.fault
+        if fault:
+            raise ActionError(fault)
+        self._goal, self._since = goal, self._server.clock()
+
+    def step(self, world: World) -> Step:
+        """Return None for a command from the tick on in which the goal is sent."""
+        if self._sent is None:
+            return self._before(world)
+        return self._failed() or self._answered(world, self._sent)
+
+    def end(self, reason: str) -> None:  # noqa: ARG002
+        """Cancel the goal, if the server may still be at it; the server says when that is over."""
+        if self._sent is not None:
+            self._server.release(self._sent)
+
+    def _before(self, world: World) -> Step:
+        """Stop, find the server, send the goal."""
+        server, now = self._server, self._server.clock()
+        commanded, self._stopped = self._stopped, True
+        if not (commanded and world.robot.is_standing):
+            self._since = now
+            return Step(STOP, Status.RUNNING, f"stopping, before {server.name} takes over")
+        unusable = server.unusable(now)
+        if unusable:
+            late = now - self._since > server.timeouts.server
+            return finished(Status.FAILED, unusable) if late else Step(STOP, Status.RUNNING, unusable)
+        assert self._goal is not None
+        self._sent, self._since = server.send(self._goal), now
+        return Step(None, Status.RUNNING, f"sent to {server.name}")
+
+    def _failed(self) -> Step | None:
+        """Return the end if the server is gone, or its answers cannot be used."""
+        server = self._server
+        if self._sent is not None and self._sent.fault:
+            return finished(Status.FAILED, f"{server.name}: {self._sent.fault}")
+        if self._sent is not None and self._sent.result is None and server.lost(server.clock()):
+            gone = (
+                f"{server.name} is gone: its action server has been missing for {server.timeouts.server:g} s"
+            )
+            return finished(Status.FAILED, gone)
+        return None
+
+    def _answered(self, world: World, sent: RemoteGoal) -> Step:
+        server, limits = self._server, self._server.timeouts
+        if sent.accepted is None:
+            if server.clock() - self._since > limits.acceptance:
+                silent = (
+                    f"{server.name} did not answer the goal: expected that within {limits.acceptance:g} s"
+                )
+                return finished(Status.FAILED, silent)
+            return Step(None, Status.RUNNING, f"waiting for {server.name} to accept")
+        if not sent.accepted:
+            return finished(Status.FAILED, f"{server.name} rejected the goal")
+        if self._accepted is None:
+            self._accepted = world.time
+            server.accepted(server.clock())
+        if sent.result is not None:
+            failure = server.failure_of(sent)
+            if failure is None:
+                return finished(Status.SUCCEEDED, f"{server.name} succeeded")
+            return finished(Status.FAILED, f"{server.name} failed: {failure}")
+        if server.silent(server.clock()):
+            within = f"expected a sign of life within {limits.silence:g} s, got none"
+            return finished(Status.FAILED, f"{server.name} is gone or hangs: {within}")
+        if world.time - self._accepted > limits.result:
+            late = f"{server.name} took too long: expected a result within {limits.result:g} s, got none"
+            return finished(Status.FAILED, late)
+        return Step(None, Status.RUNNING, f"executed by {server.name}")
+
+
+class RemoteServer:
+    """Sends goals to one action server, and knows which of them it may still be executing.
+
+    Parameters
+    ----------
+    node : Node
+        The node that calls it.
+    call : RemoteCall
+        What is declared of the server.
+    frame : str
+        The frame that states are estimated in.
+    clock : callable
+        Returns the real time in s.
+
+    Attributes
+    ----------
+    name : str
+        The server's name.
+    timeouts : Timeouts
+        How long it may take.
+    fault : str
+        Why it cannot be used, as where its type is not installed; empty where it can.
+    """
+
+    def __init__(self, node: Node, call: RemoteCall, frame: str, clock: Callable[[], float]) -> None:
+        self.name, self.timeouts, self.clock = call.server, call.timeouts, clock
+        self.fault = ""
+        self._node, self._call = node, call
+        self._seen = -math.inf
+        self._ending: list[tuple[RemoteGoal, float]] = []
+        try:
+            kind: Any = action_type_of(call.type)
+            self._writer = GoalWriter(call, kind.Goal, frame)
+            check_result(call, kind.Result)
+            self._client = ActionClient(node, kind, call.server)
+            self._heartbeat = Heartbeat(node, call.server, call.timeouts.silence)
+        except (RemoteError, NameValidationException) as error:
+            self.fault = f"action server {call.server}: {error}"
+
+    def present(self, now: float) -> bool:
+        """Return whether the server is there at `now`, in real s."""
+        there = bool(self._client.server_is_ready())
+        self._seen = now if there else self._seen
+        return there
+
+    def lost(self, now: float) -> bool:
+        """Return whether the server has been missing for longer than it may."""
+        return not self.present(now) and now - self._seen > self.timeouts.server
+
+    def unusable(self, now: float) -> str:
+        """Return why no goal can be sent now; empty if one can.
+
+        A server that was killed counts until DDS has given it up, which takes 20 s.
+        """
+        within = f"expected one action server within {self.timeouts.server:g} s"
+        if not self.present(now):
+            return f"{self.name}: {within}, got none"
+        servers = self._node.count_services(f"{self.name}/_action/send_goal")
+        return f"{self.name}: {within}, got {servers}: each would move the robot" if servers > 1 else ""
+
+    def send(self, goal: Goal) -> RemoteGoal:
+        """Send a goal."""
+        return RemoteGoal(self._client, self._writer.written(goal), self._heartbeat.heard)
+
+    def accepted(self, now: float) -> None:
+        """Watch over the server from `now` on, in real s: it has accepted a goal."""
+        self._heartbeat.begin(now)
+
+    def silent(self, now: float) -> bool:
+        """Return whether the server that executes a goal has been silent for longer than it may."""
+        return self._heartbeat.silence(now) > self.timeouts.silence
+
+    def failure_of(self, sent: RemoteGoal) -> str | None:
+        """Return in words why a goal with a result did not succeed; None if it did."""
+        return failure_in(self._call, sent.status, sent.result)
+
+    def release(self, sent: RemoteGoal) -> None:
+        """Cancel a goal that may not be over; until it is, or its time is up, the server counts as ending."""
+        now = self.clock()
+        self._heartbeat.end()
+        if not sent.over:
+            sent.cancel()
+            if self.present(now):
+                self._ending.append((sent, now + self.timeouts.cancel))
+
+    def ending(self) -> bool:
+        """Return whether a canceled goal may still be executed."""
+        self._ending = [(sent, until) for sent, until in self._ending if not sent.over]
+        return bool(self._ending) and self.present(self.clock()) and not self._overdue()
+
+    def remark(self) -> str:
+        """Return, once, that the server has ignored a cancellation; empty if it has not."""
+        if not (self._ending and self._overdue()):
+            return ""
+        self._ending = []
+        return (
+            f"{self.name} did not end its goal within {self.timeouts.cancel:g} s of its cancellation: "
+            "it may still move the robot"
+        )
+
+    def _overdue(self) -> bool:
+        return self.clock() > max(until for _, until in self._ending)
+
+
+class RemoteGoal:
+    """One goal, from its sending until its result.
+
+    The node's executor brings the answers between two ticks; nothing here waits.
+
+    Parameters
+    ----------
+    client : ActionClient
+        Of the server.
+    message : object
+        The goal.
+    heard : callable
+        Called when feedback comes.
+
+    Attributes
+    ----------
+    accepted : bool or None
+        Whether the server took the goal; None: it has not answered.
+    status : int
+        The final state of the goal with the server, once there is a result.
+    result : object or None
+        The result; None: there is none.
+    fault : str
+        What went wrong with an answer; empty if nothing did.
+    """
+
+    def __init__(self, client: ActionClient, message: Any, heard: Callable[[], None]) -> None:
+        self.accepted: bool | None = None
+        self.status = GoalStatus.STATUS_UNKNOWN
+        self.result: Any = None
+        self.fault = ""
+        self._handle: ClientGoalHandle | None = None
+        self._canceled = False
+        sent = client.send_goal_async(message, feedback_callback=lambda _: heard())
+        sent.add_done_callback(self._take_answer)
+
+    @property
+    def over(self) -> bool:
+        """Whether the server has nothing more to do for it, as far as is known."""
+        ended = self._handle is not None and self._handle.status in _FINAL
+        return self.accepted is False or self.result is not None or ended
+
+    def cancel(self) -> None:
+        """Ask the server to end it, now or when it is accepted after all."""
+        if self._canceled or self.over:
+            return
+        self._canceled = True
+        self._send_cancel()
+
+    def _send_cancel(self) -> None:
+        if self._handle is not None:
+            with contextlib.suppress(RuntimeError):  # the node is being destroyed
+                self._handle.cancel_goal_async()
+
+    def _take_answer(self, future: Future) -> None:
+        if self.accepted is not None:  # answered twice: the first answer counts
+            return
+        try:
+            handle = future.result()
+        except Exception as error:  # whatever another program's answer makes rclpy raise
+            self.fault = f"its answer cannot be used: {error}"
+            return
+        self.accepted = bool(handle.accepted)
+        if not self.accepted:
+            return
+        self._handle = handle
+        handle.get_result_async().add_done_callback(self._take_result)
+        if self._canceled:
+            self._send_cancel()
+
+    def _take_result(self, future: Future) -> None:
+        if self.result is not None:
+            return
+        try:
+            answer = future.result()
+        except Exception as error:  # as above
+            self.fault = f"its result cannot be used: {error}"
+            return
+        self.status, self.result = answer.status, answer.result
+
+
+class Heartbeat:
+    """Detects whether an action server that executes a goal is still there, by one request at a time.
+
+    DDS counts a server that was killed for up to 20 s. So the server is asked now and then to cancel a goal
+    that nobody has sent. Each server answers that at once, except one that has no thread left for it while
+    it drives: until it has answered once, its silence means nothing. A server that was restarted does not
+    answer what its predecessor was asked: it does not know the goal either.
+
+    Parameters
+    ----------
+    node : Node
+        The node that asks.
+    action : str
+        The name of the action.
+    longest : float
+        Real s of silence that a server that lives does not exceed.
+    """
+
+    def __init__(self, node: Node, action: str, longest: float) -> None:
+        self._period = max(longest / _QUESTIONS, _SHORTEST)
+        self._client: Any = meeting_client(node, action)
+        self._asked: Future | None = None
+        self._answers = False
+        self._next = self._checked = math.inf
+        self._quiet = 0.0
+
+    def begin(self, now: float) -> None:
+        """Begin to ask at `now`, in real s: a goal was accepted."""
+        self.end()
+        self._next, self._checked, self._quiet = now + self._period, now, 0.0
+
+    def heard(self) -> None:
+        """Record a sign of life, as feedback."""
+        self._quiet = 0.0
+
+    def silence(self, now: float) -> float:
+        """Return for how many real s nothing has come at `now`; 0 for a server that never answers."""
+        # While this node was stalled, answers were not read: a long time counts less.
+        self._quiet += min(max(now - self._checked, 0.0), self._period)
+        self._checked = now
+        if self._asked is None and now >= self._next:
+            self._next = now + self._period
+            self._asked = self._client.call_async(nobodys_goal())
+            self._asked.add_done_callback(self._take_answer)
+        return self._quiet if self._answers else 0.0
+
+    def _take_answer(self, future: Future) -> None:
+        if future is self._asked:
+            self._asked, self._answers = None, True
+            self.heard()
+
+    def end(self) -> None:
+        """Stop asking: the goal is over."""
+        asked, self._asked = self._asked, None
+        if asked is not None and not asked.done():
+            self._client.remove_pending_request(asked)
