@@ -35,7 +35,7 @@ from ator_interfaces.msg import ObjectState, TopCall
 from ator_interfaces.srv import PlaceObject, PlaceRobot, RefineSubgoal
 
 NODES = ("simulation", "refinement", "executor")
-PATIENCE = 60.0
+PATIENCE = 300.0
 SETTLED = 3.0
 """Seconds after which a node that has just started is idle."""
 TICKS = "99 % of the last 1000 ticks within (ms)"
