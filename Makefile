@@ -15,7 +15,7 @@ setup:
 demo: setup
 	@$(RUN) $(BIN)/demo $(ARGS)
 
-# A page in the browser; `make view ARGS='--port 8081 docs/evaluation'`.
+# A page in the browser; `make view ARGS='--port 8081'`.
 view: setup
 	@$(RUN) $(BIN)/view $(ARGS)
 

@@ -33,8 +33,7 @@ FLOORS = [
     "planning",
     "evaluation",
     "learning",
-    "viewing",
-    "page",
+    "view",
     "nodes",
     "tools",
 ]

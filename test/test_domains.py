@@ -7,7 +7,7 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
-from in_process_stage import InProcessStage
+from view.in_process import InProcessBackend
 
 from ator_ros.domains import domain as domains
 from ator_ros.domains.domain import DomainError, find_domain
@@ -20,7 +20,7 @@ from ator_ros.performance.features import CANDIDATES, GENERAL, names_of
 from ator_ros.planning.planner import task_for
 from ator_ros.robot.description import ConfigError, load_robot
 from ator_ros.tools import collect
-from ator_ros.viewing.desk import Desk
+from ator_ros.view.editor import Editor
 from ator_ros.world.state import ObjectState, RobotState, World
 
 
@@ -109,8 +109,8 @@ def test_a_chain_that_needs_what_is_left_out_is_refused_by_name_and_others_are_d
     assert actions == ["goToPose"]
     assert left_out == {"dribbleBall": LACKS, "shoot": LACKS.replace("dribbleBall", "shoot")}
     assert possible_chain(SMALL, library, "dribble", actions) == "drive"
-    desk = Desk(InProcessStage(SMALL, robot), SMALL, {"small": library})
-    assert desk.chain_name == "drive"
+    editor = Editor(InProcessBackend(SMALL, robot), SMALL, {"small": library})
+    assert editor.chain_name == "drive"
 
 
 def test_a_plan_says_which_tops_are_left_out() -> None:

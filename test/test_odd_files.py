@@ -30,7 +30,6 @@ TABLES = {
 }
 RECORDINGS = {
     "train recording": ["train", "ODD", "--models", "out"],
-    "view recording": ["view", "ODD"],
 }
 ROBOTS = {
     "collect --robot": ["collect", "--robot", "ODD", "--episodes", "1", "--out", "out.parquet"],
@@ -88,9 +87,7 @@ INSIDE = {
         ["evaluate", "--out", "FOLDER", "--again", "naive", "--policies", "naive"],
         "evaluation.json",
     ),
-    "an evaluation for view": (["view", "FOLDER"], "evaluation.json"),
     "settings for study": (["study", "--out", "FOLDER"], "settings.json"),
-    "a recording for view": (["view", "FOLDER"], "metadata.yaml"),
     "a recording for train": (["train", "FOLDER", "--models", "out"], "metadata.yaml"),
     "a store for train": (["train", "FOLDER", "--models", "out"], "store.json"),
 }

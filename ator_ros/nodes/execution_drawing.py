@@ -1,4 +1,4 @@
-"""The chain and the path that the executor drives, as topics for RViz and the view."""
+"""Topics of the executor for RViz and the view: the active chain, its planned path, objects, surroundings."""
 
 from __future__ import annotations
 
@@ -15,108 +15,106 @@ from ator_interfaces.msg import ChainPerformance
 from ator_ros.domains.domain import Domain
 from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.nodes.drawn import Drawn
 from ator_ros.nodes.goal_run import GoalRun
-from ator_ros.nodes.markers import marker_array, object_array
+from ator_ros.nodes.markers import LazyPublisher, marker_array, object_array
 from ator_ros.nodes.messages import pose_of, stamp_of
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
-from ator_ros.viewing.chain_picture import goals_of, picture_under_way
-from ator_ros.viewing.surroundings import surroundings
+from ator_ros.view.shapes import executed_chain_shapes, surroundings
 from ator_ros.world.state import World
 
 _PERIOD = 0.2
-"""Time in s, on odometry's clock, between two updates of the way, which an action may replan in each tick."""
+"""Time in s, on odometry's clock, between two updates of the path, which an action may plan in each tick."""
 _OBJECTS_PERIOD = 0.1
 _ROUNDING = 1e-6
-_TELL_PERIOD = 0.5
+_STATUS_PERIOD = 0.5
 _MOST_POSES = 60
-NO_WAY = np.zeros((0, 3))
+_NO_PATH = np.zeros((0, 3))
 
 
 class ExecutionDrawing:
-    """Publishes what is under way, all of it transient local.
+    """Publishes the active goal, all of it transient local.
 
     Publishes
-        planned_path (nav_msgs/Path): the way that the action under way has planned; empty where it has none.
-        chain_markers (visualization_msgs/MarkerArray): the chain under way; its present subgoal in orange.
-        object_markers (visualization_msgs/MarkerArray): the objects, ten times a second to who listens.
-        chain_under_way (ator_interfaces/ChainPerformance): the chain under way, at each change and twice a
-            second, as far as it is known; predictions are not, and its outcome has code 0 until it ends.
+        planned_path (nav_msgs/Path): the path that the active action has planned; empty without one.
+        chain_markers (visualization_msgs/MarkerArray): the active chain; its present subgoal in orange.
+        object_markers (visualization_msgs/MarkerArray): the objects, ten times a second to subscribers.
+        chain_under_way (ator_interfaces/ChainPerformance): the active chain, at each change and twice a
+            second, without predictions; its outcome has code 0 until it ends.
         scene_markers (visualization_msgs/MarkerArray): area, bays, and the domain's lines.
 
     Parameters
     ----------
     node : Node
-        Who publishes.
+        The node that publishes.
     domain, robot : Domain, Robot
-        With the surroundings.
+        Their surroundings are drawn.
     frame : str
         The frame of odometry.
     """
 
     def __init__(self, node: Node, domain: Domain, robot: Robot, frame: str) -> None:
         self._scene, self._frame = robot.scene, frame
-        self._path = Drawn(node, Path, "planned_path")
-        self._chain = Drawn(node, MarkerArray, "chain_markers")
+        self._path = LazyPublisher(node, Path, "planned_path")
+        self._chain = LazyPublisher(node, MarkerArray, "chain_markers")
         self._objects = node.create_publisher(MarkerArray, "object_markers", LATCHED)
-        self._surroundings = Drawn(node, MarkerArray, "scene_markers")
-        self._surroundings.offer(lambda: marker_array(surroundings(domain, robot), "scene", frame))
-        self._under_way = Drawn(node, ChainPerformance, "chain_under_way")
-        self._told: tuple[tuple[object, ...], float] = ((), -math.inf)
+        self._surroundings = LazyPublisher(node, MarkerArray, "scene_markers")
+        self._surroundings.publish(lambda: marker_array(surroundings(domain, robot), "scene", frame))
+        self._under_way = LazyPublisher(node, ChainPerformance, "chain_under_way")
+        self._published: tuple[tuple[object, ...], float] = ((), -math.inf)
         self._drawn: tuple[TopChain | None, int] = (None, 0)
-        self._way, self._looked, self._shown = NO_WAY, -math.inf, -math.inf
+        self._path_drawn, self._checked, self._objects_drawn = _NO_PATH, -math.inf, -math.inf
 
     def follow(self, run: GoalRun, world: World | None) -> None:
-        """Tell of the goal under way, and draw its chain until it ends; `world` is the newest state."""
+        """Publish the status of a goal, and draw its chain until it ends; `world` is the newest state."""
         if world is not None:
-            self._tell(run, world)
+            self._publish_status(run, world)
         self._draw(run.supervisor, world)
 
-    def _tell(self, run: GoalRun, world: World) -> None:
-        told, when = self._told
-        if run.stage != told or abs(world.time - when) >= _TELL_PERIOD:
-            self._told = run.stage, world.time
-            self._under_way.offer(partial(run.so_far, world))
+    def _publish_status(self, run: GoalRun, world: World) -> None:
+        stage, when = self._published
+        if run.stage != stage or abs(world.time - when) >= _STATUS_PERIOD:
+            self._published = run.stage, world.time
+            self._under_way.publish(partial(run.so_far, world))
 
     def _draw(self, run: Supervisor, world: World | None) -> None:
-        under_way = run.phase is Phase.EXECUTING and world is not None
-        drawn = (run.executor.chain if under_way else None, run.executor.index)
+        active = run.phase is Phase.EXECUTING and world is not None
+        drawn = (run.executor.chain if active else None, run.executor.index)
         now = 0.0 if world is None else world.time
-        if drawn == self._drawn and abs(now - self._looked) < _PERIOD:
+        if drawn == self._drawn and abs(now - self._checked) < _PERIOD:
             return
-        self._looked = now
+        self._checked = now
         if drawn != self._drawn:
             self._drawn, start = drawn, run.start
             pose = Pose(0.0, 0.0, 0.0) if start is None else start.robot.pose
-            self._chain.offer(partial(self._chain_message, pose, *drawn))
-        way = run.way()
-        way = NO_WAY if way is None else way
-        if not np.array_equal(way, self._way):
-            self._way = way
-            self._path.offer(partial(self._path_message, way, now))
+            self._chain.publish(partial(self._chain_message, pose, *drawn))
+        path = run.way()
+        path = _NO_PATH if path is None else path
+        if not np.array_equal(path, self._path_drawn):
+            self._path_drawn = path
+            self._path.publish(partial(self._path_message, path, now))
 
     @property
     def watched(self) -> bool:
-        """Whether somebody listens to the objects."""
+        """Whether the objects have a subscriber."""
         return bool(self._objects.get_subscription_count())
 
     def objects(self, world: World) -> None:
-        """Draw the objects of the newest state, now and then."""
-        if abs(world.time - self._shown) < _OBJECTS_PERIOD - _ROUNDING or not self.watched:
+        """Draw the objects of the newest state, at most ten times a second."""
+        if abs(world.time - self._objects_drawn) < _OBJECTS_PERIOD - _ROUNDING or not self.watched:
             return
-        self._shown = world.time
+        self._objects_drawn = world.time
         self._objects.publish(object_array(world.objects, self._scene, self._frame))
 
     def _chain_message(self, start: Pose, chain: TopChain | None, step: int) -> MarkerArray:
-        shapes = [] if chain is None else picture_under_way(start, goals_of(chain), step)
+        shapes = [] if chain is None else executed_chain_shapes(start, chain, step)
         return marker_array(shapes, "chain", self._frame)
 
-    def _path_message(self, way: FloatArray, now: float) -> Path:
+    def _path_message(self, path: FloatArray, now: float) -> Path:
         message = Path()
         message.header.frame_id, message.header.stamp = self._frame, stamp_of(now)
-        kept = np.unique(np.linspace(0, max(len(way) - 1, 0), _MOST_POSES).round().astype(int))
-        for row in way[kept[: len(way)]].tolist():
+        kept = np.unique(np.linspace(0, max(len(path) - 1, 0), _MOST_POSES).round().astype(int))
+        for row in path[kept[: len(path)]].tolist():
             message.poses.append(PoseStamped(header=message.header, pose=pose_of(Pose(*row))))
         return message

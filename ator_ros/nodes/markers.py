@@ -1,16 +1,20 @@
-"""Shapes as markers for RViz."""
+"""Markers for RViz, and publishers that build their messages only for subscribers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 from geometry_msgs.msg import Point
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
-from ator_ros.viewing.shapes import ORANGE, Arrow, Segments, Shape
+from ator_ros.nodes.qos import LATCHED
+from ator_ros.view.shapes import ORANGE, Arrow, Segments, Shape
 from ator_ros.world.scene import Scene
 from ator_ros.world.state import ObjectState
 
@@ -18,6 +22,35 @@ _ABOVE_FLOOR = 0.02
 _SHAFT = 0.05
 _POINT = 0.05
 """Radius in m with which an object of unknown size is drawn."""
+
+
+class LazyPublisher:
+    """A latched topic whose newest message is built only once it has a subscriber, early or late.
+
+    Parameters
+    ----------
+    node : Node
+        The node that publishes.
+    kind : type
+        Of the messages.
+    topic : str
+        Name of the topic.
+    """
+
+    def __init__(self, node: Node, kind: type[Any], topic: str) -> None:
+        self._factory: Callable[[], Any] | None = None
+        matched = PublisherEventCallbacks(matched=lambda _: self._send(), use_default_callbacks=False)
+        self._publisher = node.create_publisher(kind, topic, LATCHED, event_callbacks=matched)
+
+    def publish(self, factory: Callable[[], Any]) -> None:
+        """Publish what `factory` returns, now or once there is a subscriber; a newer one replaces it."""
+        self._factory = factory
+        self._send()
+
+    def _send(self) -> None:
+        if self._factory is not None and self._publisher.get_subscription_count():
+            factory, self._factory = self._factory, None
+            self._publisher.publish(factory())
 
 
 def marker_array(shapes: Iterable[Shape], space: str, frame: str) -> MarkerArray:

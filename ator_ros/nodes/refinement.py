@@ -17,10 +17,9 @@ from ator_ros.compiled import use_cores
 from ator_ros.execution.fence import Fence
 from ator_ros.nodes import messages
 from ator_ros.nodes.diagnostics import Diagnostics, Health
-from ator_ros.nodes.drawn import Drawn
 from ator_ros.nodes.learned_sets import LEARNED, LearnedSets
 from ator_ros.nodes.loading import Refiners, load_refiners, set_gates
-from ator_ros.nodes.markers import marker_array
+from ator_ros.nodes.markers import LazyPublisher, marker_array
 from ator_ros.nodes.model_sets import problems_of, startup_text, told_of
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -44,8 +43,7 @@ from ator_ros.refinement.objective import LEAST_WEIGHT, MOST_WEIGHT
 from ator_ros.refinement.refiner import Refinement, Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
 from ator_ros.tops.library import TopLibrary
-from ator_ros.viewing.advice import advice_of
-from ator_ros.viewing.chain_picture import picture_of
+from ator_ros.view.shapes import refinement_shapes
 from ator_ros.world.messages import MessageError, pose_from
 
 PARAMETERS = (
@@ -104,7 +102,7 @@ class RefinementNode(Node):
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._answered, self._refused, self._cut_short = 0, 0, 0
         self._last_refusal, self._last_time = "", 0.0
-        self._markers = Drawn(self, MarkerArray, "refinement_markers")
+        self._markers = LazyPublisher(self, MarkerArray, "refinement_markers")
         self.create_service(RefineSubgoal, "refine_subgoal", self._serve, qos_profile=SERVICES)
         names = self._settings["domain"], self._settings["robot"]
         process = PlanProcess(*names, time_limit=_PLANNING, fence=self._fence)
@@ -163,7 +161,7 @@ class RefinementNode(Node):
         choice = refine_request(request, refiner, library, frame=frame, fence=self._fence, deadline=deadline)
         self._answered += 1
         self._cut_short += not choice.refinement.complete
-        self._markers.offer(functools.partial(markers_of, choice.refinement, request, frame))
+        self._markers.publish(functools.partial(markers_of, choice.refinement, request, frame))
         return messages.answer_of(choice, request, action_set=action_set, frame=frame)
 
     def _refusal(self, reason: str, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
@@ -224,7 +222,8 @@ def refine_request(
 def markers_of(refinement: Refinement, request: RefineSubgoal.Request, frame: str) -> MarkerArray:
     """Return markers of the naive chain, the chain to execute, and the predicted times by heading."""
     start = pose_from(request.situation.robot, "situation.robot")
-    return marker_array(picture_of(start, advice_of(refinement)), "refinement", frame)
+    shapes = refinement_shapes(start, refinement.original, refinement.chain, refinement.curves)
+    return marker_array(shapes, "refinement", frame)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -24,10 +24,9 @@ from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.records import ENDED, episode_of
 from ator_ros.experience.table import episode_frame
 from ator_ros.geometry import Pose
+from ator_ros.nodes.client_node import ClientNode, SimulationClient
 from ator_ros.nodes.messages import chain_of, situation_of
-from ator_ros.nodes.placing import Placing
 from ator_ros.nodes.qos import SENSOR_DATA
-from ator_ros.nodes.spun_node import SpunNode
 from ator_ros.robot.description import Robot
 from ator_ros.tools.processes import NodesError, all_nodes
 from ator_ros.tops.chain import TopCall, TopChain
@@ -67,12 +66,12 @@ class Client:
         self, domain: int, check: Callable[[], None], objects: Sequence[str], patience: float = 120.0
     ) -> None:
         self._domain = domain
-        self._own = SpunNode("client", domain=domain, check=check, patience=patience, fails=ClientError)
+        self._own = ClientNode("client", domain=domain, check=check, timeout=patience, error=ClientError)
         self.path: list[tuple[float, float]] = []
         self._pose = Pose(math.inf, math.inf, 0.0)
         node = self._own.node
         node.create_subscription(Odometry, "odom", self._hear, SENSOR_DATA)
-        self._placing = Placing(self._own, objects)
+        self._placing = SimulationClient(self._own, objects)
         self._refine = node.create_client(RefineSubgoal, "refine_subgoal")
         self._server = ActionClient(node, ExecuteChain, "execute_chain")
         self._own.start()
@@ -84,10 +83,9 @@ class Client:
 
     def ready(self, servers: Sequence[str] = (), started: int = 0) -> None:
         """Wait until all nodes and action servers are there, and `started` servers subscribe to odometry."""
-        self._placing.ready()
+        self._own.until(self._placing.is_there, "the simulation")
         self._own.until(self._refine.service_is_ready, f"the service {self._refine.srv_name}")
         self._own.until(self._server.server_is_ready, "the action execute_chain")
-        self._own.meet("execute_chain")
         where = f"on ROS_DOMAIN_ID {self._domain}, where only our nodes and those under `servers` are started"
         for name in servers:
             there = functools.partial(self._own.node.count_services, f"{name}/_action/send_goal")
@@ -102,7 +100,7 @@ class Client:
 
     def place(self, start: World) -> None:
         """Place robot and objects at rest where a situation starts; time is paused until a chain runs."""
-        self._placing.everything(start)
+        self._placing.place(start)
         self._own.until(lambda: self._pose.distance(start.robot.pose) < _NEAR, "the robot at its start")
 
     def refine(self, start: World, chain: TopChainMessage) -> Any:
@@ -123,8 +121,10 @@ class Client:
         """Execute a chain, log its path in `path`, and return the record."""
         told: list[Any] = []
         goal = ExecuteChain.Goal(chain=chain, refine=refine)
-        future = self._own.within(lambda: self._server.send_goal_async(goal, feedback_callback=told.append))
-        ended = self._own.within(self._own.answer(future, "the goal").get_result_async)
+        future = self._own.in_thread(
+            lambda: self._server.send_goal_async(goal, feedback_callback=told.append)
+        )
+        ended = self._own.in_thread(self._own.answer(future, "the goal").get_result_async)
         # Time continues when the executor is known to steer: at full speed nothing waits for it before.
         self._own.until(lambda: bool(told) or ended.done(), "feedback")
         self.path.clear()

@@ -1,39 +1,182 @@
-"""Show robot, chains and what refinement says of them on a page in the browser, and let them be changed.
-
-With a recording it is played instead: odometry, objects, and the executed chains, predicted against actual.
-"""
+"""Show and edit robot, chains and their predictions on a page in the browser."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import itertools
+import os
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.tools.command_line import add_factor, add_models, add_setting, frame, namespace, whole
+from ator_ros.tools.guard import EXPECTED_ERRORS, until_stopped
+
+if TYPE_CHECKING:  # help and errors of the command line need neither ROS nor viser
+    from ator_ros.performance.model import PerformanceModel
+    from ator_ros.robot.description import Robot
+    from ator_ros.simulation.urdf import Wheels
+    from ator_ros.view.editor import Editor
+    from ator_ros.view.page import Page
 
 _PORTS = (1024, 65535)  # below, only root may listen
+_PERIOD = 1.0 / 25.0
+_ROUNDS = 2
+"""Rounds of the loop per processing of commands: a drag is refined 12.5 times a second, to its end."""
+_SIMULATED = {"lockstep": True}
+"""The simulation waits for the executor at any speed, so that a busy machine spoils no chain."""
+_EXECUTED = {"odom_timeout": 60.0}
+"""The longest: a chain outlasts a pause of so many real s, in which the stamps stand still."""
+
+
+def serve(
+    going_on: Callable[[], None],
+    *,
+    domain: str = "",
+    robot: str = "",
+    models: str = "",
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    attach: bool = False,
+    robots: Sequence[str] = (),
+    frame: str | None = None,
+    real_time_factor: float = 1.0,
+    words: Sequence[str] = (),
+) -> None:
+    """Serve the page until `going_on` raises.
+
+    Parameters
+    ----------
+    going_on : callable
+        Called in each round of the loop and while something is waited for.
+    domain, robot, models : str
+        As of the command line.
+    host, port : str, int
+        Where the page is served.
+    attach : bool
+        Whether to use running nodes instead of starting some.
+    robots : sequence of str
+        With `attach`, namespaces of robots.
+    frame : str, optional
+        The frame of odometry.
+    real_time_factor : float
+        Simulated seconds per real second, of nodes that are started.
+    words : sequence of str
+        ROS arguments.
+
+    Raises
+    ------
+    BackendError, SetupError
+        Nodes that are needed did not start in time, or cannot be used.
+    DomainError
+        The domain has no chains.
+    OSError
+        The page cannot be served at that host.
+    """
+    from ator_ros.nodes.view_backend import RosBackend
+    from ator_ros.simulation.urdf import Wheels, robot_urdf
+    from ator_ros.view.editor import Editor
+    from ator_ros.view.page import Page
+
+    found = domain_for(domain, robot)
+    if not found.chains:
+        raise DomainError(f"domain: expected one with chains, got {found.name}, which has none")
+    body = found.robot(robot or None)
+    files = {"models": models, "robot": robot, "domain": domain}
+    with _nodes(attach, real_time_factor, files) as (number, check), contextlib.ExitStack() as closing:
+
+        def checked() -> None:
+            going_on()
+            check()
+
+        backends: dict[str, RosBackend] = {}
+        for name in robots or [""]:
+            space = ["--ros-args", "-r", f"__ns:=/{name}"] if name else []
+            backends[name] = RosBackend(
+                found,
+                body,
+                frame=frame or (f"{name}/odom" if name else "odom"),
+                ros_domain=number,
+                words=[*words, *space],
+                check=checked,
+            )
+            closing.callback(backends[name].close)
+        for backend in backends.values():
+            backend.ready(simulated=not attach)
+        libraries = {name: found.library(body, name) for name in found.action_sets}
+        editor = Editor(next(iter(backends.values())), found, libraries)
+        if attach:
+            editor.select(editor.backend)  # running robots are not moved by being shown
+        known = _models(models, found, body)
+        page = Page(
+            editor, body, robot_urdf(body), known, host=host, port=port, robots=backends if robots else {}
+        )
+        closing.callback(page.close)
+        address = f"http://{host}:{page.server.get_port()}"
+        print(f"view: open {address} in a browser; Ctrl-C ends it", flush=True)
+        _loop(editor, page, Wheels(body), checked)
+
+
+@contextlib.contextmanager
+def _nodes(
+    attach: bool, real_time_factor: float, files: Mapping[str, str]
+) -> Iterator[tuple[int | None, Callable[[], None]]]:
+    """Yield the ROS domain, None for that of the environment, and what raises if a node has ended."""
+    from ator_ros.nodes.network import stay_on_this_machine
+    from ator_ros.tools.processes import all_nodes
+
+    if attach:
+        stay_on_this_machine(os.environ)
+        yield None, lambda: None
+        return
+    with all_nodes(real_time_factor, _SIMULATED, _EXECUTED, **files) as nodes:
+        print(f"view: three nodes start on ROS domain {nodes.domain} …", flush=True)
+        yield nodes.domain, nodes.check
+
+
+def _models(folder: str, domain: Domain, robot: Robot) -> Mapping[str, Mapping[str, PerformanceModel]]:
+    """Read the models of all action sets, whose rules are shown; sets without models are left out."""
+    from ator_ros.performance.model_file import ModelFileError, load_models
+
+    found = {}
+    for name in domain.action_sets:
+        with contextlib.suppress(ModelFileError, OSError):
+            place = Path(folder) if folder else domain.shipped_models
+            found[name] = load_models(robot, domain.known_features, action_set=name, folder=place)
+    return found
+
+
+def _loop(editor: Editor, page: Page, wheels: Wheels, going_on: Callable[[], None]) -> None:
+    from ator_ros.simulation.urdf import WHEEL_NAMES
+
+    due = time.monotonic()
+    for number in itertools.count():
+        going_on()
+        editor.step(() if number % _ROUNDS else page.commands.take())
+        world = editor.backend.world()
+        if world is not None:
+            wheels.roll(world.time, world.robot.v, world.robot.w)
+        page.update(time.monotonic(), dict(zip(WHEEL_NAMES, wheels.angles, strict=True)))
+        due = max(due + _PERIOD, time.monotonic())
+        time.sleep(max(0.0, due - time.monotonic()))
 
 
 def arguments() -> argparse.ArgumentParser:
     """Return the command line of `view`."""
     parser = argparse.ArgumentParser(
-        prog="view", description=__doc__, usage="%(prog)s [options] [EVALUATION | RECORDING] [--ros-args ...]"
-    )
-    parser.add_argument(
-        "shown",
-        nargs="?",
-        type=Path,
-        metavar="EVALUATION | RECORDING",
-        help="folder of an evaluation, whose worst runs can be chosen; "
-        "or a recording of ros2 bag record -s mcap, a folder or a file",
+        prog="view", description=__doc__, usage="%(prog)s [options] [--ros-args ...]"
     )
     parser.add_argument("--port", type=whole(*_PORTS), default=8080, help="default: %(default)s")
     parser.add_argument(
         "--host", default="127.0.0.1", help="address to serve at (default: %(default)s: this machine only)"
     )
     parser.add_argument(
-        "--attach", action="store_true", help="show nodes that run, instead of starting simulation and others"
+        "--attach", action="store_true", help="use running nodes, instead of starting simulation and others"
     )
     parser.add_argument(
         "--robots",
@@ -44,9 +187,7 @@ def arguments() -> argparse.ArgumentParser:
         help="with --attach: robots to show, each with the nodes of its namespace; one is chosen on the page",
     )
     parser.add_argument(
-        "--frame",
-        type=frame,
-        help="frame of odometry (default: odom; with --robots NAMESPACE/odom)",
+        "--frame", type=frame, help="frame of odometry (default: odom; with --robots NAMESPACE/odom)"
     )
     add_setting(parser, action_set=False)
     add_models(parser)
@@ -55,7 +196,7 @@ def arguments() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; return the exit code."""
+    """Run the command line until Ctrl-C or SIGTERM; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     own = words[: words.index("--ros-args")] if "--ros-args" in words else words
     parser = arguments()
@@ -64,24 +205,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error("--robots: expected --attach, too: what it names must run")
     if len(set(options.robots)) < len(options.robots):
         parser.error(f"--robots: expected different names, got {' '.join(options.robots)}")
-    if options.shown is not None and not _is_evaluation(options.shown):
-        if options.attach:
-            parser.error(f"--attach: expected the folder of an evaluation beside it, got {options.shown}")
-        from ator_ros.tools.work import replay
+    from ator_ros.nodes.parameters import SetupError
+    from ator_ros.view.backend import BackendError
 
-        return replay.run(options)
-    from ator_ros.tools.work import view as work
-
-    return work.run(options, words[len(own) :])
-
-
-def _is_evaluation(place: Path) -> bool:
-    from ator_ros.evaluation.running import RESULT  # takes long, and no help needs it
-
-    try:
-        return (place / RESULT).is_file()
-    except OSError:  # too long for a name: it is reported where it is read
-        return False
+    run = partial(serve, **vars(options), words=words[len(own) :])
+    return until_stopped("view", run, (*EXPECTED_ERRORS, BackendError, SetupError))
 
 
 if __name__ == "__main__":

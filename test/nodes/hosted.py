@@ -12,8 +12,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from ator_ros.nodes.client_node import SpinThread
 from ator_ros.nodes.network import stay_on_this_machine
-from ator_ros.nodes.spinning import Spinning
 
 
 class Hosted:
@@ -49,13 +49,13 @@ class Hosted:
         self.node: Node = made()
         executor = SingleThreadedExecutor()
         executor.add_node(self.node)
-        self._spinning = Spinning(executor)
+        self._spinning = SpinThread(executor)
         self._spinning.start()
 
     @property
     def running(self) -> bool:
         """Whether nothing that was raised has ended it."""
-        return self._spinning.goes_on
+        return self._spinning.is_alive
 
     @property
     def output(self) -> str:

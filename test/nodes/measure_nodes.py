@@ -34,7 +34,7 @@ from measure_view import share
 from process import PATIENCE, Process, Processes
 from ros_client import Client
 from stored import episodes, stored
-from viser_client import ViserClient
+from view.viser_client import ViserClient
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose

@@ -20,7 +20,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from free_port import free_port
-from viser_client import ViserClient
+from view.viser_client import ViserClient
 
 _BALL = "/objects/ball/body"
 _RING = "/chain/ring0"

@@ -14,8 +14,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from chromium import Chromium
 from measure_view import own_view
+from view.chromium import Chromium
 
 _UNDER_WAY = r"refined, driven\s+\d+\.\d"
 """In the table of times: the first step of the refined chain has ended."""

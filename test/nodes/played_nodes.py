@@ -1,4 +1,4 @@
-"""What a view talks to, played in the test's process: each answers as a test wants it."""
+"""The nodes that a view uses, played in the test's process; each answers as a test needs it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 
 from ator_interfaces.action import ExecuteChain
+from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_interfaces.srv import PlaceObject, PlaceRobot, RefineSubgoal
 from ator_ros.geometry import Pose
+from ator_ros.nodes.client_node import ClientNode
 from ator_ros.nodes.messages import object_odometry_of, odometry_of
-from ator_ros.nodes.qos import RESULTS, SERVICES, STATES
+from ator_ros.nodes.qos import LATCHED, RESULTS, SERVICES, STATES
 from ator_ros.nodes.simulation import transform_of
-from ator_ros.nodes.spun_node import SpunNode
 from ator_ros.world.state import ObjectState, RobotState
 
 _PERIOD = 0.05
@@ -42,7 +43,7 @@ class PlayedNodes:
     accepts : bool
         Whether the executor accepts goals.
     silent : bool
-        Whether it tells nothing of those that it has accepted.
+        Whether it publishes no status of those that it has accepted.
     """
 
     def __init__(self, domain: int, *, from_tf: bool = False) -> None:
@@ -51,7 +52,7 @@ class PlayedNodes:
         self._time, self._from_tf, self._sign = 0.0, from_tf, 1.0
         self.accepts = self.silent = False
         self._goals: list[Any] = []
-        self._own = SpunNode("executor", domain=domain)
+        self._own = ClientNode("executor", domain=domain)
         node = self._own.node
         node.declare_parameter("robot_from", "tf" if from_tf else "odom")
         node.declare_parameter("robot_frame", "base")
@@ -70,13 +71,15 @@ class PlayedNodes:
         self._odom = node.create_publisher(Odometry, "odom", STATES)
         self._balls = node.create_publisher(Odometry, "ball", STATES)
         self._tf = node.create_publisher(TFMessage, "/tf", RESULTS)
+        self._status = node.create_publisher(ChainPerformance, "chain_under_way", LATCHED)
         node.create_timer(_PERIOD, self._publish)
         self._own.start()
         self.close = self._own.close
 
     def _publish(self) -> None:
         for goal in () if self.silent else self._goals:
-            goal.publish_feedback(ExecuteChain.Feedback(top="goToBall", status="executing"))
+            name = bytes(goal.goal_id.uuid).hex()
+            self._status.publish(ChainPerformance(chain_id=name, outcome=Outcome(reason="executing")))
         self._time += 0.0 if self.paused else _PERIOD
         if self._from_tf:
             transform = transform_of(self._time, self.robot, frame="odom", child="base")

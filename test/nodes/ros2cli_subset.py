@@ -78,7 +78,7 @@ def call(node: Node, words: list[str]) -> None:
     name, kind = words[0], kind_of(words[1])
     client = node.create_client(kind, name)
     client.wait_for_service()
-    request = filled(kind.Request(), yaml.safe_load(words[2]) if words[2:] else {})
+    request = filled(kind.Request, yaml.safe_load(words[2]) if words[2:] else {})
     future = client.call_async(request)
     rclpy.spin_until_future_complete(node, future)
     print(f"response:\n{future.result()!r}")
@@ -90,7 +90,7 @@ def send_goal(node: Node, words: list[str]) -> None:
     kind = kind_of(type_name)
     client = ActionClient(node, kind, name)
     client.wait_for_server()
-    goal = filled(kind.Goal(), yaml.safe_load(values))
+    goal = filled(kind.Goal, yaml.safe_load(values))
     show = (lambda told: print(f"Feedback: {told.feedback}")) if "--feedback" in words else None
     sent = client.send_goal_async(goal, feedback_callback=show)
     rclpy.spin_until_future_complete(node, sent)

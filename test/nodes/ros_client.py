@@ -16,10 +16,10 @@ from rclpy.node import Node
 
 from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose
+from ator_ros.nodes.client_node import SpinThread
 from ator_ros.nodes.meeting import nobodys_goal
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
-from ator_ros.nodes.spinning import Spinning
 from ator_ros.world.messages import ObjectReader, ObjectSource, robot_from, seconds_from
 from ator_ros.world.state import ObjectState, RobotState
 
@@ -67,7 +67,7 @@ class Client:
         self._commands = self.node.create_publisher(Twist, "cmd_vel", COMMANDS) if steers else None
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
-        self._spinning = Spinning(self._executor)
+        self._spinning = SpinThread(self._executor)
         self._spinning.start()
 
     def _hear_robot(self, message: Odometry) -> None:

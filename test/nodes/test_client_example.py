@@ -17,7 +17,7 @@ from ator_ros.examples.refine_and_execute import request
 
 
 def test_its_request_is_answered_as_the_readme_says() -> None:
-    theirs = answered(filled(RefineSubgoal.Request(), printed("ros2 service call /refine_subgoal")))
+    theirs = answered(filled(RefineSubgoal.Request, printed("ros2 service call /refine_subgoal")))
     answer = answered(request())
     assert answer.accepted
     assert answer.refined

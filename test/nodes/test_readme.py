@@ -57,7 +57,7 @@ def durations(field: str) -> list[str]:
 
 
 def test_the_printed_answer_is_what_comes() -> None:
-    answer = answered(filled(RefineSubgoal.Request(), printed("ros2 service call /refine_subgoal")))
+    answer = answered(filled(RefineSubgoal.Request, printed("ros2 service call /refine_subgoal")))
     assert answer.accepted
     assert f'refined={answer.refined}, reason="{answer.reason}"' in README
     approach = answer.chain.calls[0].goal.pose.orientation
@@ -71,7 +71,7 @@ def test_the_printed_answer_is_what_comes() -> None:
 
 
 def test_an_open_speed_is_worth_what_it_says() -> None:
-    request = filled(RefineSubgoal.Request(), printed("ros2 service call /refine_subgoal"))
+    request = filled(RefineSubgoal.Request, printed("ros2 service call /refine_subgoal"))
     request.chain.calls[0].open = ["yaw", "speed"]
     answer = answered(request)
     said = re.search(r"along at ([\d.]+) m/s and the chain is predicted to take ([\d.]+) s", README)
@@ -81,8 +81,8 @@ def test_an_open_speed_is_worth_what_it_says() -> None:
 
 
 def test_the_printed_goal_is_the_same_chain() -> None:
-    goal = filled(ExecuteChain.Goal(), printed("ros2 action send_goal --feedback /execute_chain"))
-    request = filled(RefineSubgoal.Request(), printed("ros2 service call /refine_subgoal"))
+    goal = filled(ExecuteChain.Goal, printed("ros2 action send_goal --feedback /execute_chain"))
+    request = filled(RefineSubgoal.Request, printed("ros2 service call /refine_subgoal"))
     assert goal.refine
     assert goal.chain == request.chain
     assert [call.top.name for call in chain_from(goal.chain, LIBRARY, frame="odom").calls] == [

@@ -10,12 +10,12 @@ import pytest
 from rclpy.executors import SingleThreadedExecutor
 from ros_client import Client
 
-from ator_ros.nodes.spun_node import SpunNode
+from ator_ros.nodes.client_node import ClientNode
 
 pytestmark = pytest.mark.node
 
 
-@pytest.mark.parametrize("kind", [SpunNode, Client])
+@pytest.mark.parametrize("kind", [ClientNode, Client])
 def test_a_node_that_is_closed_while_it_looks_for_work_raises_nothing(
     domain: int, monkeypatch: pytest.MonkeyPatch, kind: type
 ) -> None:
@@ -29,8 +29,8 @@ def test_a_node_that_is_closed_while_it_looks_for_work_raises_nothing(
     raised: list[object] = []
     monkeypatch.setattr(threading, "excepthook", raised.append)
     monkeypatch.setattr(SingleThreadedExecutor, "can_execute", look)
-    own = SpunNode("closed", domain=domain) if kind is SpunNode else Client(domain)
-    if isinstance(own, SpunNode):
+    own = ClientNode("closed", domain=domain) if kind is ClientNode else Client(domain)
+    if isinstance(own, ClientNode):
         own.start()
     assert looks.wait(10.0)
     own.close()

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from chromium import Chromium, need_browser
 from nav_msgs.msg import Odometry
-from view_camera import canvas_of, red_around, seen_at
+from view.chromium import Chromium, need_browser
+from view.view_camera import canvas_of, red_around, seen_at
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import random_trial
+from ator_ros.nodes.client_node import ClientNode
 from ator_ros.nodes.qos import SENSOR_DATA
-from ator_ros.nodes.spun_node import SpunNode
 
 pytestmark = [pytest.mark.node, pytest.mark.long]
 ROBOT = SOCCER.robot()
@@ -28,10 +28,10 @@ TARGET = (0.5, 1.0)
 
 
 class Watch:
-    """Hears where robot and ball are."""
+    """Subscribes to robot and ball."""
 
     def __init__(self, domain: int) -> None:
-        self._own = SpunNode("watch", domain=domain)
+        self._own = ClientNode("watch", domain=domain)
         self.at: dict[str, tuple[float, float]] = {}
         for name in ("odom", "ball"):
             self._own.node.create_subscription(

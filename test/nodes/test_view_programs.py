@@ -1,4 +1,4 @@
-"""The programs beside the tests that measure the view, ill-treat it, and make its picture."""
+"""The programs beside the tests that measure the view and make its picture."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from chromium import need_browser
 from documentation import ROOT
+from view.chromium import need_browser
 
 pytestmark = [pytest.mark.node, pytest.mark.long]
 
@@ -33,10 +33,6 @@ def test_a_view_does_not_slow_the_nodes() -> None:
     assert [name for name, _ in found][-2:] == ["while it learns", "without again"]
     alone, seen, again, *_ = (float(middle) for _, middle in found)
     assert seen < 2.0 * max(alone, again)  # 1.0 on an idle machine, docs/view.md
-
-
-def test_a_view_that_is_ill_treated_goes_on() -> None:
-    assert run("test/nodes/attack_view.py", "--seconds", "1").count("went on") == 4
 
 
 def test_a_picture_of_a_race_is_made(request: pytest.FixtureRequest, tmp_path: Path) -> None:

@@ -1,0 +1,654 @@
+"""The view's backend on ROS: monitors of robot and goals, and requests to the nodes."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import re
+import time
+import uuid
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from action_msgs.msg import GoalInfo
+from action_msgs.srv import CancelGoal
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Path
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from rclpy.task import Future
+
+from ator_interfaces.action import ExecuteChain
+from ator_interfaces.msg import ChainPerformance, Outcome, SearchCurve, Situation, TopChain
+from ator_interfaces.msg import Objective as ObjectiveMessage
+from ator_interfaces.srv import RefineSubgoal
+from ator_ros.domains.domain import Domain
+from ator_ros.execution.chain_executor import Ending
+from ator_ros.geometry import FloatArray, Pose
+from ator_ros.nodes.client_node import ClientNode, SimulationClient
+from ator_ros.nodes.inputs import ObjectSources, RobotSource, TfListener
+from ator_ros.nodes.messages import action_set_from, chain_from, chain_of, situation_of, world_from
+from ator_ros.nodes.parameters import STATE
+from ator_ros.nodes.qos import LATCHED, RESULTS, SERVICES
+from ator_ros.printable import printable
+from ator_ros.refinement.objective import Objective
+from ator_ros.refinement.refiner import SubgoalCurve
+from ator_ros.robot.description import Robot
+from ator_ros.tops.library import TopLibrary
+from ator_ros.view.backend import OTHERS, Answer, BackendError, Candidate, ExternalGoal, Run, UnavailableError
+from ator_ros.view.draft import Draft
+from ator_ros.view.history import ExecutedChain, History
+from ator_ros.world.messages import MessageError, object_from, pose_from
+from ator_ros.world.state import ObjectState, RobotState, World
+
+_DISCOVERY = 2.0
+"""Real s after which a simulation, or a service of the executor, counts as missing."""
+_PLACED = 2.0
+"""Real s after which what the simulation has placed counts as placed, observed or not."""
+_RESUME = 1.0
+_MOST_OWN = 100
+"""Goals of this client that are remembered."""
+_CHAIN_TIMEOUT = 5.0
+"""Seconds without status after which a chain counts as lost; the executor publishes it twice a second."""
+_OBJECT_TIMEOUT = 1.0
+"""Seconds by the stamps after which an object that is not observed is no longer shown."""
+_FRESH = 3
+"""Messages after which one was surely sent after a request: the first may have been on its way."""
+_WARNING_PERIOD = 2.0
+_ROBOT = ""
+_ROBOT_FROM = {STATE.name: "odom", "robot_frame": "base_link"}
+"""The source of the robot's state, unless the executor names another."""
+_RECORDS = QoSProfile(depth=100, reliability=LATCHED.reliability, durability=LATCHED.durability)
+_OUTCOMES = {ending.value: ending.name.lower().replace("_", " ") for ending in Ending}
+_LONGEST_NAME, _LONGEST_REASON = 60, 300
+_LEARNING = ("records since the last round", "last switch")
+_LEARNING_ERROR = ": error on the newest"
+
+
+class WorldMonitor:
+    """The newest state of a robot and of a domain's objects.
+
+    Parameters
+    ----------
+    node : Node
+        The node that subscribes.
+    domain, robot : Domain, Robot
+        The objects, and the robot's limits.
+    frame : str
+        The frame of all poses.
+    """
+
+    def __init__(self, node: Node, domain: Domain, robot: Robot, *, frame: str) -> None:
+        self._node, self._robot, self._frame = node, robot, frame
+        self._tf = TfListener(node)
+        self._newest: tuple[float, RobotState] | None = None
+        self._objects: dict[str, tuple[float, ObjectState]] = {}
+        self._received_at = time.monotonic()
+        self._received = Counter[str]()
+        self._source: RobotSource | None = None
+        sources = map(domain.source, domain.objects)
+        self._sources = ObjectSources(node, sources, self._take_object, self._reject, self._tf, frame=frame)
+
+    def follow_robot(self, settings: Mapping[str, Any]) -> None:
+        """Subscribe to the robot's state, with the parameters of its executor; once.
+
+        Raises
+        ------
+        SetupError
+            The robot's state comes from tf, and tf2_msgs is not installed.
+        """
+        if self._source is None:
+            settings = {**settings, "frame": self._frame}
+            self._source = RobotSource(
+                self._node, settings, self._robot, self._take_robot, self._reject, self._warn, self._tf
+            )
+
+    def _take_robot(self, stamp: float, robot: RobotState) -> None:
+        self._newest, self._received_at = (stamp, robot), time.monotonic()
+        self._received[_ROBOT] += 1
+
+    def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:
+        self._objects[name] = stamp, there
+        self._received[name] += 1
+
+    def _reject(self, _: str, error: MessageError) -> None:
+        self._warn(f"ignored: {error}")
+
+    def _warn(self, text: str) -> None:
+        self._node.get_logger().warning(text, throttle_duration_sec=_WARNING_PERIOD)
+
+    @property
+    def silence(self) -> float:
+        """Real s since the last state of the robot."""
+        return time.monotonic() - self._received_at
+
+    def world(self) -> World | None:
+        """Return the newest state; objects that are no longer observed are not in it."""
+        if self._newest is None:
+            return None
+        now, robot = self._newest
+        recent = list(self._objects.items())
+        objects = {name: there for name, (stamp, there) in recent if abs(now - stamp) < _OBJECT_TIMEOUT}
+        return World(now, robot, objects)
+
+    def expect_messages(self) -> None:
+        """Count messages from now on, for `is_fresh`."""
+        self._received.clear()
+
+    def is_fresh(self, names: Iterable[str]) -> bool:
+        """Return whether robot and objects were surely observed after `expect_messages`."""
+        return all(self._received[name] >= _FRESH for name in (_ROBOT, *names))
+
+
+class GoalMonitor:
+    """Follows the goals of one executor, our own and those of other clients.
+
+    Subscribes to
+        chain_under_way, performance/chain (ator_interfaces/ChainPerformance): status and records.
+        planned_path (nav_msgs/Path): the planned path of the active action.
+
+    Parameters
+    ----------
+    node : Node
+        The node that subscribes.
+    libraries : mapping of str to TopLibrary
+        By action set.
+    frame : str
+        Of all poses.
+
+    Attributes
+    ----------
+    history : History
+        The executed chains, including the last one before the monitor was created.
+    external : ExternalGoal or None
+        The last goal of another client; None if the last goal was ours, or could not be read.
+    path : ndarray, shape (n, 2), or None
+        The planned path of the active action, x and y in m; None without one.
+    """
+
+    def __init__(self, node: Node, libraries: Mapping[str, TopLibrary], *, frame: str) -> None:
+        self._node, self._libraries, self._frame = node, libraries, frame
+        self.history = History()
+        self.external: ExternalGoal | None = None
+        self.path: FloatArray | None = None
+        self._own: dict[str, Run] = {}
+        self._active = ("", Run(OTHERS, ended=True))
+        self._is_new, self._last_status = True, (0.0, 0.0)
+        self._status = node.create_subscription(ChainPerformance, "chain_under_way", self._take, LATCHED)
+        node.create_subscription(ChainPerformance, "performance/chain", self._take_record, _RECORDS)
+        node.create_subscription(Path, "planned_path", self._take_path, LATCHED)
+
+    def expect(self, chain_id: str, run: Run) -> None:
+        """Follow a goal that this client is about to send, and keep `run` up to date."""
+        self._own[chain_id] = run
+        if len(self._own) > _MOST_OWN:
+            del self._own[next(iter(self._own))]
+        self._active, self._is_new = (chain_id, run), True
+
+    @property
+    def active_goal(self) -> str | None:
+        """The UUID of the goal that is active, of any client; None without one."""
+        chain_id, run = self._active
+        return None if run.ended else chain_id
+
+    def _take(self, message: ChainPerformance) -> None:
+        run = self._own.get(message.chain_id)
+        if run is not None:
+            self.external = None
+        else:
+            run = self._take_external(message)
+        if run is None or run.ended:
+            return
+        self._active, self._is_new = (message.chain_id, run), True
+        _update(run, message)
+
+    def _take_external(self, message: ChainPerformance) -> Run | None:
+        former = self.external
+        run = Run(OTHERS) if former is None or former.chain_id != message.chain_id else former.run
+        try:
+            self.external = self._external_goal(message, run)
+        except MessageError as error:
+            self.external = None
+            self._warn(f"chain_under_way: ignored: {error}")
+            return None
+        return run
+
+    def _external_goal(self, message: ChainPerformance, run: Run) -> ExternalGoal:
+        """Read another client's goal; raises MessageError."""
+        if not re.fullmatch("[0-9a-f]{32}", message.chain_id):
+            raise MessageError("chain_id: expected 32 hexadecimal digits")
+        action_set = action_set_from(message.chain, allowed=self._libraries)
+        chain = chain_from(message.chain, self._libraries[action_set], frame=self._frame)
+        driven = math.isfinite(message.actual.duration)
+        return ExternalGoal(
+            message.chain_id,
+            Draft(world_from(message.start, frame=self._frame, where="start"), chain, action_set),
+            run,
+            driven=driven,
+            refined=message.refined,
+            changes=message.refined_again,
+            reason=printable(message.refinement if driven else message.outcome.reason, _LONGEST_REASON),
+        )
+
+    def _take_record(self, message: ChainPerformance) -> None:
+        run = self._own.get(message.chain_id)
+        if run is None and self.external is not None and self.external.chain_id == message.chain_id:
+            run = self.external.run
+        if run is not None and not run.ended:  # of the status only the newest message is sure to arrive
+            _update(run, message)
+        if message.outcome.code == Outcome.REFUSED:
+            return
+        try:
+            self.history.add(_executed_chain(message))
+        except MessageError as error:
+            self._warn(f"performance/chain: ignored: {error}")
+
+    def _take_path(self, message: Path) -> None:
+        places = [(pose.pose.position.x, pose.pose.position.y) for pose in message.poses]
+        self.path = np.array(places) if places and np.isfinite(places).all() else None
+
+    def _warn(self, text: str) -> None:
+        self._node.get_logger().warning(text, throttle_duration_sec=_WARNING_PERIOD)
+
+    def watch(self, stamp: float) -> None:
+        """End the active run as lost if its executor has gone, or has published no status for too long.
+
+        Parameters
+        ----------
+        stamp : float
+            Time in s of the robot's newest state; while it stands still no status is expected.
+        """
+        _, run = self._active
+        now = time.monotonic()
+        if self._is_new:
+            self._is_new, self._last_status = False, (now, stamp)
+        silence, missed = now - self._last_status[0], stamp - self._last_status[1]
+        is_there = self._node.count_publishers(self._status.topic_name) > 0
+        if not run.ended and silence > _CHAIN_TIMEOUT and (missed > _CHAIN_TIMEOUT or not is_there):
+            self.lose()
+
+    def lose(self) -> None:
+        """End the active run; its executor does not answer."""
+        _, run = self._active
+        if not run.ended:
+            run.status, run.ended = "lost: the executor does not answer", True
+
+
+def _update(run: Run, message: ChainPerformance) -> None:
+    """Write the status of a chain into its run."""
+    actions, code = message.actions, message.outcome.code
+    run.started = True
+    run.actual[:] = [each.actual.duration for each in actions if each.outcome.code == Outcome.SUCCEEDED]
+    reason = printable(message.outcome.reason, _LONGEST_REASON)
+    refinement = printable(message.refinement, _LONGEST_REASON)
+    prefix = "of others: " if run.label == OTHERS else ""
+    if not code:
+        run.status = f"{prefix}{reason}"
+        return
+    succeeded = code == Outcome.SUCCEEDED
+    run.duration = message.actual.duration if succeeded else math.nan
+    run.status = f"{prefix}{'done' if succeeded else reason} ({refinement})"
+    run.ended = True
+
+
+def _executed_chain(message: ChainPerformance) -> ExecutedChain:
+    """Read a record; raises MessageError."""
+    code, goals = message.outcome.code, [call.goal.pose for call in message.chain.calls[-1:]]
+    return ExecutedChain(
+        tuple(printable(call.top, _LONGEST_NAME) for call in message.chain.calls),
+        message.refined,
+        message.predicted.duration,
+        message.actual.duration if code == Outcome.SUCCEEDED else math.nan,
+        _OUTCOMES.get(code, f"outcome {code}"),
+        (*_places(message.start), *(pose_from(goal, "chain") for goal in goals)),
+    )
+
+
+def _places(situation: Situation) -> Iterable[Pose]:
+    yield pose_from(situation.robot, "start.robot")
+    for there in situation.objects:
+        at = object_from(there.position, there.velocity, f"start.{printable(there.name)}")
+        yield Pose(at.x, at.y, 0.0)
+
+
+class RosBackend:
+    """Running nodes, observed and used through a client node; see `ator_ros.view.backend.Backend`.
+
+    Parameters
+    ----------
+    domain, robot : Domain, Robot
+        What is executed, and by which robot.
+    frame : str
+        The frame of odometry and goals.
+    ros_domain : int, optional
+        By default that of the environment.
+    words : sequence of str
+        ROS arguments, such as the namespace of the robot's nodes.
+    check : callable
+        Called while waiting; raises to end it.
+    start_timeout, timeout : float
+        Real s that nodes may take to start, and that an answer may take of nodes that may end.
+
+    Raises
+    ------
+    BackendError
+        The ROS arguments are invalid.
+    """
+
+    def __init__(
+        self,
+        domain: Domain,
+        robot: Robot,
+        *,
+        frame: str = "odom",
+        ros_domain: int | None = None,
+        words: Sequence[str] = (),
+        check: Callable[[], None] = lambda: None,
+        start_timeout: float = 60.0,
+        timeout: float = 5.0,
+    ) -> None:
+        self._own = own = ClientNode(
+            "view", domain=ros_domain, words=words, check=check, timeout=start_timeout, error=BackendError
+        )
+        self._frame, self._timeouts = frame, (start_timeout, timeout)
+        self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
+        self.can_place = False
+        self._is_shared = False
+        self._refused: dict[str, str] = {}
+        node = own.node
+        self._world = WorldMonitor(node, domain, robot, frame=frame)
+        self._goals = GoalMonitor(node, self._libraries, frame=frame)
+        self._simulation = SimulationClient(own, robot.scene.objects)
+        self._refinement = node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
+        self._factors = [  # of a simulation of this robot, or of several
+            node.create_client(SetParameters, f"{space}simulation/set_parameters") for space in ("", "/")
+        ]
+        self._settings = node.create_client(GetParameters, "executor/get_parameters")
+        self._server = ActionClient(node, ExecuteChain, "execute_chain")
+        self._cancel = node.create_client(CancelGoal, "execute_chain/_action/cancel_goal")
+        self._learned: dict[str, str] = {}
+        self._reports: dict[str, Callable[[Mapping[str, str]], str]] = {
+            node.resolve_service_name("refinement"): lambda values: values.get("learned set", ""),
+            node.resolve_service_name("learning"): _learning_report,
+            "/learning": _learning_report,  # one may learn for all robots
+        }
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._take_diagnostics, RESULTS)
+        own.start()
+
+    def ready(self, *, simulated: bool) -> None:
+        """Wait for refinement and executor, and if `simulated` for the simulation.
+
+        Raises
+        ------
+        BackendError
+            One did not start in time.
+        SetupError
+            The robot's state comes from tf, and tf2_msgs is not installed.
+        """
+        self._own.timeout = self._timeouts[0]
+        if simulated:
+            self._own.until(self._simulation.is_there, "the simulation's services")
+        self._own.until(self._refinement.service_is_ready, f"the service {self._refinement.srv_name}")
+        self._own.until(self._server.server_is_ready, "the action execute_chain")
+        self._world.follow_robot(self._robot_settings())
+        self.can_place = simulated or self._simulation.is_there(_DISCOVERY)
+        alone, several = self._factors
+        self._is_shared = not alone.service_is_ready() and several.service_is_ready()
+        if not simulated:  # they may end, and the page waits for every answer
+            self._own.timeout = self._timeouts[1]
+
+    def _robot_settings(self) -> dict[str, str]:
+        """Ask the executor for the source of the robot's state."""
+        if not self._settings.wait_for_service(_DISCOVERY):
+            return _ROBOT_FROM
+        answer = self._own.call(self._settings, GetParameters.Request(names=list(_ROBOT_FROM)))
+        values = dict(zip(_ROBOT_FROM, (value.string_value for value in answer.values), strict=False))
+        return {name: values.get(name) or usual for name, usual in _ROBOT_FROM.items()}
+
+    def close(self) -> None:
+        """Resume time if this backend has paused it, and destroy the node."""
+        if self._simulation.paused:
+            answer, end = self._simulation.resume(), time.monotonic() + _RESUME
+            while not answer.done() and time.monotonic() < end:
+                time.sleep(0.01)
+        self._own.close()
+
+    # State
+
+    @property
+    def silence(self) -> float:
+        """Real s since the last state of the robot."""
+        return self._world.silence
+
+    def world(self) -> World | None:
+        """Return the newest state; objects that are no longer observed are not in it."""
+        return self._world.world()
+
+    @property
+    def history(self) -> History:
+        """The executed chains, of all clients."""
+        return self._goals.history
+
+    @property
+    def external(self) -> ExternalGoal | None:
+        """The last goal of another client; None if the last goal was ours."""
+        return self._goals.external
+
+    @property
+    def path(self) -> FloatArray | None:
+        """The planned path of the active action, shape (n, 2): x and y in m; None without one."""
+        return self._goals.path
+
+    @property
+    def learned(self) -> str:
+        """The report on learned models and on learning; empty if nothing is learned."""
+        return "; ".join(text for text in tuple(self._learned.values()) if text)
+
+    def _take_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            report = self._reports.get(status.name)
+            if report is not None:
+                values = {value.key: value.value for value in status.values}
+                self._learned[status.name] = printable(report(values), _LONGEST_REASON)
+
+    # Refinement
+
+    def refine(self, draft: Draft, *, as_given: bool = False) -> Answer:
+        """Ask the node `refinement`; values of open variables are placeholders, unless `as_given`."""
+        if not self._refinement.service_is_ready():
+            raise UnavailableError(f"expected the service {self._refinement.srv_name}, it is not there")
+        chain, *others = self._chains(draft)
+        request = RefineSubgoal.Request(
+            situation=situation_of(draft.world, frame=self._frame),
+            chain=chain,
+            objective=objective_of(draft.objective),
+            alternatives=others,
+            want_curve=True,
+            as_given=as_given,
+        )
+        answer = self._own.call(self._refinement, request)
+        if not answer.accepted:
+            raise BackendError(answer.reason)
+        try:
+            return self._read_answer(answer, self._libraries[draft.action_set])
+        except MessageError as error:
+            raise BackendError(str(error)) from error
+
+    def _chains(self, draft: Draft) -> list[TopChain]:
+        """Write the chain of a draft and its alternatives."""
+        chains = (draft.chain, *draft.alternatives)
+        return [chain_of(chain, action_set=draft.action_set, frame=self._frame) for chain in chains]
+
+    def _read_answer(self, answer: RefineSubgoal.Response, library: TopLibrary) -> Answer:
+        """Read an answer; raises MessageError if a chain or a curve in it cannot be read."""
+        naive = chain_from(answer.original, library, frame=self._frame, where="original")
+        return Answer(
+            naive,
+            chain_from(answer.chain, library, frame=self._frame),
+            answer.refined,
+            answer.reason,
+            tuple(action.duration for action in answer.before_actions),
+            tuple(action.duration for action in answer.after_actions),
+            tuple(_curve_from(curve, len(naive.calls)) for curve in answer.curves),
+            tuple(Candidate(each.predicted.duration, each.cost, each.reason) for each in answer.alternatives),
+            answer.chosen,
+        )
+
+    # Simulation
+
+    @property
+    def refused(self) -> str:
+        """Why the simulation did not place robot or objects as requested last; empty if it did."""
+        return "; ".join(f"{name}: {why}" for name, why in tuple(self._refused.items()))
+
+    def place_robot(self, pose: Pose) -> None:
+        """Place the robot at rest; does not wait."""
+        self._send("robot", partial(self._simulation.place_robot, pose))
+
+    def place_object(self, name: str, x: float, y: float) -> None:
+        """Place an object at (x, y) m, at rest; does not wait."""
+        self._send(name, partial(self._simulation.place_object, name, x, y))
+
+    def _send(self, name: str, place: Callable[[], Future]) -> None:
+        try:
+            place().add_done_callback(partial(self._placed, name))
+        except BackendError as error:
+            self._refused[name] = str(error)
+
+    def _placed(self, name: str, future: Future) -> None:
+        answer = future.result()
+        if answer is None or answer.success:
+            self._refused.pop(name, None)
+        else:
+            self._refused[name] = answer.message
+
+    def place(self, world: World) -> None:
+        """Place robot and objects, remove other objects, and wait until they are observed there.
+
+        Time stands still afterwards, unless other robots live in the same simulation, or this fails.
+        """
+        self._refused.clear()
+        paused = False
+        try:
+            self._simulation.place(world)
+            placed = [name for name in world.objects if self._simulation.knows(name)]
+            self._world.expect_messages()  # which the executor then has received, too
+            end = time.monotonic() + _PLACED
+            self._own.until(
+                lambda: self._world.is_fresh(placed) or time.monotonic() > end, "robot and objects"
+            )
+            paused = not self._is_shared
+        finally:
+            if not paused:
+                self._simulation.resume()
+
+    def pause(self, *, paused: bool) -> None:
+        """Pause or resume time."""
+        self._simulation.pause(paused=paused)
+
+    def set_factor(self, factor: float) -> None:
+        """Set the simulated seconds per real second."""
+        value = Parameter("real_time_factor", value=factor).to_parameter_msg()
+        there = [client for client in self._factors if client.service_is_ready()] or self._factors
+        answer = self._own.call(there[0], SetParameters.Request(parameters=[value]))
+        if not answer.results[0].successful:
+            raise BackendError(answer.results[0].reason)
+
+    # Execution
+
+    def execute(self, run: Run, draft: Draft, *, refine: bool) -> None:
+        """Start to execute a chain; resume time once the executor controls the robot, or if this fails."""
+        try:
+            self._start(run, draft, refine=refine)
+        except BaseException:
+            if self._simulation.paused:
+                self._simulation.resume()
+            raise
+        if self.can_place:
+            self.pause(paused=False)
+
+    def _start(self, run: Run, draft: Draft, *, refine: bool) -> None:
+        if not self._server.server_is_ready():
+            raise BackendError("expected the action execute_chain, it is not there")
+        chain, *others = self._chains(draft)
+        goal = ExecuteChain.Goal(
+            chain=chain, refine=refine, objective=objective_of(draft.objective), alternatives=others
+        )
+        goal_id = uuid.uuid4()
+        self._goals.expect(goal_id.hex, run)
+        future = self._own.in_thread(
+            lambda: self._server.send_goal_async(goal, goal_uuid=_goal_info(goal_id.hex).goal_id)
+        )
+        try:
+            self._own.until(lambda: run.started or _is_rejected(future), "the status of execute_chain")
+        except BackendError:
+            self._request_cancel(goal_id.hex)  # it may have been accepted, and would not be watched
+            raise
+        if _is_rejected(future):
+            raise BackendError("the executor accepts no goal")
+
+    def watch(self) -> None:
+        """End the active run as lost if its executor has gone or is silent."""
+        world = self._world.world()
+        self._goals.watch(0.0 if world is None else world.time)
+
+    def stop(self) -> None:
+        """Cancel the active goal, of any client, and wait until it has ended."""
+        goal = self._goals.active_goal
+        if goal is None:
+            return
+        try:
+            if self.can_place:
+                self.pause(paused=False)  # the robot can brake only while time passes
+        finally:
+            try:
+                self._own.call(self._cancel, CancelGoal.Request(goal_info=_goal_info(goal)))
+                self._own.until(lambda: self._goals.active_goal != goal, "the end of the chain")
+            finally:
+                if self._goals.active_goal == goal:
+                    self._goals.lose()
+
+    def _request_cancel(self, goal: str) -> None:
+        with contextlib.suppress(BackendError):
+            self._own.send(self._cancel, CancelGoal.Request(goal_info=_goal_info(goal)))
+
+
+def _goal_info(chain_id: str) -> GoalInfo:
+    info = GoalInfo()
+    info.goal_id.uuid = list(bytes.fromhex(chain_id))
+    return info
+
+
+def _is_rejected(future: Future) -> bool:
+    return future.done() and not future.result().accepted
+
+
+def objective_of(objective: Objective) -> ObjectiveMessage:
+    """Write an objective; a measure that it does not name has weight 0, and -1 leaves it to the node."""
+    names = ObjectiveMessage.get_fields_and_field_types()
+    weights = {name: float(objective.weights.get(name, 0.0)) for name in names}
+    return ObjectiveMessage(**weights | dict.fromkeys(objective.where_predicted, -1.0))
+
+
+def _curve_from(curve: SearchCurve, steps: int) -> SubgoalCurve:
+    names, totals = tuple(curve.variables), np.asarray(curve.totals, dtype=float)
+    if curve.subgoal >= steps or len(curve.values) != len(names) * len(totals):
+        raise MessageError(
+            f"curves: expected {len(names)} values for each of {len(totals)} totals, and a subgoal "
+            f"from 0 to {steps - 1}; got {len(curve.values)} values, and subgoal {curve.subgoal}"
+        )
+    values = np.asarray(curve.values, dtype=float).reshape(len(totals), len(names))
+    return SubgoalCurve(curve.subgoal, names, values, totals)
+
+
+def _learning_report(values: Mapping[str, str]) -> str:
+    """Return the state of the node `learning`, and the errors of old and new models."""
+    parts = [f"learning is {values.get('learning', '')}"]
+    parts += [f"{name}: {values[name]}" for name in _LEARNING if name in values]
+    return ", ".join(parts + [f"{name} {value}" for name, value in values.items() if _LEARNING_ERROR in name])

@@ -1,1 +1,0 @@
-"""The page of a view, with viser: it shows a desk and passes on what its clients ask for."""

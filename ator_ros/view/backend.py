@@ -1,0 +1,225 @@
+"""What the view needs of simulation, refinement and executor, and the data that they exchange."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from ator_ros.geometry import FloatArray, Pose
+from ator_ros.refinement.refiner import SubgoalCurve
+from ator_ros.tops.chain import TopChain
+from ator_ros.view.draft import Draft
+from ator_ros.view.history import History
+from ator_ros.world.state import World
+
+OTHERS = "others"
+"""The label of an execution that this view did not start."""
+
+
+class BackendError(RuntimeError):
+    """A request to a backend failed; the message says why."""
+
+
+class UnavailableError(BackendError):
+    """A node that is needed is not running, but may start later."""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One of several chains for the same end: predicted duration in s, cost, and the reason.
+
+    Both numbers are NaN if the chain was skipped.
+    """
+
+    duration: float
+    cost: float
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The answer of refinement: the naive chain and the one to execute, with predictions.
+
+    Attributes
+    ----------
+    naive, chain : TopChain
+        The chain with naive values of its free variables, and the chain to execute.
+    refined : bool
+        Whether they differ.
+    reason : str
+        Why the chain was refined or left unchanged: the gate's words.
+    before, after : tuple of float
+        Predicted durations in s of the steps of `naive`, and of the best chain found; NaN without a model.
+    curves : tuple of SubgoalCurve
+        What was searched.
+    candidates : tuple of Candidate
+        The chain and its alternatives, in their order; empty without alternatives.
+    chosen : int
+        The number, from 0, of the candidate that all other fields are about.
+    """
+
+    naive: TopChain
+    chain: TopChain
+    refined: bool
+    reason: str
+    before: tuple[float, ...] = ()
+    after: tuple[float, ...] = ()
+    curves: tuple[SubgoalCurve, ...] = ()
+    candidates: tuple[Candidate, ...] = ()
+    chosen: int = 0
+
+
+@dataclass
+class Run:
+    """One execution of a chain.
+
+    Attributes
+    ----------
+    label : str
+        "naive", "refined" or "others".
+    actual : list of float
+        Durations in s of the steps that have succeeded.
+    status : str
+        The present phase, or how it ended.
+    started : bool
+        Whether the executor has reported it.
+    duration : float
+        Of the whole chain in s; NaN while it runs, or if it failed.
+    ended : bool
+        Whether it has ended.
+    times, poses : list
+        Seconds since the start, ascending, and where the robot was then.
+    """
+
+    label: str
+    actual: list[float] = field(default_factory=list)
+    status: str = "starting"
+    started: bool = False
+    duration: float = math.nan
+    ended: bool = False
+    times: list[float] = field(default_factory=list)
+    poses: list[Pose] = field(default_factory=list)
+    _start: float = math.nan
+
+    def record(self, time: float, pose: Pose) -> None:
+        """Record the robot's pose at `time` s; a clock that goes back restarts the trail."""
+        if math.isnan(self._start) or (self.times and time < self._start + self.times[-1]):
+            self._start = time
+            self.times.clear()
+            self.poses.clear()
+        self.times.append(time - self._start)
+        self.poses.append(pose)
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since its start; its duration once that is known."""
+        if not math.isnan(self.duration):
+            return self.duration
+        return self.times[-1] if self.times else 0.0
+
+    def pose_at(self, seconds: float) -> Pose | None:
+        """Return the pose so long after the start; None if nothing was recorded."""
+        if not self.poses:
+            return None
+        return self.poses[min(bisect.bisect_left(self.times, seconds), len(self.poses) - 1)]
+
+
+@dataclass(frozen=True, eq=False)
+class ExternalGoal:
+    """A goal that another client sent to the executor.
+
+    Attributes
+    ----------
+    chain_id : str
+        The goal's UUID.
+    draft : Draft
+        The situation in which it starts, and the chain as it is at present, with open variables.
+    run : Run
+        Its execution; the same object as long as the goal is the same.
+    driven : bool
+        Whether it is driven; before that, refinement may still change it.
+    refined : bool
+        Whether refinement has changed it.
+    changes : int
+        How often refinement has changed it while it was driven.
+    reason : str
+        Why refinement has changed it or left it unchanged; before it is driven, what it waits for.
+    """
+
+    chain_id: str
+    draft: Draft
+    run: Run
+    driven: bool = False
+    refined: bool = False
+    changes: int = 0
+    reason: str = ""
+
+
+class Backend(Protocol):
+    """Simulation or robot, refinement and executor; requests may raise BackendError."""
+
+    @property
+    def can_place(self) -> bool:
+        """Whether robot and objects can be placed, as in a simulation."""
+
+    @property
+    def history(self) -> History:
+        """The executed chains, of all clients."""
+
+    @property
+    def learned(self) -> str:
+        """The report on learned models; empty if nothing is learned."""
+
+    @property
+    def silence(self) -> float:
+        """Real s since the last state of the robot."""
+
+    @property
+    def refused(self) -> str:
+        """Why robot or objects were not placed as requested last; empty if they were."""
+
+    @property
+    def external(self) -> ExternalGoal | None:
+        """The last goal of another client, active or ended; None if the last goal was ours."""
+
+    @property
+    def path(self) -> FloatArray | None:
+        """The planned path of the active action, shape (n, 2): x and y in m; None without one."""
+
+    def world(self) -> World | None:
+        """Return the newest state; None before the first one."""
+
+    def refine(self, draft: Draft, *, as_given: bool = False) -> Answer:
+        """Return the answer of refinement; raises UnavailableError if refinement is not running.
+
+        Values of open variables are placeholders, unless `as_given`.
+        """
+
+    def place_robot(self, pose: Pose) -> None:
+        """Place the robot at rest; does not wait."""
+
+    def place_object(self, name: str, x: float, y: float) -> None:
+        """Place an object at (x, y) m, at rest; does not wait."""
+
+    def place(self, world: World) -> None:
+        """Place robot and objects, remove other objects, and wait until they are observed there.
+
+        Time may stand still afterwards, but not if this fails.
+        """
+
+    def execute(self, run: Run, draft: Draft, *, refine: bool) -> None:
+        """Start to execute the chain of a draft and keep `run` up to date; resume time even if this fails."""
+
+    def watch(self) -> None:
+        """End the active run as lost if its executor has gone or is silent."""
+
+    def stop(self) -> None:
+        """Cancel the active goal, of any client."""
+
+    def pause(self, *, paused: bool) -> None:
+        """Pause or resume time."""
+
+    def set_factor(self, factor: float) -> None:
+        """Set the simulated seconds per real second."""

@@ -1,0 +1,171 @@
+"""A situation with a plan that can be edited: robot, objects and goals move, variables open."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+
+from ator_ros.domains.domain import Domain
+from ator_ros.evaluation.trials import open_speeds, random_trial
+from ator_ros.geometry import Pose
+from ator_ros.refinement.objective import Objective, expected_time
+from ator_ros.refinement.refiner import MOST_ALTERNATIVES
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.library import LeftOutError, TopLibrary
+from ator_ros.tops.objects import followed
+from ator_ros.world.state import ObjectState, RobotState, World
+
+_MOVED = 0.01
+"""Distance in m, or difference in rad, by which the robot must have moved for a new refinement."""
+_SAME_PLACE = 0.15
+"""Distance in m up to which a goal counts as lying at an object that its step follows."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Draft:
+    """A start and a plan; each change makes a new draft.
+
+    Attributes
+    ----------
+    world : World
+        The situation in which the chain starts, everything at rest.
+    chain : TopChain
+        The plan, with open variables.
+    action_set : str
+        Name of the set of actions that executes it.
+    objective : Objective
+        What refinement minimizes.
+    alternatives : tuple of TopChain
+        Other chains for the same end, of which refinement may choose one.
+    """
+
+    world: World
+    chain: TopChain
+    action_set: str
+    objective: Objective = dataclasses.field(default_factory=Objective)
+    alternatives: tuple[TopChain, ...] = ()
+
+    def _with_calls(self, change: Callable[[TopCall], TopCall]) -> Draft:
+        """Return the draft with each call of each chain changed."""
+        chains = (self.chain, *self.alternatives)
+        chain, *others = (TopChain(tuple(change(call) for call in each.calls)) for each in chains)
+        return dataclasses.replace(self, chain=chain, alternatives=tuple(others))
+
+    def with_robot(self, pose: Pose) -> Draft:
+        """Return the draft with the robot standing at `pose`."""
+        return dataclasses.replace(self, world=dataclasses.replace(self.world, robot=RobotState(pose)))
+
+    def with_object(self, name: str, x: float, y: float) -> Draft:
+        """Return the draft with an object at (x, y) m, and with the goals of steps that follow it there."""
+        before = self.world.objects.get(name)
+        moved = self._with_calls(
+            lambda call: _moved(call, x, y) if before is not None and _follows(call, name, before) else call
+        )
+        return dataclasses.replace(moved, world=self.world.with_object(name, ObjectState(x, y)))
+
+    def at(self, world: World) -> Draft:
+        """Return the draft with robot and objects where they are in `world`, at rest."""
+        here, draft = dataclasses.replace(world, robot=RobotState(world.robot.pose)), self
+        for name, there in here.objects.items():
+            draft = draft.with_object(name, there.x, there.y)
+        return dataclasses.replace(draft, world=here)
+
+    def differs(self, other: Draft) -> bool:
+        """Return whether the robot has moved, or objects or chain differ: refinement is then asked again."""
+        x, y, yaw = other.world.robot.pose.relative(self.world.robot.pose)
+        moved = max(math.hypot(x, y), abs(yaw)) > _MOVED
+        return moved or set(self.world.objects) != set(other.world.objects) or self.chain != other.chain
+
+    def with_goal(self, step: int, pose: Pose) -> Draft:
+        """Return the draft with the goal of a step (from 0) at `pose`."""
+        goal = dataclasses.replace(self.chain.calls[step].goal, pose=pose)
+        return dataclasses.replace(self, chain=self.chain.with_goal(step, goal))
+
+    def with_open(self, step: int, name: str, *, is_open: bool) -> Draft:
+        """Return the draft with a goal variable of a step (from 0) opened, or committed to."""
+        calls = list(self.chain.calls)
+        opened = calls[step].open | {name} if is_open else calls[step].open - {name}
+        calls[step] = dataclasses.replace(calls[step], open=opened)
+        return dataclasses.replace(self, chain=TopChain(tuple(calls)))
+
+    def with_library(self, library: TopLibrary) -> Draft:
+        """Return the draft with its steps executed by the actions of another set."""
+        changed = self._with_calls(
+            lambda call: dataclasses.replace(
+                call,
+                top=(top := library[call.top.name]),
+                goal=dataclasses.replace(call.goal, point=top.point),
+            )
+        )
+        return dataclasses.replace(changed, action_set=library.action_set)
+
+    def with_weight(self, measure: str, weight: float) -> Draft:
+        """Return the draft with the weight of a measure; raises RefinementError if all would be 0."""
+        before = self.objective
+        weights, optional = {**before.weights, measure: weight}, before.where_predicted - {measure}
+        objective = dataclasses.replace(before, weights=weights, where_predicted=optional)
+        return dataclasses.replace(self, objective=objective)
+
+    def with_alternative(self) -> Draft:
+        """Return the draft with its chain, as it is now, as one more alternative; the newest are kept."""
+        kept = dict.fromkeys((*self.alternatives, self.chain))
+        return dataclasses.replace(self, alternatives=tuple(kept)[-MOST_ALTERNATIVES:])
+
+    @property
+    def movable_goals(self) -> Mapping[int, Pose]:
+        """The goals that can be moved by themselves, by step: those that lie at no object."""
+        return {
+            step: call.goal.pose
+            for step, call in enumerate(self.chain.calls)
+            if not any(_follows(call, name, there) for name, there in self.world.objects.items())
+        }
+
+
+def _follows(call: TopCall, name: str, there: ObjectState) -> bool:
+    """Return whether a step follows an object, and its goal is where the object lies now."""
+    pose = call.goal.pose
+    return followed(call.top) == name and pose.distance(Pose(there.x, there.y, 0.0)) <= _SAME_PLACE
+
+
+def _moved(call: TopCall, x: float, y: float) -> TopCall:
+    pose = call.goal.pose._replace(x=x, y=y)
+    return dataclasses.replace(call, goal=dataclasses.replace(call.goal, pose=pose))
+
+
+def situation_draft(
+    domain: Domain,
+    libraries: Mapping[str, TopLibrary],
+    chain: str,
+    *,
+    seed: int,
+    index: int,
+    like: Draft | None = None,
+) -> Draft:
+    """Return the draft of a random situation of a chain of the domain.
+
+    Parameters
+    ----------
+    domain, libraries : Domain, mapping of str to TopLibrary
+        The domain, and its actions by set.
+    chain : str
+        Name of the chain.
+    seed, index : int
+        Which situation.
+    like : Draft, optional
+        Its action set and objective are used; by default the first set, and the expected time.
+    """
+    library = next(iter(libraries.values())) if like is None else libraries[like.action_set]
+    trial = random_trial(domain, chain, library, seed=seed, index=index)
+    objective = expected_time(domain.time_limit) if like is None else like.objective
+    return Draft(trial.world, open_speeds(trial.chain), library.action_set, objective)
+
+
+def first_draft(domain: Domain, libraries: Mapping[str, TopLibrary]) -> tuple[str, Draft]:
+    """Return the first chain whose steps all have actions, and its first situation."""
+    *others, last = domain.chains
+    for name in others:
+        with contextlib.suppress(LeftOutError):
+            return name, situation_draft(domain, libraries, name, seed=0, index=0)
+    return last, situation_draft(domain, libraries, last, seed=0, index=0)

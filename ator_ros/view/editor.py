@@ -1,0 +1,357 @@
+"""The state of the view: the draft that is edited, the answer of refinement, and the executions."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import threading
+from collections.abc import Callable, Hashable, Mapping, Sequence
+
+from ator_ros.domains.domain import Domain
+from ator_ros.geometry import Pose
+from ator_ros.refinement import RefinementError
+from ator_ros.tops.library import TopLibrary
+from ator_ros.view.backend import OTHERS, Answer, Backend, BackendError, ExternalGoal, Run, UnavailableError
+from ator_ros.view.draft import Draft, first_draft, situation_draft
+from ator_ros.world.state import World
+
+NAIVE, REFINED = "naive", "refined"
+_RETRY_STEPS = 25
+"""Steps after which refinement is asked again if it was not running."""
+_FOLLOW_PERIOD = 0.2
+"""Seconds of the robot's clock between two updates of a draft that follows the robot."""
+_EXPECTED = (BackendError, RefinementError, ValueError, TypeError, ArithmeticError)
+"""Errors of commands; a client may send any value, or mean a chain that another client has changed."""
+
+
+class CommandQueue:
+    """Commands of the page's clients by key; a newer one replaces a waiting one with the same key.
+
+    A drag gives many positions, of which only the last one counts. Any thread may put, one takes.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._waiting: dict[Hashable, Callable[[], None]] = {}
+
+    def put(self, key: Hashable, command: Callable[[], None]) -> None:
+        """Add a command."""
+        with self._lock:
+            self._waiting[key] = command
+
+    def take(self) -> list[Callable[[], None]]:
+        """Remove and return all commands, the oldest first."""
+        with self._lock:
+            waiting, self._waiting = list(self._waiting.values()), {}
+        return waiting
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Race:
+    """Two executions from the same start; the second is driven beside the ghost of the first."""
+
+    first: Run
+    second: Run
+
+    @property
+    def verdict(self) -> str:
+        """The result; empty until both have ended."""
+        if not (self.first.ended and self.second.ended):
+            return ""
+        failed = [run.label for run in (self.first, self.second) if math.isnan(run.duration)]
+        if failed:
+            return f"{' and '.join(failed)} failed"
+        a, b = self.first.duration, self.second.duration
+        gain = f"gain {a - b:+.2f} s ({100.0 * (a - b) / (a or math.inf):+.0f} %)"
+        return f"{self.first.label} {a:.2f} s, {self.second.label} {b:.2f} s: {gain}"
+
+
+class Editor:
+    """Edits a draft, keeps refinement's answer up to date, and executes chains. For one thread only.
+
+    Parameters
+    ----------
+    backend : Backend
+        Simulation or robot, refinement and executor.
+    domain : Domain
+        Source of situations.
+    libraries : mapping of str to TopLibrary
+        By action set; the first one is used at the start.
+
+    Attributes
+    ----------
+    draft : Draft
+        The situation and plan that is edited.
+    answer : Answer or None
+        Refinement's answer to it; None while `problem` says why not.
+    problem : str
+        The last error; empty without one.
+    runs : list of Run
+        The executions since the last edit, the newest last.
+    paused : bool
+        Whether time stands still.
+    edition : int
+        Grows with every change of draft or answer.
+    """
+
+    def __init__(self, backend: Backend, domain: Domain, libraries: Mapping[str, TopLibrary]) -> None:
+        self.backend, self.domain, self.libraries = backend, domain, libraries
+        self.seed, self.index = 0, 0
+        self.answer: Answer | None = None
+        self.problem, self.paused = "", False
+        self.runs: list[Run] = []
+        self.race: Race | None = None
+        self.edition = 0
+        self._waiting: list[Run] = []
+        self._stale, self._displaced = True, True
+        self._follows, self._followed = False, -math.inf
+        self._retry = 0
+        self._external: ExternalGoal | None = None
+        self._external_answer: Answer | None = None
+        self._external_question: tuple[object, ...] = ()
+        self.chain_name, self.draft = first_draft(domain, libraries)
+
+    # Situations
+
+    def situation(self, *, chain: str = "", seed: int | None = None, index: int | None = None) -> None:
+        """Go to a situation of a chain of the domain; what is not named stays."""
+        name = chain or self.chain_name
+        seed = self.seed if seed is None else seed
+        index = self.index if index is None else index
+        draft = situation_draft(self.domain, self.libraries, name, seed=seed, index=index, like=self.draft)
+        self.chain_name, self.seed, self.index = name, seed, index  # after this, it exists
+        self._go_to(draft)
+
+    def reset(self) -> None:
+        """Place robot and objects at the draft's start."""
+        self._go_to(self.draft)
+
+    def _go_to(self, draft: Draft) -> None:
+        self.stop()
+        self._edited(draft)
+        self._displaced, self._follows = True, False
+
+    def select(self, backend: Backend) -> None:
+        """Switch to another robot, where it is; the previous one continues its chain.
+
+        Nothing is placed, and the draft follows robot and objects until something is moved or executed.
+        """
+        self.backend = backend
+        self._waiting.clear()
+        self.runs.clear()
+        self.race = self.answer = None  # both were about another robot
+        self._stale, self._follows, self._followed = True, True, -math.inf
+        self._displaced, self.paused = False, False
+        self._external, self._external_question = None, ()
+
+    # Edits
+
+    def move_robot(self, pose: Pose) -> None:
+        """Place the robot, unless a chain is executed."""
+        if self.executing:
+            return
+        self._restore()
+        self._edited(self.draft.with_robot(pose))
+        self.backend.place_robot(pose)
+
+    def move_object(self, name: str, x: float, y: float) -> None:
+        """Place an object at (x, y) m; while a chain is executed only in the world, not in the draft."""
+        if not self.executing:
+            self._restore()
+            self._edited(self.draft.with_object(name, x, y))
+        self.backend.place_object(name, x, y)
+
+    def move_goal(self, step: int, pose: Pose) -> None:
+        """Move the goal of a step, unless a chain is executed: both chains of a race have the same goals."""
+        if not self.executing:
+            self._edited(self.draft.with_goal(step, pose))
+
+    def set_open(self, step: int, name: str, *, is_open: bool) -> None:
+        """Open a goal variable of a step, or commit to it."""
+        self._edited(self.draft.with_open(step, name, is_open=is_open))
+
+    def use_actions(self, action_set: str) -> None:
+        """Execute the chain with the actions of another set."""
+        self._edited(self.draft.with_library(self.libraries[action_set]))
+
+    def set_weight(self, measure: str, weight: float) -> None:
+        """Set the weight of a measure in the objective."""
+        self._edited(self.draft.with_weight(measure, weight))
+
+    def keep_alternative(self) -> None:
+        """Keep the present chain as an alternative; later edits change the chain alone."""
+        self._edited(self.draft.with_alternative())
+
+    def forget_alternatives(self) -> None:
+        """Remove all alternatives."""
+        self._edited(dataclasses.replace(self.draft, alternatives=()))
+
+    def _edited(self, draft: Draft) -> None:
+        self.draft, self._stale = draft, True
+        if not self.executing:
+            self.runs.clear()
+            self.race = None
+
+    def _restore(self) -> None:
+        """Place everything as in the draft, if an execution has moved it; tried once."""
+        displaced, self._displaced, self._follows = self._displaced, False, False
+        if displaced and self.backend.can_place:
+            self.paused = False
+            self.backend.place(self.draft.world)
+            self.backend.pause(paused=False)
+
+    # Execution
+
+    @property
+    def executing(self) -> bool:
+        """Whether a chain is executed or waits for execution."""
+        return bool(self._waiting) or self._active
+
+    @property
+    def _active(self) -> bool:
+        return any(not run.ended for run in self.runs)
+
+    def execute(self, *labels: str) -> None:
+        """Execute the chain from the draft's start: `NAIVE`, `REFINED`, or both, a race."""
+        self.stop()
+        self.runs.clear()
+        self._waiting = [Run(label) for label in labels]
+        self.race = Race(*self._waiting) if len(self._waiting) == 2 else None
+
+    def stop(self) -> None:
+        """Cancel the active chain, of any client, and those that wait."""
+        self._waiting.clear()
+        if self._active:
+            self.backend.stop()
+
+    def pause(self, *, paused: bool) -> None:
+        """Pause or resume time."""
+        self.backend.pause(paused=paused)
+        self.paused = paused
+
+    @property
+    def shown(self) -> tuple[Draft, Answer | None]:
+        """What is drawn: the draft and its answer, or those of another client's chain while it is active."""
+        goal, answer = self._external, self._external_answer
+        if goal is None:
+            return self.draft, self.answer
+        chain, reason = goal.draft.chain, goal.reason
+        if answer is None:
+            return goal.draft, Answer(chain, chain, goal.refined, reason)
+        if not goal.driven:
+            return goal.draft, dataclasses.replace(answer, reason=f"{reason}; predicted: {answer.reason}")
+        return goal.draft, dataclasses.replace(answer, chain=chain, refined=goal.refined, reason=reason)
+
+    @property
+    def run(self) -> Run | None:
+        """The newest execution; None without one."""
+        return self.runs[-1] if self.runs else None
+
+    def ghost(self) -> Pose | None:
+        """Return where the first of a race was as long after its start as the second is now."""
+        if self.race is None or len(self.runs) < 2:
+            return None
+        return self.race.first.pose_at(self.race.second.elapsed)
+
+    # The loop
+
+    def step(self, commands: Sequence[Callable[[], None]] = ()) -> None:
+        """Process commands, ask refinement if the draft has changed, and follow the execution."""
+        for command in commands:
+            self._try(command)
+        world = self.backend.world()
+        if world is None:
+            return
+        self._follow_external()
+        if (self._follows and not self._active) or not (self.executing or self.backend.can_place):
+            self._follow(world)
+        if self._stale:
+            self._stale = False
+            self._refine()
+        elif self._retry:
+            self._retry -= 1
+            self._stale = not self._retry
+        run = self.run
+        if run is not None and not run.ended:
+            run.record(world.time, world.robot.pose)
+            self.backend.watch()
+        elif self._waiting and not self._stale:
+            self._try(self._start)
+        elif self._displaced and not self.runs and not self._waiting:
+            self._try(self._restore)
+
+    def _try(self, command: Callable[[], None]) -> None:
+        try:
+            command()
+            return
+        except LookupError:
+            self.problem = "expected a step, variable, chain or action set that exists"
+        except _EXPECTED as error:
+            self.problem = str(error)
+        self.edition += 1
+        self._waiting.clear()
+
+    def _follow_external(self) -> None:
+        """Show an active goal of another client, unless a chain of this view is executed."""
+        goal = self.backend.external
+        ours = self._waiting or any(not run.ended and run.label != OTHERS for run in self.runs)
+        if ours or goal is None or goal.run.ended:
+            if self._external is not None:
+                self._external, self._external_question = None, ()
+                self._stale = True
+                self.edition += 1
+        elif goal is not self._external:
+            self._external = goal
+            self._refine_external(goal)
+            self.edition += 1
+            if self.run is not goal.run:
+                self.runs, self.race = [goal.run], None
+                self._displaced, self._follows, self._followed = False, True, -math.inf
+
+    def _refine_external(self, goal: ExternalGoal) -> None:
+        """Ask refinement about another client's goal if it has changed, with the weights of this view."""
+        question = (goal.chain_id, goal.driven, goal.refined, goal.changes)
+        if question == self._external_question:
+            return
+        self._external_question, self._external_answer = question, None
+        draft = dataclasses.replace(goal.draft, objective=self.draft.objective)
+        try:
+            self._external_answer = self.backend.refine(draft, as_given=goal.driven and not goal.refined)
+        except UnavailableError:
+            self._external_question = ()  # ask again
+        except BackendError:
+            return  # it is drawn without predictions
+
+    def _follow(self, world: World) -> None:
+        """Let the draft start where robot and objects are."""
+        if abs(world.time - self._followed) < _FOLLOW_PERIOD:
+            return
+        self._followed = world.time
+        draft = self.draft.at(world)
+        if draft.differs(self.draft):
+            self.draft, self._stale = draft, True
+
+    def _refine(self) -> None:
+        try:
+            self.answer, self.problem = self.backend.refine(self.draft), ""
+        except BackendError as error:
+            self.answer, self.problem = None, str(error)
+            self._retry = _RETRY_STEPS if isinstance(error, UnavailableError) else 0
+        self.edition += 1
+
+    def _start(self) -> None:
+        """Execute the first chain that waits."""
+        if self.answer is None:
+            raise BackendError(self.problem or "expected a chain that can be executed")
+        run = self._waiting.pop(0)
+        if self.backend.can_place and not self._follows:
+            self.backend.place(self.draft.world)
+        self.paused, self._displaced, self._follows = False, True, False
+        self.runs.append(run)
+        refine = run.label == REFINED
+        naive = dataclasses.replace(self.draft, chain=self.answer.naive, alternatives=())
+        try:
+            self.backend.execute(run, self.draft if refine else naive, refine=refine)
+        except BackendError:
+            run.ended, run.status = True, "could not start"
+            raise

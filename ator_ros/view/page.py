@@ -1,0 +1,178 @@
+"""The page: the editor's scene and panel, for any number of clients at once."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Mapping
+from functools import partial
+from types import MappingProxyType
+
+from ator_ros.geometry import Pose
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.robot.description import Robot
+from ator_ros.view.backend import OTHERS, Backend
+from ator_ros.view.editor import NAIVE, REFINED, CommandQueue, Editor
+from ator_ros.view.history import HistoryTab
+from ator_ros.view.panel import Panel
+from ator_ros.view.scene import LOOPBACK, NO_ANGLES, Canvas, Handle, RobotModel, serve
+from ator_ros.view.shapes import BLUE, ORANGE, YELLOW, Shape, alternative_shapes, polyline, refinement_shapes
+from ator_ros.world.state import World
+
+_TRAILS = {NAIVE: ORANGE, REFINED: BLUE, OTHERS: BLUE}
+_WRITE_PERIOD = 0.2
+_TRAIL_WIDTH = 0.025
+_GOAL_RADIUS = 0.16
+_NO_ROBOTS: Mapping[str, Backend] = MappingProxyType({})
+
+
+class Page:
+    """Serves a page on one port; `update` is called regularly by the editor's thread.
+
+    Parameters
+    ----------
+    editor : Editor
+        The state that is shown.
+    robot : Robot
+        With its scene.
+    urdf : str
+        The robot's description for drawing.
+    models : mapping
+        Performance models by action, by action set, whose rules are shown.
+    host, port : str, int
+        Where the page is served; by default only this machine can reach it.
+    robots : mapping of str to Backend
+        All robots by name, the editor's among them; all are shown, and one is chosen.
+
+    Attributes
+    ----------
+    commands : CommandQueue
+        What the clients have entered, for `Editor.step`.
+    """
+
+    def __init__(
+        self,
+        editor: Editor,
+        robot: Robot,
+        urdf: str,
+        models: Mapping[str, Mapping[str, PerformanceModel]],
+        *,
+        host: str = LOOPBACK,
+        port: int = 8080,
+        robots: Mapping[str, Backend] = _NO_ROBOTS,
+    ) -> None:
+        self.commands = CommandQueue()
+        self._editor, self._robot, self._models = editor, robot, models
+        self.server = server = serve(editor.domain, robot, host=host, port=port)
+        area = robot.scene.area
+        self._chain = Canvas(server, "/chain", area)
+        self._trails = Canvas(server, "/trails", area, 0.03)
+        self._model = RobotModel(server, "/robot", urdf, area)
+        self._ghost = RobotModel(server, "/ghost", urdf, area, ghost=True)
+        self._robots = robots
+        self._others = {name: RobotModel(server, f"/robots/{name}", urdf, area) for name in robots}
+        self._objects = {name: self._object_handle(name) for name in robot.scene.objects}
+        self._start = Handle(
+            server, "/start", area, radius=robot.reach, height=0.02, colour=ORANGE, moved=self._robot_moved
+        )
+        self._goals: list[Handle] = []
+        tabs = server.gui.add_tab_group()
+        with tabs.add_tab("Now"):
+            self._panel = Panel(server.gui, editor, self.commands, robots)
+        self._history = HistoryTab(server.gui, tabs.add_tab("History"))
+        self._edition, self._written = -1, -math.inf
+
+    def _object_handle(self, name: str) -> Handle:
+        radius, area = self._robot.scene.radius(name), self._robot.scene.area
+        return Handle(
+            self.server, f"/objects/{name}", area, radius=radius, height=2.0 * radius, colour=ORANGE,
+            moved=partial(self._object_moved, name), sphere=True,
+        )  # fmt: skip
+
+    def _goal_handle(self, step: int) -> Handle:
+        return Handle(
+            self.server, f"/goals/{step}", self._robot.scene.area, radius=_GOAL_RADIUS, height=0.03,
+            colour=BLUE, moved=partial(self._goal_moved, step),
+        )  # fmt: skip
+
+    def _robot_moved(self, pose: Pose) -> None:
+        self.commands.put("robot", lambda: self._editor.move_robot(pose))
+
+    def _object_moved(self, name: str, pose: Pose) -> None:
+        self.commands.put(("object", name), lambda: self._editor.move_object(name, pose.x, pose.y))
+
+    def _goal_moved(self, step: int, pose: Pose) -> None:
+        self.commands.put(("goal", step), lambda: self._editor.move_goal(step, pose))
+
+    def update(self, now: float, angles: Mapping[str, float] = NO_ANGLES) -> None:
+        """Show what has changed.
+
+        Parameters
+        ----------
+        now : float
+            Time in s of any clock that does not go back.
+        angles : mapping
+            Of the robot's joints in rad, by name.
+        """
+        # In viser's own thread: viser sets asyncio events from whichever thread changes a handle.
+        asyncio.run_coroutine_threadsafe(self._update(now, angles), self.server.get_event_loop()).result()
+
+    async def _update(self, now: float, angles: Mapping[str, float]) -> None:
+        world = self._editor.backend.world()
+        with self.server.atomic():
+            if world is not None:
+                self._show_world(world, angles)
+            if self._edition != self._editor.edition:
+                self._edition = self._editor.edition
+                self._show_chain()
+            self._show_handles()
+            if now - self._written >= _WRITE_PERIOD:
+                self._written = now
+                self._write(world)
+
+    def _show_world(self, world: World, angles: Mapping[str, float]) -> None:
+        self._model.show(world.robot.pose, angles)
+        self._ghost.show(self._editor.ghost())
+        for name, model in self._others.items():
+            other = self._robots[name]
+            state = None if other is self._editor.backend else other.world()
+            model.show(None if state is None else state.robot.pose)
+        for name, handle in self._objects.items():
+            there = world.objects.get(name)
+            handle.show(None if there is None else Pose(there.x, there.y, 0.0))
+
+    def _show_chain(self) -> None:
+        draft, answer = self._editor.shown
+        start = draft.world.robot.pose
+        shapes: list[Shape] = [*alternative_shapes(start, draft.alternatives)]
+        if answer is not None:
+            shapes += refinement_shapes(start, answer.naive, answer.chain, answer.curves)
+        self._chain.draw(shapes)
+        self._panel.show_draft()
+
+    def _show_handles(self) -> None:
+        editor = self._editor
+        editable = not editor.executing
+        start = editor.draft.world.robot.pose
+        self._start.show(start if editable and editor.backend.can_place else None)
+        while len(self._goals) < len(editor.draft.chain.calls):
+            self._goals.append(self._goal_handle(len(self._goals)))
+        movable = editor.draft.movable_goals if editable else {}
+        for step, handle in enumerate(self._goals):
+            handle.show(movable.get(step))
+
+    def _write(self, world: World | None) -> None:
+        editor, backend = self._editor, self._editor.backend
+        self._panel.show_texts(world, self._robot, self._models.get(editor.shown[0].action_set, {}))
+        self._history.show(backend.history, backend.learned)
+        path = backend.path
+        planned = polyline("planned", [] if path is None else path.tolist(), YELLOW, _TRAIL_WIDTH)
+        driven = (
+            polyline(run.label, [pose[:2] for pose in run.poses], _TRAILS[run.label], _TRAIL_WIDTH)
+            for run in editor.runs
+        )
+        self._trails.draw([planned, *driven])
+
+    def close(self) -> None:
+        """Stop serving."""
+        self.server.stop()

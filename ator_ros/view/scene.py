@@ -1,0 +1,312 @@
+"""The scene of the page: the server, shapes on the floor, robots, and handles that can be dragged."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import logging
+import math
+import socket
+from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import viser
+import yourdfpy
+from viser.extras import ViserUrdf
+
+from ator_ros.domains.domain import Domain
+from ator_ros.geometry import FloatArray, Pose, quaternion_from_yaw
+from ator_ros.robot.description import Robot
+from ator_ros.view.shapes import Arrow, Colour, Segments, Shape, surroundings
+from ator_ros.world.scene import Area
+
+LOOPBACK = "127.0.0.1"
+NO_ANGLES: Mapping[str, float] = MappingProxyType({})
+_CAMERA_HEIGHT = 0.85
+"""Height of the camera as a share of the area's length."""
+_FLOOR = (72, 122, 84)
+_ABOVE_FLOOR = 0.04
+_ARROW_WIDTH = 0.04
+_GHOST = (0.62, 0.64, 0.68, 0.35)
+_KNOB_RADIUS, _KNOB_DISTANCE = 0.09, 0.35
+_OPACITY = 0.35
+
+
+# The server
+
+
+def camera_over(robot: Robot) -> tuple[tuple[float, float, float], tuple[float, float, float], float]:
+    """Return where a new client's camera is and looks at (m), and its vertical field of view (rad).
+
+    The origin of the page is the centre of the area.
+    """
+    area = robot.scene.area
+    look_at = (0.0, -0.05 * area.width, 0.0)
+    return (0.0, -0.75 * area.width, _CAMERA_HEIGHT * area.length), look_at, math.radians(50.0)
+
+
+class _Server(viser.ViserServer):
+    """A server that no client can have forwarded to the internet."""
+
+    def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: ARG002
+        """Return None."""
+        return None
+
+
+def serve(domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 8080) -> viser.ViserServer:
+    """Serve a page with floor, lines and bays, on one port or the next that is free.
+
+    Parameters
+    ----------
+    domain, robot : Domain, Robot
+        What is drawn.
+    host, port : str, int
+        By default only this machine can reach the page.
+
+    Raises
+    ------
+    OSError
+        The host is no address of this machine.
+    """
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        socket.create_server(address, family=family).close()  # viser would wait forever
+    except (OSError, ValueError) as error:
+        raise OSError(f"expected an address of this machine, got {host!r}: {error}") from error
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a browser that disconnects is no error
+    with contextlib.redirect_stdout(io.StringIO()):  # viser prints a banner
+        server = _Server(host=host, port=port, label="ator_ros", verbose=False)
+    area, (position, look_at, fov) = robot.scene.area, camera_over(robot)
+    server.scene.set_up_direction("+z")
+    server.gui.configure_theme(show_logo=False, show_share_button=False)
+    server.gui.main_panel.dock_right()
+    camera = server.initial_camera
+    camera.position, camera.look_at, camera.fov = position, look_at, fov
+    size = (area.length + 2.0 * area.margin, area.width + 2.0 * area.margin, 0.02)
+    server.scene.add_box(
+        "/floor", color=_FLOOR, dimensions=size, position=(0.0, 0.0, -0.01), cast_shadow=False
+    )
+    Canvas(server, "/surroundings", area, 0.02).draw(surroundings(domain, robot))
+    return server
+
+
+def _wxyz(yaw: float) -> tuple[float, float, float, float]:
+    """Return the quaternion of a heading in rad in viser's order."""
+    x, y, z, w = quaternion_from_yaw(yaw)
+    return w, x, y, z
+
+
+# Shapes and robots
+
+
+class Canvas:
+    """A group of shapes that is redrawn as a whole; unchanged shapes are not sent again.
+
+    Parameters
+    ----------
+    server : ViserServer
+        The page's server.
+    group : str
+        Path in the scene.
+    area : Area
+        Its centre is the origin of the page, which draws in single precision.
+    height : float
+        Above the floor in m.
+    """
+
+    def __init__(
+        self, server: viser.ViserServer, group: str, area: Area, height: float = _ABOVE_FLOOR
+    ) -> None:
+        self._scene, self._group, self._height = server.scene, group, height
+        self._centre = np.array([area.x, area.y])
+        self._shown: dict[str, tuple[bytes, viser.LineSegmentsHandle]] = {}
+
+    def draw(self, shapes: Iterable[Shape]) -> None:
+        """Show these shapes, and no others of this group."""
+        lines = {shape.name: _lines(shape) for shape in shapes}
+        lines = {name: found for name, found in lines.items() if len(found[0])}
+        for name in set(self._shown) - set(lines):
+            self._shown.pop(name)[1].remove()
+        for name, (points, colours, width) in lines.items():
+            digest = points.tobytes() + colours.tobytes()
+            if name not in self._shown or self._shown[name][0] != digest:
+                self._shown[name] = digest, self._drawn(name, points, colours, width)
+
+    def _drawn(
+        self, name: str, points: FloatArray, colours: FloatArray, width: float
+    ) -> viser.LineSegmentsHandle:
+        """Draw a shape; changing an existing one costs a fraction of a new one."""
+        heights = np.full((*points.shape[:2], 1), self._height)
+        places = np.concatenate([points - self._centre, heights], axis=2).astype(np.float32)
+        paint = np.repeat((255 * colours).astype(np.uint8)[:, None, :], 2, axis=1)
+        if name not in self._shown:
+            return self._scene.add_line_segments(f"{self._group}/{name}", places, paint, thickness=width)
+        handle = self._shown[name][1]
+        handle.points, handle.colors, handle.thickness = places, paint, width
+        return handle
+
+
+def _lines(shape: Shape) -> tuple[FloatArray, FloatArray, float]:
+    """Return the segments (n, 2, 2), their colours (n, 3), and their width in m."""
+    if isinstance(shape, Segments):
+        return shape.points, shape.colours, shape.width
+    return _arrow(shape)
+
+
+def _arrow(arrow: Arrow) -> tuple[FloatArray, FloatArray, float]:
+    tip = arrow.pose.ahead(arrow.length)
+    barbs = [tip._replace(yaw=tip.yaw + turn).ahead(-0.4 * arrow.length) for turn in (0.45, -0.45)]
+    points = np.array([[a[:2], b[:2]] for a, b in ((arrow.pose, tip), *((tip, barb) for barb in barbs))])
+    return points, np.tile(np.asarray(arrow.colour, dtype=float), (len(points), 1)), _ARROW_WIDTH
+
+
+class RobotModel:
+    """A robot in the scene, from its URDF.
+
+    Parameters
+    ----------
+    server : ViserServer
+        The page's server.
+    name : str
+        Path in the scene.
+    urdf : str
+        The robot's description.
+    area : Area
+        Its centre is the origin of the page.
+    ghost : bool
+        Whether it is drawn pale.
+    """
+
+    def __init__(
+        self, server: viser.ViserServer, name: str, urdf: str, area: Area, *, ghost: bool = False
+    ) -> None:
+        self._area = area
+        self._frame = server.scene.add_frame(name, show_axes=False, visible=not ghost)
+        model = yourdfpy.URDF.load(io.BytesIO(urdf.encode()))
+        colour = _GHOST if ghost else None
+        self._urdf = ViserUrdf(server, model, root_node_name=name, mesh_color_override=colour)
+        self._joints = self._urdf.get_actuated_joint_names()
+        self._angles: tuple[float, ...] = ()
+
+    def show(self, pose: Pose | None, angles: Mapping[str, float] = NO_ANGLES) -> None:
+        """Show it at a pose, its joints at `angles` (rad, by name); None hides it."""
+        if self._frame.visible != (pose is not None):
+            self._frame.visible = pose is not None
+        if pose is None:
+            return
+        position, turn = (pose.x - self._area.x, pose.y - self._area.y, 0.0), _wxyz(pose.yaw)
+        if tuple(self._frame.position) != position:
+            self._frame.position = position
+        if tuple(self._frame.wxyz) != turn:
+            self._frame.wxyz = turn
+        turned = tuple(angles.get(name, 0.0) for name in self._joints)
+        if turned != self._angles:
+            self._angles = turned
+            self._urdf.update_cfg(np.asarray(turned))
+
+
+# Handles
+
+
+def on_floor(camera: FloatArray, pointer: FloatArray, height: float) -> tuple[float, float] | None:
+    """Return where the ray from `camera` through `pointer`, both (3,) in m, meets the plane at `height`.
+
+    None if it does not meet it in front of the camera.
+    """
+    ray = pointer - camera
+    if abs(ray[2]) < 1e-9:
+        return None
+    share = (height - camera[2]) / ray[2]
+    if share <= 0.0:
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):
+        x, y = map(float, (camera + share * ray)[:2])
+    return (x, y) if math.isfinite(x) and math.isfinite(y) else None  # a client may send anything
+
+
+class Handle:
+    """A disc or sphere on the floor that can be dragged, with a knob that turns it.
+
+    Parameters
+    ----------
+    server : ViserServer
+        The page's server.
+    name : str
+        Path in the scene.
+    area : Area
+        Its centre is the origin of the page.
+    radius, height : float
+        Of the disc, in m.
+    colour : tuple
+        Of disc and knob.
+    moved : callable
+        Called with the new pose.
+    sphere : bool
+        Whether it is a sphere, without a knob: something without a heading.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        name: str,
+        area: Area,
+        *,
+        radius: float,
+        height: float,
+        colour: Colour,
+        moved: Callable[[Pose], None],
+        sphere: bool = False,
+    ) -> None:
+        self._moved, self._height, self._area = moved, height, area
+        self._pose = Pose(math.inf, math.inf, 0.0)
+        self._offsets: dict[int, tuple[float, float]] = {}
+        scene, place, body = server.scene, (0.0, 0.0, height / 2.0), f"{name}/body"
+        self._frame = scene.add_frame(name, show_axes=False)
+        if sphere:
+            scene.add_icosphere(body, radius, colour, position=place).on_drag("left")(self._drag)
+            return
+        disc = scene.add_cylinder(body, radius, height, colour, opacity=_OPACITY, position=place)
+        disc.on_drag("left")(self._drag)
+        place = (radius + _KNOB_DISTANCE, 0.0, _KNOB_RADIUS)
+        knob = scene.add_icosphere(f"{name}/knob", _KNOB_RADIUS, colour, position=place)
+        knob.on_drag("left")(self._turn)
+
+    def show(self, pose: Pose | None) -> None:
+        """Show it at a pose; None hides it."""
+        if self._frame.visible != (pose is not None):
+            self._frame.visible = pose is not None
+        if pose is not None and pose != self._pose:
+            self._pose = pose
+            self._frame.position = (pose.x - self._area.x, pose.y - self._area.y, 0.0)
+            self._frame.wxyz = _wxyz(pose.yaw)
+
+    async def _drag(self, event: Any) -> None:  # a coroutine, so that events come in order
+        place = self._pointed(event, self._height)
+        if place is None:
+            return
+        client = event.client.client_id  # each drags from where it has taken hold
+        if event.phase == "start":
+            self._offsets[client] = (self._pose.x - place[0], self._pose.y - place[1])
+        x, y = self._offsets.get(client, (0.0, 0.0))
+        if event.phase == "end":
+            self._offsets.pop(client, None)
+        self._moved(self._pose._replace(x=place[0] + x, y=place[1] + y))
+
+    async def _turn(self, event: Any) -> None:
+        place = self._pointed(event, _KNOB_RADIUS)
+        if place is not None and place != (self._pose.x, self._pose.y):
+            yaw = math.atan2(place[1] - self._pose.y, place[0] - self._pose.x)
+            self._moved(self._pose._replace(yaw=yaw))
+
+    def _pointed(self, event: Any, height: float) -> tuple[float, float] | None:
+        try:
+            camera = np.asarray(event.client.camera.position, dtype=float)
+            pointer = np.asarray(event.end_position, dtype=float)
+        except (TypeError, ValueError):
+            return None
+        if camera.shape != (3,) or pointer.shape != (3,):
+            return None
+        there = on_floor(camera, pointer, height)
+        return None if there is None else self._area.at(*there)[:2]

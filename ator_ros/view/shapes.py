@@ -1,0 +1,190 @@
+"""What the page in the browser and RViz draw on the floor: chains, rings, and the surroundings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ator_ros.domains.domain import Domain
+from ator_ros.geometry import FloatArray, Pose, wrap_angles
+from ator_ros.refinement.refiner import SubgoalCurve
+from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import TopChain
+from ator_ros.world.scene import WALL_THICKNESS, Bay
+
+Colour = tuple[float, float, float]
+"""Red, green and blue, each from 0 to 1."""
+
+GREY: Colour = (0.55, 0.57, 0.6)
+BLUE: Colour = (0.13, 0.45, 0.9)
+ORANGE: Colour = (0.95, 0.5, 0.1)
+VIOLET: Colour = (0.6, 0.45, 0.75)
+YELLOW: Colour = (1.0, 0.82, 0.24)
+WHITE: Colour = (0.93, 0.94, 0.95)
+
+_LEG_WIDTH, _ALTERNATIVE_WIDTH, _LINE_WIDTH = 0.015, 0.008, 0.03
+_RING_RADIUS, _RING_DEPTH = 0.35, 0.35
+"""Radius in m where the chain is fastest, and what is added where it is slowest."""
+_RING_WIDTH, _CHOSEN_WIDTH = 0.03, 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Straight segments on the floor.
+
+    Attributes
+    ----------
+    name : str
+        Unique in a picture.
+    points : ndarray, shape (n, 2, 2)
+        Both ends of each segment, x and y in m.
+    colours : ndarray, shape (n, 3)
+        Colour of each segment.
+    width : float
+        In m.
+    """
+
+    name: str
+    points: FloatArray
+    colours: FloatArray
+    width: float = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Arrow:
+    """An arrow on the floor that starts at a pose (m, rad), `length` m long."""
+
+    name: str
+    pose: Pose
+    colour: Colour
+    length: float = 0.4
+
+
+Shape = Segments | Arrow
+
+
+def polyline(name: str, corners: Sequence[tuple[float, float]], colour: Colour, width: float) -> Segments:
+    """Return the segments between neighbouring `corners` (m); fewer than two make none."""
+    line = np.asarray(corners, dtype=float).reshape(-1, 2)
+    points = np.stack([line[:-1], line[1:]], axis=1) if len(line) > 1 else np.zeros((0, 2, 2))
+    return Segments(name, points, np.tile(np.asarray(colour, dtype=float), (len(points), 1)), width)
+
+
+# Chains
+
+
+def _subgoals(chain: TopChain) -> list[Pose]:
+    return [call.goal.pose for call in chain.calls]
+
+
+def _chain_shapes(name: str, start: Pose, chain: TopChain, colour: Colour) -> list[Shape]:
+    """Return a line from `start` along the subgoals, and an arrow at each of them."""
+    goals = _subgoals(chain)
+    legs = polyline(f"{name}/legs", [pose[:2] for pose in (start, *goals)], colour, _LEG_WIDTH)
+    return [legs, *(Arrow(f"{name}/subgoal{step}", pose, colour) for step, pose in enumerate(goals))]
+
+
+def executed_chain_shapes(start: Pose, chain: TopChain, step: int) -> list[Shape]:
+    """Return a chain that is executed from `start`; the subgoal of `step`, from 0, is orange."""
+    shapes = _chain_shapes("chain", start, chain, BLUE)
+    if step < len(chain.calls):
+        shapes[step + 1] = Arrow(f"chain/subgoal{step}", chain.calls[step].goal.pose, ORANGE)
+    return shapes
+
+
+def refinement_shapes(
+    start: Pose, naive: TopChain, chain: TopChain, curves: Sequence[SubgoalCurve]
+) -> list[Shape]:
+    """Return what refinement made of a chain for a robot at `start`.
+
+    Parameters
+    ----------
+    start : Pose
+        Where the robot is.
+    naive, chain : TopChain
+        The naive chain, in grey, and the one to execute, in blue.
+    curves : sequence of SubgoalCurve
+        What was searched; a subgoal whose heading was searched gets a ring.
+    """
+    return [
+        *_chain_shapes("naive", start, naive, GREY),
+        *_chain_shapes("chain", start, chain, BLUE),
+        *(shape for curve in curves for shape in ring(chain, curve)),
+    ]
+
+
+def alternative_shapes(start: Pose, chains: Sequence[TopChain]) -> list[Segments]:
+    """Return thin lines from `start` along the subgoals of other chains."""
+    corners = [[pose[:2] for pose in (start, *_subgoals(chain))] for chain in chains]
+    return [
+        polyline(f"alternative{number}", line, VIOLET, _ALTERNATIVE_WIDTH)
+        for number, line in enumerate(corners)
+    ]
+
+
+# Rings
+
+
+def costs_by_heading(curve: SubgoalCurve) -> tuple[FloatArray, FloatArray]:
+    """Return the searched headings in rad, ascending in [-pi, pi), and the least cost in s through each.
+
+    Returns
+    -------
+    headings, costs : ndarray, shape (n,)
+        Empty where the heading was not searched; costs that are not finite are left out.
+    """
+    if "yaw" not in curve.names:
+        return np.zeros(0), np.zeros(0)
+    known = np.isfinite(curve.totals)
+    column = curve.values[known, curve.names.index("yaw")]
+    headings, number = np.unique(np.round(wrap_angles(column), 6), return_inverse=True)
+    costs = np.full(len(headings), np.inf)
+    np.minimum.at(costs, number, curve.totals[known])
+    return headings, costs
+
+
+def ring(chain: TopChain, curve: SubgoalCurve) -> tuple[Segments, ...]:
+    """Return the ring of one subgoal of `chain`, and the mark of the heading that the chain has.
+
+    A point of the ring lies where the robot comes from if it arrives with that heading. The ring is green and
+    near the subgoal where the chain is predicted to be fast, red and far from it where it is slow.
+    """
+    headings, costs = costs_by_heading(curve)
+    if len(headings) < 3:
+        return ()
+    pose = chain.calls[curve.subgoal].goal.pose
+    least, most = float(costs.min()), float(costs.max())
+    shares = (costs - least) / (most - least) if most > least else np.zeros(len(costs))
+    reach = _RING_RADIUS + _RING_DEPTH * shares
+    points = np.stack([pose.x - reach * np.cos(headings), pose.y - reach * np.sin(headings)], axis=1)
+    colours = np.stack([shares, 0.8 * (1.0 - shares), np.zeros(len(shares))], axis=1)
+    segments = np.stack([points, np.roll(points, -1, axis=0)], axis=1)
+    ends = [pose.ahead(-_RING_RADIUS - _RING_DEPTH * share)[:2] for share in (-0.6, 1.2)]
+    return (
+        Segments(f"ring{curve.subgoal}", segments, colours, _RING_WIDTH),
+        Segments(f"chosen{curve.subgoal}", np.array([ends]), np.array([BLUE]), _CHOSEN_WIDTH),
+    )
+
+
+# Surroundings
+
+
+def surroundings(domain: Domain, robot: Robot) -> list[Segments]:
+    """Return the outline of the area, the domain's lines, and the walls of the bays as thick lines."""
+    x_min, y_min, x_max, y_max = robot.scene.area.lines
+    outline = [(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max), (x_min, y_min)]
+    lines = [polyline("area", outline, WHITE, _LINE_WIDTH)]
+    lines += [
+        polyline(f"line{number}", corners, WHITE, _LINE_WIDTH)
+        for number, corners in enumerate(domain.lines(robot))
+    ]
+    return lines + [_bay(number, bay) for number, bay in enumerate(robot.scene.bays)]
+
+
+def _bay(number: int, bay: Bay) -> Segments:
+    front, side = Pose(bay.x, bay.y, bay.yaw), bay.width / 2.0
+    places = ((0.0, side), (bay.depth, side), (bay.depth, -side), (0.0, -side))
+    corners = [front.compose(Pose(x, y, 0.0))[:2] for x, y in places]
+    return polyline(f"bay{number}", corners, GREY, WALL_THICKNESS)

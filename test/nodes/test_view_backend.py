@@ -1,0 +1,305 @@
+"""The view's backend beside played and real nodes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+
+import pytest
+from chain_client import ChainClient, chain_of_the_paper
+from conftest import Start
+from played_nodes import PlayedNodes
+from ros_client import Client
+
+from ator_interfaces.msg import ChainPerformance, Outcome
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.geometry import Pose
+from ator_ros.nodes.client_node import ClientNode
+from ator_ros.nodes.qos import LATCHED
+from ator_ros.nodes.view_backend import GoalMonitor, RosBackend, objective_of
+from ator_ros.refinement.objective import expected_time
+from ator_ros.view.backend import BackendError, Run
+from ator_ros.view.draft import Draft
+from ator_ros.view.editor import NAIVE, REFINED, Editor
+from ator_ros.world.state import ObjectState, RobotState, World
+
+pytestmark = pytest.mark.node
+ROBOT = SOCCER.robot()
+LIBRARIES = {name: SOCCER.library(ROBOT, name) for name in SOCCER.action_sets}
+TRIAL = random_trial(SOCCER, "dribble", LIBRARIES["default"], seed=0, index=0)
+DRAFT = Draft(TRIAL.world, TRIAL.chain, "default")
+PLACES = World(0.0, RobotState(Pose(1.0, 1.0, 0.0)), {"ball": ObjectState(-1.0, 0.5)})
+PATIENCE = 240.0
+LOST = "lost: the executor does not answer"
+BUSY = {"odom_timeout": 10.0, "refinement_timeout": 20.0, "start_timeout": 30.0}
+"""Parameters of an executor on a busy machine."""
+START = Pose(0.3, 2.0, -1.6)
+"""From where the straight path to the ball is the wrong one."""
+STARTS = {"ann": Pose(-2.0, 0.0, 0.0), "bob": Pose(1.0, -1.5, 3.0)}
+
+
+def until(happened: Callable[[], object], what: str, step: Callable[[], object] = lambda: None) -> None:
+    end = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < end, f"expected {what}"
+        step()
+        time.sleep(0.02)
+
+
+def steps(editor: Editor, happened: Callable[[], object], what: str) -> None:
+    until(happened, what, editor.step)
+
+
+def attached(backend: RosBackend) -> Editor:
+    editor = Editor(backend, SOCCER, LIBRARIES)
+    editor.select(backend)
+    steps(editor, lambda: editor.answer is not None, "an answer")
+    return editor
+
+
+# Beside played nodes
+
+Played = tuple[RosBackend, PlayedNodes]
+
+
+@pytest.fixture
+def played(domain: int, request: pytest.FixtureRequest) -> Iterator[Played]:
+    """Yield a backend and the nodes that it uses; with the parameter `tf` the robot's state is in tf."""
+    with ExitStack() as closing:
+        nodes = PlayedNodes(domain, from_tf=getattr(request, "param", "odom") == "tf")
+        closing.callback(nodes.close)
+        backend = RosBackend(SOCCER, ROBOT, ros_domain=domain, timeout=20.0)
+        closing.callback(backend.close)
+        backend.ready(simulated=False)
+        assert backend.can_place
+        yield backend, nodes
+
+
+def test_an_object_that_is_observed_with_noise_is_not_waited_for(played: Played) -> None:
+    backend, nodes = played
+    backend.place(PLACES)
+    world = backend.world()
+    assert world is not None
+    assert world.robot.pose == PLACES.robot.pose
+    assert world.objects["ball"].x == pytest.approx(-1.0, abs=0.11)
+    assert nodes.paused
+    backend.pause(paused=False)
+    assert not nodes.paused
+
+
+def test_time_is_resumed_if_a_start_fails_and_at_the_end(played: Played) -> None:
+    backend, nodes = played
+    backend.place(PLACES)
+    with pytest.raises(BackendError, match="accepts no goal"):
+        backend.execute(Run(NAIVE), DRAFT, refine=False)
+    until(lambda: not nodes.paused, "time to go on after a refused goal")
+    with pytest.raises(BackendError, match="off the floor"):
+        backend.place(World(0.0, RobotState(Pose(9.0, 0.0, 0.0))))
+    until(lambda: not nodes.paused, "time to go on after a refused start")
+    backend.pause(paused=True)
+    backend.close()
+    assert not nodes.paused
+
+
+def test_what_is_not_moved_is_reported_until_it_is(played: Played) -> None:
+    backend, _ = played
+    assert backend.refused == ""
+    backend.place_robot(Pose(9.0, 0.0, 0.0))
+    backend.place_object("ball", 9.0, 0.0)
+    until(lambda: set(backend.refused.split("; ")) == {"robot: off the floor", "ball: off the floor"}, "both")
+    backend.place_robot(Pose(1.0, 0.0, 0.0))
+    until(lambda: backend.refused == "ball: off the floor", "that of the ball alone")
+    backend.place(PLACES)
+    assert backend.refused == ""
+
+
+def test_a_chain_without_status_is_lost_unless_time_stands_still(played: Played) -> None:
+    backend, nodes = played
+    nodes.accepts = True
+    run = Run(NAIVE)
+    backend.execute(run, DRAFT, refine=False)
+    backend.pause(paused=True)
+    nodes.silent = True
+
+    def watched(seconds: float) -> bool:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end and not run.ended:
+            backend.watch()
+            time.sleep(0.02)
+        return run.ended
+
+    assert not watched(6.0)
+    backend.pause(paused=False)
+    assert watched(20.0)
+    assert run.status == LOST
+    backend.stop()  # nothing is active any more
+    nodes.silent = False
+    backend.execute(Run(NAIVE), DRAFT, refine=False)
+
+
+@pytest.mark.parametrize("played", ["tf"], indirect=True)
+def test_a_robot_of_tf_is_observed(played: Played) -> None:
+    backend, nodes = played
+    until(lambda: backend.world() is not None, "the robot")
+    world = backend.world()
+    assert world is not None
+    assert world.robot.pose.distance(nodes.robot) < 1e-6
+    assert backend.silence < 5.0
+
+
+def test_the_cost_of_a_failure_is_left_to_the_node_until_it_is_weighed() -> None:
+    draft = Draft(TRIAL.world, TRIAL.chain, "default", expected_time(30.0))
+    left = objective_of(draft.objective)
+    assert (left.duration, left.success, left.accuracy) == (1.0, -1.0, 0.0)
+    assert objective_of(draft.with_weight("accuracy", 2.0).objective).success == -1.0
+    assert objective_of(draft.with_weight("success", 12.0).objective).success == 12.0
+
+
+def test_a_goal_of_another_client_that_cannot_be_read_is_ignored(domain: int, client: Client) -> None:
+    own = ClientNode("view", domain=domain)
+    monitor = GoalMonitor(own.node, LIBRARIES, frame="odom")
+    own.start()
+    try:
+        topic = client.node.create_publisher(ChainPerformance, "chain_under_way", LATCHED)
+        message = ChainPerformance()
+        for chain_id, calls in (("x", chain_of_the_paper()), ("0" * 32, [])):
+            message.chain_id, message.chain.calls = "1" * 32, chain_of_the_paper()
+            topic.publish(message)
+            client.eventually(lambda: monitor.external is not None, "a goal")
+            message.chain_id, message.chain.calls = chain_id, calls
+            topic.publish(message)
+            client.eventually(lambda: monitor.external is None, "that it is ignored")
+    finally:
+        own.close()
+
+
+# Beside real nodes
+
+
+@pytest.mark.long
+def test_a_goal_of_another_client_is_followed_and_can_be_canceled(
+    domain: int, start: Start, client: Client
+) -> None:
+    start("simulation", command_wait=10.0, real_time_factor=3.0)
+    start("refinement", deadline=5.0)
+    start("executor", **BUSY)
+    backend = RosBackend(SOCCER, ROBOT, ros_domain=domain, start_timeout=PATIENCE, timeout=PATIENCE)
+    backend.ready(simulated=False)
+    editor = attached(backend)
+    chains = ChainClient(client)
+    client.place(robot=START, ball=(0.0, 0.0))
+    sent = chains.send(chain_of_the_paper(), refine=True)
+    steps(editor, lambda: backend.external is not None and backend.external.driven, "the chain")
+    steps(editor, lambda: "waiting" not in str(getattr(editor.shown[1], "reason", "waiting")), "its start")
+    draft, answer = editor.shown
+    assert draft.world.robot.pose.distance(START) < 0.1
+    assert answer is not None
+    assert [call.top.name for call in answer.chain.calls] == ["goToBall", "dribbleBall", "shoot"]
+    assert answer.naive != answer.chain
+    assert answer.curves
+    assert all(value > 0.0 for value in (*answer.before, *answer.after))
+    steps(editor, sent.ended, "the end")
+    record = sent.result().record
+    steps(editor, lambda: not editor.executing, "the end in the view")
+    [run] = editor.runs
+    assert record.outcome.code == Outcome.SUCCEEDED
+    assert run.duration == pytest.approx(record.actual.duration)
+    assert run.actual == pytest.approx([action.actual.duration for action in record.actions])
+    assert (answer.reason, answer.refined) == (record.refinement, record.refined)
+
+    client.place(robot=START, ball=(0.0, 0.0))
+    sent = chains.send(chain_of_the_paper(), refine=True)
+    steps(editor, lambda: editor.executing, "the next chain")
+    editor.step([editor.stop])
+    assert sent.outcome().code == Outcome.CANCELED
+    steps(editor, lambda: not editor.executing, "the end")
+
+    editor.execute(NAIVE)
+    steps(editor, lambda: editor.run is not None and editor.run.ended, "our chain")
+    assert backend.external is None
+    backend.close()
+
+
+@pytest.mark.long
+def test_two_robots_of_one_simulation_are_shown_moved_and_played(domain: int, start: Start) -> None:
+    numbers = [value for pose in STARTS.values() for value in pose]
+    start("simulation", robots="[ann, bob]", robot_start=f"{numbers}", command_wait=10.0)
+    backends = {}
+    with ExitStack() as closing:
+        for name in STARTS:
+            frame = f"{name}/odom"
+            start("refinement", namespace=name, frame=frame, deadline=5.0)
+            start("executor", namespace=name, frame=frame, robot_frame=f"{name}/base_link", **BUSY)
+            backends[name] = RosBackend(
+                SOCCER, ROBOT, frame=frame, ros_domain=domain, words=["--ros-args", "-r", f"__ns:=/{name}"],
+                start_timeout=PATIENCE, timeout=PATIENCE / 4.0,
+            )  # fmt: skip
+            closing.callback(backends[name].close)
+        for backend in backends.values():
+            backend.ready(simulated=False)
+            assert backend.can_place
+        play_two_robots(*backends.values())
+
+
+def play_two_robots(ann: RosBackend, bob: RosBackend) -> None:
+    editor = attached(ann)
+    for backend, pose in zip((ann, bob), STARTS.values(), strict=True):
+        assert distance(backend, pose) < 0.02  # nothing was moved by being shown
+    editor.step([lambda: editor.move_object("ball", 0.3, 0.6)])
+    for backend in (ann, bob):
+        steps(editor, lambda backend=backend: is_ball_at(backend, 0.3, 0.6), "the ball for both")
+    editor.step([lambda: ann.set_factor(2.0)])
+    assert editor.problem == ""
+    editor.execute(REFINED)
+    steps(editor, lambda: bool(editor.runs) and editor.runs[-1].ended, "ann's chain")
+    assert editor.runs[-1].duration > 0.0, editor.runs[-1].status
+    assert distance(ann, STARTS["ann"]) > 0.3
+    assert distance(bob, STARTS["bob"]) < 0.05
+
+    editor.select(bob)
+    steps(editor, lambda: editor.answer is not None and not editor.problem, "an answer for bob")
+    # Ann stands where her chain ended: bob drives elsewhere.
+    editor.step(
+        [lambda: editor.move_object("ball", 0.5, -1.0), lambda: editor.move_goal(1, Pose(2.0, -0.5, 0.3))]
+    )
+    editor.execute(NAIVE)
+    steps(editor, lambda: bool(editor.runs) and editor.runs[-1].ended, "bob's chain")
+    assert editor.runs[-1].duration > 0.0, editor.runs[-1].status
+    steps(editor, lambda: len(bob.history.chains) == 1, "bob's record")
+    assert len(ann.history.chains) == 1
+
+
+def distance(backend: RosBackend, pose: Pose) -> float:
+    world = backend.world()
+    return float("inf") if world is None else world.robot.pose.distance(pose)
+
+
+def is_ball_at(backend: RosBackend, x: float, y: float) -> bool:
+    world = backend.world()
+    ball = None if world is None else world.objects.get("ball")
+    return ball is not None and abs(ball.x - x) < 0.02 and abs(ball.y - y) < 0.02
+
+
+@pytest.mark.long
+def test_an_executor_that_dies_ends_the_run_and_another_one_plays(domain: int, start: Start) -> None:
+    start("simulation", command_wait=10.0)
+    start("refinement", deadline=5.0)
+    executor = start("executor", **BUSY)
+    backend = RosBackend(SOCCER, ROBOT, ros_domain=domain, start_timeout=PATIENCE, timeout=PATIENCE / 4.0)
+    try:
+        backend.ready(simulated=False)
+        editor = attached(backend)
+        editor.execute(NAIVE)
+        steps(editor, lambda: bool(editor.runs), "a run")
+        executor.kill()
+        steps(editor, lambda: editor.runs[-1].ended, "the loss of the chain")
+        assert editor.runs[-1].status == LOST
+        start("executor", **BUSY)
+        backend.ready(simulated=False)
+        editor.execute(NAIVE)
+        steps(editor, lambda: bool(editor.runs) and editor.runs[-1].ended, "the chain")
+        assert editor.runs[-1].duration > 0.0, editor.runs[-1].status
+    finally:
+        backend.close()

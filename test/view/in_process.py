@@ -1,0 +1,120 @@
+"""A view's backend without ROS: shipped models refine, and the simulator executes a whole chain at once."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from ator_ros.domains.domain import Domain
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.chain_run import run_chain
+from ator_ros.geometry import FloatArray, Pose
+from ator_ros.performance.model_file import load_models
+from ator_ros.refinement import RefinementError
+from ator_ros.refinement.refiner import Refiner, choose
+from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import TopChain
+from ator_ros.view.backend import Answer, BackendError, Candidate, ExternalGoal, Run
+from ator_ros.view.draft import Draft
+from ator_ros.view.editor import Editor
+from ator_ros.view.history import History
+from ator_ros.world.state import ObjectState, RobotState, World
+
+
+class InProcessBackend:
+    """Answers at once; `asked` and `calls` hold what was requested."""
+
+    def __init__(self, domain: Domain = SOCCER, robot: Robot | None = None) -> None:
+        robot = robot or domain.robot()
+        self.domain, self.robot, self.can_place = domain, robot, True
+        self.libraries = {name: domain.library(robot, name) for name in domain.action_sets}
+        models = load_models(robot, domain.known_features, folder=domain.shipped_models)
+        self.refiner = Refiner(robot, models)
+        self.state = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)))
+        self.asked: list[Draft] = []
+        self.as_given: list[bool] = []
+        self.calls: list[str] = []
+        self.fails: BackendError | None = None
+        self.history, self.learned, self.silence, self.refused = History(), "", 0.0, ""
+        self.executed: list[TopChain] = []
+        self.external: ExternalGoal | None = None
+        self.path: FloatArray | None = None
+
+    def editor(self) -> Editor:
+        """Return an editor of this backend, after its first step."""
+        editor = Editor(self, self.domain, self.libraries)
+        editor.step()
+        return editor
+
+    def attached(self) -> Editor:
+        """Return an editor that has selected this backend's robot where it is, after its first step."""
+        editor = Editor(self, self.domain, self.libraries)
+        editor.select(self)
+        editor.step()
+        return editor
+
+    def observe(self, time: float, pose: Pose, ball: tuple[float, float]) -> None:
+        """Let the robot be at a pose and the ball at a place (m) at `time` s."""
+        self.state = World(time, RobotState(pose), {"ball": ObjectState(*ball)})
+
+    def world(self) -> World | None:
+        return self.state
+
+    def refine(self, draft: Draft, *, as_given: bool = False) -> Answer:
+        self.as_given.append(as_given)
+        if self.fails is not None:
+            raise self.fails
+        self.asked.append(draft)
+        violations = draft.chain.violations(draft.world, self.robot)
+        if violations:
+            raise BackendError(violations[0])
+        chains = (draft.chain, *draft.alternatives)
+        try:
+            selection = choose(self.refiner, draft.world, chains, draft.objective, placeholders=not as_given)
+        except RefinementError as error:
+            raise BackendError(str(error)) from error
+        found = selection.refinement
+        predictions = [each.prediction for each in selection.judged if draft.alternatives]
+        return Answer(
+            found.original,
+            found.chain,
+            found.refined,
+            found.reason,
+            *(tuple(action["duration"] for action in whole.actions) for whole in (found.before, found.after)),
+            found.curves,
+            tuple(Candidate(each.duration, each.cost, "") for each in predictions if each is not None),
+            selection.number,
+        )
+
+    def place_robot(self, pose: Pose) -> None:
+        self.state = World(self.state.time, RobotState(pose), self.state.objects)
+
+    def place_object(self, name: str, x: float, y: float) -> None:
+        self.state = self.state.with_object(name, ObjectState(x, y))
+
+    def place(self, world: World) -> None:
+        self.calls.append("place")
+        self.state = World(self.state.time, world.robot, world.objects)
+
+    def execute(self, run: Run, draft: Draft, *, refine: bool) -> None:
+        assert self.state.robot.pose == self.asked[-1].world.robot.pose, "a run begins at the draft's start"
+        here = dataclasses.replace(draft, world=self.state)
+        chain = self.refine(here).chain if refine else draft.chain
+        self.executed.append(chain)
+        done = run_chain(self.robot, self.libraries[draft.action_set], self.state, chain)
+        run.actual[:] = done.actions
+        run.duration = done.duration if done.success else math.nan
+        run.ended, run.status = True, "done"
+        self.place_robot(chain.calls[-1].goal.pose)
+
+    def watch(self) -> None:
+        pass
+
+    def stop(self) -> None:
+        self.calls.append("stop")
+
+    def pause(self, *, paused: bool) -> None:
+        self.calls.append("pause" if paused else "go on")
+
+    def set_factor(self, factor: float) -> None:
+        self.calls.append(f"factor {factor:g}")

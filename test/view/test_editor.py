@@ -1,0 +1,358 @@
+"""The editor of the view: edits, executions, robots that run already, and chains of other clients."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from view.in_process import InProcessBackend
+
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.geometry import Pose
+from ator_ros.view.backend import OTHERS, BackendError, ExternalGoal, Run, UnavailableError
+from ator_ros.view.draft import Draft, situation_draft
+from ator_ros.view.editor import NAIVE, REFINED, CommandQueue, Editor, Race
+from ator_ros.world.state import World
+
+
+@pytest.fixture
+def backend() -> InProcessBackend:
+    return InProcessBackend()
+
+
+@pytest.fixture
+def editor(backend: InProcessBackend) -> Editor:
+    return backend.editor()
+
+
+# Edits
+
+
+def test_a_moved_object_takes_its_subgoal_along_and_refinement_follows(
+    editor: Editor, backend: InProcessBackend
+) -> None:
+    asked, edition = len(backend.asked), editor.edition
+    editor.step([lambda: editor.move_object("ball", 1.0, 0.5)])
+    first, last = editor.draft.chain.calls
+    assert first.goal.pose[:2] == (1.0, 0.5)
+    assert last.goal == backend.asked[0].chain.calls[1].goal
+    assert backend.state.objects["ball"].x == 1.0
+    assert len(backend.asked) == asked + 1
+    assert editor.edition > edition
+    assert editor.problem == ""
+
+
+def test_goals_that_lie_at_no_object_can_be_moved(editor: Editor) -> None:
+    assert list(editor.draft.movable_goals) == [1]
+    editor.step([lambda: editor.move_goal(1, Pose(0.5, 0.25, 1.0))])
+    assert editor.answer is not None
+    assert editor.answer.chain.calls[1].goal.pose == Pose(0.5, 0.25, 1.0)
+
+
+def test_what_is_committed_to_is_not_refined(editor: Editor) -> None:
+    editor.step([lambda name=name: editor.set_open(0, name, is_open=False) for name in ("yaw", "speed")])
+    assert editor.answer is not None
+    assert not editor.answer.refined
+    assert "nothing is open" in editor.answer.reason
+
+
+def test_refinement_is_asked_with_the_weights_of_the_panel(editor: Editor, backend: InProcessBackend) -> None:
+    editor.step([lambda: editor.set_weight("accuracy", 10.0), lambda: editor.set_weight("duration", 0.5)])
+    expected = {"duration": 0.5, "success": SOCCER.time_limit, "accuracy": 10.0}
+    assert dict(backend.asked[-1].objective.weights) == expected
+    assert editor.problem == ""
+    editor.situation(seed=3)
+    assert dict(editor.draft.objective.weights) == expected
+    for name in expected:
+        editor.step([lambda name=name: editor.set_weight(name, 0.0)])
+    assert "at least one weight above 0" in editor.problem
+    assert sum(editor.draft.objective.weights.values()) > 0.0
+
+
+def test_the_best_alternative_is_chosen_and_executed(editor: Editor, backend: InProcessBackend) -> None:
+    far = editor.draft.chain.calls[1].goal.pose
+    near = Pose(*editor.draft.chain.calls[0].goal.pose[:2], 0.0).ahead(0.6)
+    editor.step([editor.keep_alternative, lambda: editor.move_goal(1, near)])
+    editor.step([editor.keep_alternative, lambda: editor.move_goal(1, far)])
+    assert editor.answer is not None
+    durations = [each.duration for each in editor.answer.candidates]
+    assert len(durations) == 3
+    assert editor.answer.chosen == int(np.argmin(durations)) == 2
+    assert editor.answer.chain.calls[1].goal.pose == near
+    editor.execute(REFINED)
+    editor.step()
+    assert backend.executed[0].calls[1].goal.pose == near
+    editor.step([lambda: editor.move_object("ball", 0.3, 0.3)])
+    assert {chain.calls[0].goal.pose[:2] for chain in editor.draft.alternatives} == {(0.3, 0.3)}
+    editor.step([editor.forget_alternatives])
+    assert editor.answer is not None
+    assert editor.answer.candidates == ()
+
+
+def test_of_commands_with_the_same_key_the_newest_is_executed() -> None:
+    commands, done = CommandQueue(), list[int]()
+    for number in range(3):
+        commands.put("drag", lambda number=number: done.append(number))
+    commands.put("press", lambda: done.append(10))
+    for command in commands.take():
+        command()
+    assert done == [2, 10]
+    assert commands.take() == []
+
+
+COMMANDS: dict[str, Callable[[Editor], object]] = {
+    "an unknown step": lambda editor: editor.move_goal(7, Pose(0.0, 0.0, 0.0)),
+    "an unknown action set": lambda editor: editor.use_actions("chess"),
+    "a seed that is no number": lambda editor: editor.situation(seed=int(math.inf)),
+    "a seed of nothing": lambda editor: editor.situation(seed=int(None)),  # type: ignore[arg-type]
+    "a negative seed": lambda editor: editor.situation(seed=-5),
+    "an unknown measure": lambda editor: editor.set_weight("fun", 1.0),
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_an_invalid_command_is_reported_and_the_next_one_executed(editor: Editor, command: str) -> None:
+    editor.step([lambda: COMMANDS[command](editor)])
+    assert editor.problem
+    editor.step([lambda: editor.situation(chain="dribble", seed=3)])
+    assert editor.answer is not None
+    assert editor.problem == ""
+
+
+# Executions
+
+
+def test_a_race_gives_two_times_from_the_same_start(editor: Editor, backend: InProcessBackend) -> None:
+    editor.execute(NAIVE, REFINED)
+    draft = editor.draft
+    drags = [lambda: editor.move_robot(Pose(2.0, 2.0, 1.0)), lambda: editor.move_goal(1, Pose(0.0, 0.0, 0.0))]
+    for _ in range(4):
+        assert editor.draft is draft  # drags while chains are executed change nothing
+        editor.step(drags if editor.executing else [])
+    assert not editor.executing
+    assert editor.race is not None
+    naive, refined = editor.runs
+    assert 0.0 < refined.duration < naive.duration
+    assert editor.race.verdict.startswith(f"naive {naive.duration:.2f} s, refined {refined.duration:.2f} s")
+    assert editor.answer is not None
+    assert backend.executed == [editor.answer.naive, editor.answer.chain]
+
+    backend.calls.clear()
+    editor.step([lambda: editor.move_object("ball", 0.5, 0.5)])  # begins at the draft's start again
+    assert backend.calls == ["place", "go on"]
+    assert backend.state.robot.pose == editor.draft.world.robot.pose
+    assert not editor.runs
+
+
+def test_the_ghost_is_where_the_first_run_was_as_long_after_its_start() -> None:
+    first, second = Run(NAIVE), Run(REFINED)
+    for tick in range(5):
+        first.record(10.0 + tick, Pose(tick, 0.0, 0.0))
+    assert first.pose_at(2.0) == Pose(2, 0.0, 0.0)
+    assert first.pose_at(99.0) == Pose(4, 0.0, 0.0)
+    assert second.pose_at(0.0) is None
+    first.ended = second.ended = True
+    first.duration = 4.0
+    assert Race(first, second).verdict == "refined failed"
+
+
+def test_an_invalid_plan_is_reported_and_not_executed(editor: Editor, backend: InProcessBackend) -> None:
+    editor.situation(chain="shoot", seed=5)
+    editor.step([lambda: editor.move_goal(0, Pose(0.0, 0.0, 0.0))])  # goToBall, away from the ball
+    assert editor.answer is None
+    assert "goToBall" in editor.problem
+    editor.execute(NAIVE)
+    editor.step()
+    assert not editor.executing
+    assert not backend.executed
+
+
+def test_a_start_that_is_refused_is_reported_and_tried_once(backend: InProcessBackend) -> None:
+    class Refusing(InProcessBackend):
+        def place(self, world: World) -> None:
+            super().place(world)
+            raise BackendError("place_robot: off the floor")
+
+    backend = Refusing()
+    editor = backend.editor()
+    for _ in range(5):
+        editor.step()
+    assert backend.calls == ["place"]
+    assert editor.problem == "place_robot: off the floor"
+    editor.execute(NAIVE)
+    editor.step()
+    assert not editor.executing
+    assert not backend.executed
+
+
+# Robots that run already
+
+
+@pytest.fixture
+def running(backend: InProcessBackend) -> Editor:
+    backend.observe(10.0, Pose(-1.0, 1.5, 0.5), (2.0, -0.5))
+    return backend.attached()
+
+
+def test_a_running_robot_is_followed_until_something_is_moved_or_executed(
+    running: Editor, backend: InProcessBackend
+) -> None:
+    assert backend.calls == []
+    assert running.draft.world.robot.pose == Pose(-1.0, 1.5, 0.5)
+    assert running.draft.chain.calls[0].goal.pose[:2] == (2.0, -0.5)
+    asked = len(backend.asked)
+    for number in range(1, 11):
+        backend.observe(10.0 + 0.1 * number, Pose(-1.0 + 0.1 * number, 1.5, 0.5), (2.0, -0.5))
+        running.step()
+    assert running.draft.world.robot.pose.x == pytest.approx(0.0, abs=0.25)
+    assert 3 <= len(backend.asked) - asked <= 6  # not at each step
+    backend.observe(12.0, backend.state.robot.pose._replace(yaw=1.5), (2.0, -0.5))
+    running.step()
+    assert running.draft.world.robot.pose.yaw == 1.5
+
+    running.step([lambda: running.move_object("ball", 1.0, 1.0)])
+    start = running.draft.world.robot.pose
+    backend.observe(20.0, Pose(0.0, 0.0, 0.0), (1.0, 1.0))
+    running.step()
+    assert running.draft.world.robot.pose == start
+    running.select(backend)
+    running.step()
+    running.execute(NAIVE)
+    running.step()
+    assert backend.executed
+    assert "place" not in backend.calls  # it begins where it is
+    running.reset()
+    running.step()
+    assert "place" in backend.calls
+
+
+def test_another_robot_is_selected_where_it_is(running: Editor) -> None:
+    other = InProcessBackend()
+    other.observe(10.0, Pose(1.0, -1.0, 2.0), (0.5, 0.75))
+    running.step([lambda: running.select(other), lambda: running.execute(NAIVE)])
+    [chain] = other.executed
+    assert chain.calls[0].goal.pose[:2] == (0.5, 0.75)
+    assert running.problem == ""
+
+
+def test_refinement_that_comes_back_is_asked_again(running: Editor, backend: InProcessBackend) -> None:
+    backend.fails = UnavailableError("expected the service refine_subgoal, it is not there")
+    running.step([lambda: running.move_goal(1, Pose(0.5, 0.25, 1.0))])
+    assert running.answer is None
+    assert "it is not there" in running.problem
+    backend.fails = None
+    for _ in range(30):
+        running.step()
+    assert running.answer is not None
+    assert running.problem == ""
+
+
+# Goals of other clients
+
+
+@pytest.fixture
+def goal(backend: InProcessBackend) -> ExternalGoal:
+    """Return a goal of another client that waits for refinement."""
+    draft = situation_draft(SOCCER, backend.libraries, "dribble", seed=3, index=1)
+    return ExternalGoal("a" * 32, draft, Run(OTHERS), reason="waiting for refinement")
+
+
+def test_it_is_shown_before_and_during_its_execution(
+    running: Editor, backend: InProcessBackend, goal: ExternalGoal
+) -> None:
+    own = running.draft
+    backend.external = goal
+    running.step()
+    draft, answer = running.shown
+    assert draft is goal.draft
+    assert answer is not None
+    assert answer.naive != answer.chain
+    assert len(answer.curves) == 1
+    assert "waiting for refinement; predicted: " in answer.reason
+    assert running.runs == [goal.run]
+    assert running.executing
+
+    driven = Draft(draft.world, answer.chain, draft.action_set)
+    goal = dataclasses.replace(goal, draft=driven, driven=True, refined=True, reason="gain of 1.2 s")
+    asked = len(backend.asked)
+    for number in range(5):
+        backend.external = dataclasses.replace(goal)  # as it is published twice a second
+        backend.observe(20.0 + 0.1 * number, Pose(-2.0 + 0.1 * number, 0.0, 0.0), (1.0, 0.0))
+        running.step()
+    _, answer = running.shown
+    assert answer is not None
+    assert (answer.chain, answer.refined, answer.reason) == (driven.chain, True, "gain of 1.2 s")
+    assert answer.naive.calls[0].goal != answer.chain.calls[0].goal
+    assert len(answer.before) == len(answer.after) == 2
+    assert len(backend.asked) == asked + 1
+    assert goal.run.poses[-1] == Pose(-1.6, 0.0, 0.0)
+    assert running.draft is own
+
+    goal.run.ended, goal.run.duration = True, 5.0
+    running.step()
+    assert running.shown == (running.draft, running.answer)
+    assert running.draft.world.robot.pose == Pose(-1.6, 0.0, 0.0)  # it is followed again
+    assert backend.calls == []  # nothing was placed or stopped
+
+
+def test_a_chain_that_is_driven_as_given_is_compared_with_itself(
+    running: Editor, backend: InProcessBackend, goal: ExternalGoal
+) -> None:
+    backend.external = dataclasses.replace(goal, driven=True, reason="not requested")
+    running.step()
+    assert backend.as_given[-1]
+    _, answer = running.shown
+    assert answer is not None
+    assert [call.goal for call in answer.naive.calls] == [call.goal for call in goal.draft.chain.calls]
+
+
+def test_meanwhile_robot_and_goals_cannot_be_moved_and_own_chains_cancel_it(
+    running: Editor, backend: InProcessBackend, goal: ExternalGoal
+) -> None:
+    backend.external = goal
+    running.step()
+    before = running.draft
+    running.step(
+        [
+            lambda: running.move_robot(Pose(0.0, 0.0, 0.0)),
+            lambda: running.move_goal(1, before.movable_goals[1]),
+        ]
+    )
+    assert running.draft == before
+    assert backend.calls == []
+    running.step([lambda: running.execute(REFINED)])
+    assert backend.calls[0] == "stop"
+    assert [run.label for run in running.runs] == [REFINED]
+    assert running.shown == (running.draft, running.answer)
+
+
+def test_without_refinement_it_is_shown_without_predictions(
+    running: Editor, backend: InProcessBackend, goal: ExternalGoal
+) -> None:
+    backend.fails, backend.external = UnavailableError("not there"), goal
+    running.step()
+    _, answer = running.shown
+    assert answer is not None
+    assert (answer.chain, answer.before) == (goal.draft.chain, ())
+    backend.fails, backend.external = None, dataclasses.replace(goal)
+    running.step()
+    _, answer = running.shown
+    assert answer is not None
+    assert math.isfinite(sum(answer.before))  # asked again
+    backend.fails = BackendError("no plan")
+    backend.external = dataclasses.replace(goal, chain_id="b" * 32, run=Run(OTHERS))
+    running.step()
+    assert running.problem == ""
+
+
+def test_one_that_had_ended_before_is_not_shown(
+    running: Editor, backend: InProcessBackend, goal: ExternalGoal
+) -> None:
+    goal.run.ended = True
+    backend.external = goal
+    running.step()
+    assert running.shown == (running.draft, running.answer)
+    assert running.runs == []

@@ -1,0 +1,61 @@
+"""The history of the view: executed chains, the models' error, and what refinement gained."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from ator_ros.geometry import Pose
+from ator_ros.view.history import ExecutedChain, History
+
+PLACES = (Pose(0.0, 0.0, 0.0), Pose(1.0, 0.0, 0.0), Pose(2.0, 1.0, 0.5))
+
+
+def executed(actual: float, *, refined: bool, x: float = 0.0, yaw: float = 0.0) -> ExecutedChain:
+    outcome = "succeeded" if math.isfinite(actual) else "failed"
+    places = (Pose(x, 0.0, yaw), *PLACES[1:])
+    return ExecutedChain(("goToBall", "dribbleBall"), refined, 8.0, actual, outcome, places)
+
+
+def history_of(*chains: ExecutedChain) -> History:
+    history = History()
+    for chain in chains:
+        history.add(chain)
+    return history
+
+
+def test_the_gain_is_over_the_last_unrefined_chain_from_the_same_start() -> None:
+    history = history_of(
+        executed(9.0, refined=False),
+        executed(7.0, refined=True, x=0.5),
+        executed(10.0, refined=False),
+        *(executed(7.0, refined=False, x=1.0 + 0.1 * number) for number in range(200)),
+        executed(8.5, refined=True),
+        executed(8.0, refined=True, x=-0.02, yaw=0.01),
+    )
+    assert [gain for gain in history.gains if math.isfinite(gain)] == pytest.approx([1.5, 2.0])
+    assert history.gains[-2:] == pytest.approx((1.5, 2.0))
+
+
+def test_it_reports_error_gain_learned_models_and_the_newest_chains_first() -> None:
+    assert History().report() == "no chain was executed yet"
+    chains = (executed(9.0, refined=False), executed(8.5, refined=True), executed(math.nan, refined=True))
+    text = history_of(*chains).report("abc from episodes: 40 of goToPose")
+    assert "3 chains, 2 of them refined." in text
+    assert "Model error, last 2: 0.75 s, mean -0.75 s" in text
+    assert "same start: +0.50 s, mean of 1" in text
+    assert "Learned models: abc from episodes: 40 of goToPose." in text
+    assert text.splitlines()[-3:] == [
+        "| 3 | goToBall, dribbleBall (refined) | 8.00 | failed | - |",
+        "| 2 | goToBall, dribbleBall (refined) | 8.00 | 8.50 | 0.50 |",
+        "| 1 | goToBall, dribbleBall (as sent) | 8.00 | 9.00 | - |",
+    ]
+
+
+def test_curves_hold_the_chains_whose_times_are_known() -> None:
+    assert [len(curve) for curve in History().curves()] == [0, 0, 0]
+    chains = (executed(9.0, refined=False), executed(math.nan, refined=False), executed(7.0, refined=True))
+    history = history_of(*chains)
+    assert [curve.tolist() for curve in history.curves()] == [[1.0, 3.0], [8.0, 8.0], [9.0, 7.0]]
+    assert history.edition == 3

@@ -1,0 +1,205 @@
+"""The page, with clients that receive what a browser would; `nodes/test_view_browser.py` uses a browser."""
+
+from __future__ import annotations
+
+import math
+import socket
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+from free_port import free_port
+
+pytest.importorskip("viser", reason="needs viser: docs/install.md")
+
+from view.in_process import InProcessBackend
+from view.viser_client import ViserClient
+
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.geometry import Pose
+from ator_ros.simulation.urdf import robot_urdf
+from ator_ros.view.backend import OTHERS, ExternalGoal, Run
+from ator_ros.view.draft import situation_draft
+from ator_ros.view.editor import NAIVE, Editor
+from ator_ros.view.page import Page
+from ator_ros.view.panel import clock_text, gate_text, rules_text, times_text
+from ator_ros.view.scene import LOOPBACK, on_floor, serve
+from ator_ros.world.state import RobotState, World
+
+ROBOT = SOCCER.robot()
+
+
+class Shown:
+    """An editor with its page, and their loop."""
+
+    def __init__(self) -> None:
+        self.backend, self.other = InProcessBackend(), InProcessBackend()
+        self.editor = Editor(self.backend, SOCCER, self.backend.libraries)
+        self.other.observe(0.0, Pose(-1.0, 1.5, 0.5), (2.0, -0.5))
+        robots = {"ann": self.backend, "bob": self.other}
+        self.page = Page(self.editor, ROBOT, robot_urdf(ROBOT), {}, port=free_port(), robots=robots)
+        self._now = 0.0
+
+    def go_on(self, rounds: int = 2) -> None:
+        for _ in range(rounds):
+            self._now += 1.0
+            self.editor.step(self.page.commands.take())
+            self.page.update(self._now)
+
+    def join(self) -> ViserClient:
+        return ViserClient(self.page.server.get_port())
+
+    def move_ball(self, x: float, y: float) -> None:
+        """Do what a drag of the ball does."""
+        self.page.commands.put(("object", "ball"), lambda: self.editor.move_object("ball", x, y))
+        self.go_on()
+
+
+@pytest.fixture
+def shown() -> Iterator[Shown]:
+    shown = Shown()
+    shown.go_on()
+    yield shown
+    shown.page.close()
+
+
+def test_two_clients_see_the_same_and_one_that_disappears_does_no_harm(shown: Shown) -> None:
+    first, second = shown.join(), shown.join()
+    shown.move_ball(0.5, -1.0)
+    for client in (first, second):
+        client.until(lambda client=client: client.scene.get("/objects/ball") == (0.5, -1.0, 0.0), "the ball")
+    first.until(lambda: first.scene == second.scene, "the same scene")
+    pose = shown.backend.state.robot.pose
+    assert first.scene["/robot"] == pytest.approx((pose.x, pose.y, 0.0), abs=1e-6)
+    assert {"/chain/ring0", "/chain/naive/legs", "/goals/1"} <= set(first.scene)
+
+    first.vanish()
+    for step in range(10):
+        shown.move_ball(0.1 * step, 1.0)
+    second.until(lambda: second.scene["/objects/ball"] == pytest.approx((0.9, 1.0, 0.0)), "the ball, moved")
+    third = shown.join()
+    third.until(lambda: third.scene == second.scene, "the same scene for a later client")
+    assert shown.editor.problem == ""
+    second.close()
+    third.close()
+
+
+@pytest.mark.parametrize("place", [(1.0, 2.0), {}, (1e300, 1e300, 1e300)])
+def test_what_no_browser_sends_changes_nothing_and_the_page_goes_on(shown: Shown, place: object) -> None:
+    client = shown.join()
+    client.look()
+    client.until(lambda: "/objects/ball" in client.scene, "the ball")
+    client.point("/objects/ball/body", place, "update")
+    client.set("Time", "yesterday")
+    client.set("Number", 2)
+    commands: list[object] = []
+    client.until(lambda: commands.extend(shown.page.commands.take()) or commands, "the number")
+    assert len(commands) == 1
+    client.close()
+
+
+def test_two_clients_that_drag_the_same_thing_pull_where_each_took_hold(shown: Shown) -> None:
+    first, second = shown.join(), shown.join()
+    ball = shown.backend.state.objects["ball"]
+    for client, off in ((first, 0.05), (second, -0.05)):
+        client.look()
+        client.until(lambda client=client: "/objects/ball" in client.scene, "the ball")
+        client.drag("/objects/ball/body", ball.x + off, ball.y, "start")
+        client.until(lambda: shown.page.commands.take() != [], "the hold")
+    for client, off in ((first, 0.05), (second, -0.05)):
+        client.drag("/objects/ball/body", ball.x + 1.0 + off, ball.y)
+        commands: list[Callable[[], None]] = []
+        client.until(
+            lambda commands=commands: commands.extend(shown.page.commands.take()) or commands, "the drag"
+        )
+        shown.editor.step(commands)
+        assert shown.backend.state.objects["ball"].x == pytest.approx(ball.x + 1.0, abs=0.01)
+        shown.editor.step([lambda: shown.editor.move_object("ball", ball.x, ball.y)])
+        shown.go_on()
+    first.close()
+    second.close()
+
+
+def test_of_several_robots_all_are_shown_and_one_is_chosen(shown: Shown) -> None:
+    client = shown.join()
+    client.until(lambda: client.scene.get("/robots/bob") == pytest.approx((-1.0, 1.5, 0.0)), "the other one")
+    shown.editor.execute(NAIVE)
+    shown.page.commands.put("Robot", lambda: shown.editor.select(shown.other))
+    shown.go_on()
+    client.until(lambda: client.scene["/robot"] == pytest.approx((-1.0, 1.5, 0.0)), "the choice")
+    start = shown.backend.state.robot.pose
+    client.until(lambda: client.scene["/robots/ann"] == pytest.approx((*start[:2], 0.0)), "the first one")
+    assert client.scene["/objects/ball"] == pytest.approx((2.0, -0.5, 0.0))
+    asked = shown.other.asked[-1]
+    assert asked.world.robot.pose == Pose(-1.0, 1.5, 0.5)
+    assert asked.chain.calls[0].goal.pose[:2] == (2.0, -0.5)
+    assert shown.other.calls == []  # nothing was moved by choosing it
+    shown.move_ball(1.0, 1.0)
+    assert shown.other.state.objects["ball"].x == 1.0
+    assert shown.backend.state.objects["ball"].x != 1.0
+    client.close()
+
+
+def test_a_goal_of_another_client_is_drawn(shown: Shown) -> None:
+    client = shown.join()
+    draft = situation_draft(SOCCER, shown.backend.libraries, "dribble", seed=3, index=1)
+    goal = ExternalGoal("a" * 32, draft, Run(OTHERS), driven=True, refined=True, reason="gain of 1.2 s")
+    goal.run.actual.append(2.5)
+    goal.run.status = "of others: executing"
+    shown.backend.external = goal
+    before = client.drawn["/chain/ring0"]
+    shown.go_on()
+    for words in ("of others: executing", "**refined:** gain of 1.2 s", "| others, driven | 2.50 |"):
+        client.until(lambda words=words: words in client.text(), words)
+    client.until(lambda: client.drawn["/chain/ring0"] > before, "the ring of another situation")
+    assert {"/chain/naive/legs", "/chain/chain/legs", "/chain/ring0", "/chain/chosen0"} <= set(client.scene)
+    shown.go_on()
+    client.until(lambda: "/trails/others" in client.scene, "the trail")
+    client.close()
+
+
+def test_a_port_that_is_taken_is_passed_over_and_a_host_of_others_refused() -> None:
+    with socket.create_server((LOOPBACK, 0)) as taken:
+        port = taken.getsockname()[1]
+        server = serve(SOCCER, ROBOT, port=port)
+        assert server.get_port() > port
+        assert server.request_share_url() is None  # nor do clients get one
+        server.stop()
+    with pytest.raises(OSError, match=r"expected an address of this machine, got '203\.0\.113\.7': "):
+        serve(SOCCER, ROBOT, host="203.0.113.7")
+
+
+def test_the_panel_shows_times_reason_and_the_rules_with_this_situations_numbers() -> None:
+    backend = InProcessBackend()
+    editor = backend.editor()
+    answer = editor.answer
+    assert answer is not None
+    table = times_text(answer, [Run(NAIVE, actual=[4.5], duration=9.25)]).splitlines()
+    assert table[0] == "| s | goToBall | dribbleBall | chain |"
+    assert table[-1] == "| naive, driven | 4.50 | - | 9.25 |"
+    assert gate_text(answer, "").startswith("**refined:** predicted gain")
+    assert gate_text(None, "no service") == "**not refined:** no service"
+    text = rules_text(editor.draft.world, answer.chain, ROBOT, backend.refiner.models)
+    assert text.count("here time = ") == 2
+    predicted = float(text.split("here time = ")[1].split(" ")[0])
+    assert predicted == pytest.approx(answer.after[0], abs=0.01)
+    editor.step([editor.keep_alternative, lambda: editor.move_goal(1, Pose(3.0, 2.0, 0.0))])
+    text = gate_text(editor.answer, "")
+    assert "- **chosen:** the chain " in text
+    assert "- alternative 1 " in text
+
+
+def test_the_clock_reports_silence_and_what_was_not_moved() -> None:
+    world = World(3.0, RobotState(Pose(0.0, 0.0, 0.0)))
+    assert clock_text(world, paused=False, status="drives", silence=1.0) == "**3.00 s** · drives"
+    assert "no state of the robot for 7 s" in clock_text(world, paused=False, status="drives", silence=7.3)
+    assert clock_text(world, paused=True, status="waits", silence=7.3) == "**3.00 s** (paused) · waits"
+    text = clock_text(world, paused=False, status="drives", refused="ball: off [it]")
+    assert text == "**3.00 s** · drives\n\n**not moved:** ball: off \\[it\\]"
+
+
+def test_a_pointer_that_meets_no_floor_moves_nothing() -> None:
+    camera = np.array([0.0, 0.0, 2.0])
+    assert on_floor(camera, np.array([0.5, 0.0, 1.0]), 0.0) == pytest.approx((1.0, 0.0))
+    assert on_floor(camera, np.array([0.5, 0.0, 3.0]), 0.0) is None
+    assert on_floor(camera, np.array([math.inf, 0.0, 1.0]), 0.0) is None
