@@ -19,8 +19,7 @@ import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, started
 from ator_ros.domains.domain import find_domain
-from ator_ros.domains.soccer.ball import BALL, ball_of, objects_of
-from ator_ros.domains.soccer.field import field_of
+from ator_ros.domains.soccer.field import BALL, ball_of, field_of, objects_of
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import open_places, open_speeds, random_trial
 from ator_ros.geometry import Pose

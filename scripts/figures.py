@@ -17,8 +17,8 @@ import numpy as np
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
-from ator_ros.domains.soccer.ball import objects_of
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import objects_of
 from ator_ros.evaluation.charts import BLUE, GREY, ORANGE, draw_robot, new_figure, save_svg
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.performance.features import feature_table

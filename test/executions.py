@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ator_ros.actions.base import Goal
-from ator_ros.domains.soccer.ball import objects_of
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import objects_of
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.supervisor import Deadlines, Supervisor

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ator_ros.actions.base import Goal
-from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.geometry import Pose, wrap_angles
 from ator_ros.refinement.search import Deadline
 from ator_ros.robot.description import load_robot

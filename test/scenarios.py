@@ -9,9 +9,8 @@ import numpy as np
 
 from ator_ros.actions.base import Action, Status, Step
 from ator_ros.actions.situation import Situation
-from ator_ros.domains.soccer.ball import ball_of
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.field import field_of
+from ator_ros.domains.soccer.field import ball_of, field_of
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.run import place, run_action, settle

@@ -8,9 +8,8 @@ import pytest
 from carried import CALL, ROBOT, Ledger, Sent, begun
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step, finished
-from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.field import field_of
+from ator_ros.domains.soccer.field import BALL, field_of
 from ator_ros.domains.soccer.planned.holding import entry_sides, exit_sides, release_sides, run_up_sides
 from ator_ros.domains.soccer.planned.planner import free_sides, run_sides
 from ator_ros.execution.chain_executor import ChainExecutor, Ending

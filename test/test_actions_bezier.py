@@ -20,14 +20,13 @@ from scenarios import (
 
 from ator_ros.actions.base import ActionError, Goal, Point
 from ator_ros.actions.situation import Situation
-from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.bezier import curve as curve_module
 from ator_ros.domains.soccer.bezier.curve import Curve, CurveShape, curve_to, shortest_way
 from ator_ros.domains.soccer.bezier.dribble_ball import dribbling
 from ator_ros.domains.soccer.bezier.driver import Driver, Style
 from ator_ros.domains.soccer.bezier.go_to_pose import TO_BALL, TO_POSE
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.field import field_of
+from ator_ros.domains.soccer.field import BALL, ball_of, field_of
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot, load_robot

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ator_ros.actions.base import Goal, Point, Status
-from ator_ros.domains.soccer.ball import ball_of
+from ator_ros.domains.soccer.field import ball_of
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot

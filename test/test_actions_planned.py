@@ -13,7 +13,7 @@ from planned import planned
 
 from ator_ros.actions.base import ActionError, Goal, Point, Status
 from ator_ros.actions.situation import Situation
-from ator_ros.domains.soccer.ball import BALL, ball_of, objects_of
+from ator_ros.domains.soccer.field import BALL, ball_of, objects_of
 from ator_ros.domains.soccer.planned.clearance import ball_distances
 from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose

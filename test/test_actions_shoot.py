@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.field import behind_line, field_of, is_in_goal
+from ator_ros.domains.soccer.field import BALL, behind_line, field_of, is_in_goal
 from ator_ros.domains.soccer.planned.release import release, release_poses, scoring_time
 from ator_ros.domains.soccer.planned.shoot import Shoot
 from ator_ros.domains.soccer.tops import SHOOT

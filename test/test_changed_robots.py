@@ -9,12 +9,10 @@ import pytest
 from changed import CHANGES
 
 from ator_ros.actions.base import Action, Goal, Point, Status
-from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
-from ator_ros.domains.soccer.planned.lag_seen import LagSeen
 from ator_ros.domains.soccer.planned.planned_action import PLAN_SHARE
-from ator_ros.domains.soccer.planned.reactions import Reaction, Reactions
-from ator_ros.domains.soccer.planned.strength_seen import StrengthSeen
+from ator_ros.domains.soccer.planned.reactions import LagSeen, Reaction, Reactions, StrengthSeen
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.run import place

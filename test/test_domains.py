@@ -11,8 +11,8 @@ from view.in_process import InProcessBackend
 
 from ator_ros.domains import domain as domains
 from ator_ros.domains.domain import DomainError, find_domain
-from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.evaluation.trials import possible_actions, possible_chain, random_trial
 from ator_ros.experience.table import read_experience
 from ator_ros.geometry import Pose

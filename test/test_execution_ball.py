@@ -6,7 +6,7 @@ import dataclasses
 
 from executions import FORWARD, ROBOT, chain, execution, world
 
-from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.geometry import Pose

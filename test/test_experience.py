@@ -17,10 +17,8 @@ from turning_action import TurnDriveTurn
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.specification import ActionSpec
-from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.field import field_of
-from ator_ros.domains.soccer.goals import touches_goals
+from ator_ros.domains.soccer.field import BALL, ball_of, field_of, touches_goals
 from ator_ros.domains.soccer.planned.clearance import ball_distances
 from ator_ros.domains.soccer.situations import (
     SHOT_RANGE,

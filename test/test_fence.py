@@ -9,7 +9,7 @@ import pytest
 from driving import drive
 from executions import LIBRARY, ROBOT, chain
 
-from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.planned.planned_action import POSITION_TOLERANCE
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence, FenceWatch, room_inside

@@ -8,7 +8,7 @@ import pytest
 from robots import FIFTH
 
 from ator_ros.actions.base import Goal, Point, Status
-from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Limits

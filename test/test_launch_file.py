@@ -17,7 +17,7 @@ from xml.etree import ElementTree as ET
 import pytest
 import yaml
 
-from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.nodes.executor import parameters_for as of_executor
 from ator_ros.nodes.learning import PARAMETERS as LEARNING
 from ator_ros.nodes.refinement import PARAMETERS as REFINEMENT

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import pytest
 
 from ator_ros.actions.base import Goal, Status
-from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.execution.chain_executor import ChainExecutor, ChainStep, Ending, StepRun
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot

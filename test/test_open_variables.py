@@ -6,7 +6,7 @@ import dataclasses
 
 import pytest
 
-from ator_ros.evaluation.open_variables import OpenVariable, open_variables
+from ator_ros.evaluation.study import OpenVariable, open_variables
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial
 from ator_ros.refinement.gate import ThresholdGate

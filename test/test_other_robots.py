@@ -13,8 +13,8 @@ from robots import FIFTH, HEAVY, OTHERS, PIONEER, PLAIN, QUICK, SHIPPED
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Goal, Point, Status
 from ator_ros.domains.soccer import situations
-from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.shooting_room import has_room

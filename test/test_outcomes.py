@@ -10,8 +10,8 @@ import pytest
 from ator_ros.actions.base import Action, Goal, Point, Status, Step
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.actions.situation import Situation
-from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.tops import DRIBBLE_BALL, GO_TO_BALL, GO_TO_POSE, SHOOT
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.execution.chain_executor import ChainExecutor

@@ -7,8 +7,8 @@ import dataclasses
 import pytest
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.geometry import Pose
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.refiner import Refiner

@@ -11,9 +11,8 @@ from candidates import candidates_between
 from planned import slices_of
 
 from ator_ros.actions.base import ActionError, Goal, Point, Status
-from ator_ros.domains.soccer.ball import BALL, ball_of, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.field import field_of
+from ator_ros.domains.soccer.field import BALL, ball_of, field_of, objects_of
 from ator_ros.domains.soccer.planned.clearance import Obstacles, is_clear
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction

@@ -10,8 +10,8 @@ import pytest
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import with_values
-from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import Predictor

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from ator_ros.actions.base import Goal
-from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import Predictor

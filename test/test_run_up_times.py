@@ -12,8 +12,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.features import shot
 from ator_ros.domains.soccer.planned.holding import run_up_sides
 from ator_ros.domains.soccer.planned.release import release, scoring_time
-from ator_ros.domains.soccer.planned.run_up import run_up
-from ator_ros.domains.soccer.planned.shoot import Shoot
+from ator_ros.domains.soccer.planned.shoot import Shoot, run_up
 from ator_ros.domains.soccer.run_up_times import _shot, run_up_times
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.durations import rates_of

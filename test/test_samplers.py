@@ -16,8 +16,8 @@ from robots import HEAVY, PIONEER, PLAIN
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.situation import NoPlaceError, drawn_until
 from ator_ros.domains.soccer import chains
-from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.planned import shooting_room
 from ator_ros.domains.soccer.planned.shooting_room import has_room
 from ator_ros.resources import resource_path

@@ -11,8 +11,8 @@ import pytest
 from ator_ros.actions.base import Goal, Point, Status, Step
 from ator_ros.actions.situation import Situation
 from ator_ros.domains.domain import find_domain
-from ator_ros.domains.soccer.ball import BALL, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL, objects_of
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.experience.episode import Episode, run_episode
 from ator_ros.experience.table import episode_frame, join

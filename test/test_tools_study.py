@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.evaluation.open_variables import OpenVariable
-from ator_ros.evaluation.study import KIND, MeasuredAction, StudyResult, study_page
+from ator_ros.evaluation.study import KIND, MeasuredAction, OpenVariable, StudyResult, study_page
 from ator_ros.evaluation.trials import possible_actions, possible_chain
 from ator_ros.files import load, save
 from ator_ros.resources import resource_path

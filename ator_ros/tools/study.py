@@ -14,15 +14,16 @@ from pathlib import Path
 from typing import Any
 
 from ator_ros.domains.domain import domain_for
-from ator_ros.evaluation.open_variables import OpenVariable, open_variables
 from ator_ros.evaluation.running import RESULT, read_result
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.study import (
     KIND,
     SETTINGS,
     MeasuredAction,
+    OpenVariable,
     StudyResult,
     StudySettings,
+    open_variables,
     study_page,
 )
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of

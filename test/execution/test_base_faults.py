@@ -11,8 +11,8 @@ import pytest
 from faulty_base import Failure, Goal, KinematicBase, execute
 
 from ator_ros.actions.base import Goal as ActionGoal
-from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.resources import resource_path

@@ -9,19 +9,17 @@ import numpy as np
 import pytest
 from robots import FIFTH, OTHERS, PIONEER, PLAIN
 
-from ator_ros.domains.soccer.chosen_motions import (
-    chosen_dribbles,
-    chosen_drives,
-    free_grid,
-    pushed_grid,
-    turns_of,
-)
-from ator_ros.domains.soccer.families import (
+from ator_ros.domains.soccer.features import (
     PushedTurns,
     approach_family,
+    chosen_dribbles,
+    chosen_drives,
     dribble_family,
     drive_family,
+    free_grid,
+    pushed_grid,
     shot_family,
+    turns_of,
 )
 from ator_ros.domains.soccer.planned.holding import MARGIN, keeps_ball, push
 from ator_ros.geometry import FloatArray

@@ -109,6 +109,7 @@ def test_goals_are_sent_where_answers_are_taken(domain: int, monkeypatch: pytest
         monkeypatch.setattr(client._own, "call", lambda *_: None)
         handle = SimpleNamespace(get_result_async=answered(ended))
         monkeypatch.setattr(client._server, "send_goal_async", answered(handle))
-        assert not client.execute(ExecuteChain.Goal().chain, refine=False).success
+        record = client.execute(ExecuteChain.Goal().chain, refine=False)
+        assert record == ended.result.record
     assert len(threads) == 2
     assert threading.current_thread() not in threads

@@ -11,8 +11,8 @@ from ros_client import Client
 
 from ator_interfaces.msg import Outcome
 from ator_ros.actions.base import Goal
-from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot

@@ -12,7 +12,7 @@ from parcels import PARCELS
 from ator_ros.actions.base import Action, Goal, Status, Step
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.planned import planner, run_up, screening
+from ator_ros.domains.soccer.planned import planner, screening, shoot
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.rehearsal import rehearse, rehearse_refinement
 from ator_ros.motion import displacements, search
@@ -27,7 +27,7 @@ from ator_ros.world.state import STOP, World
 def test_a_second_rehearsal_finds_all_tables() -> None:
     robot = load_robot()
     library, predictor = SOCCER.library(robot), Predictor(robot, {})
-    kept = (displacements._kept_headings, run_up._kept_table, search._stored_table)
+    kept = (displacements._kept_headings, shoot._kept_table, search._stored_table)
     rehearse(robot, library, predictor)
     before = [table.cache_info().misses for table in kept]
     assert min(before) > 0

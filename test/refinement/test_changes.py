@@ -9,7 +9,7 @@ import pytest
 from refinement_fakes import ALL, ANGLE, BOTH, NOTHING, ROBOT, call, three_steps, two_steps
 
 from ator_ros.actions.goal_variables import with_values
-from ator_ros.domains.soccer.ranges import RANGES
+from ator_ros.domains.soccer.thresholds import RANGES
 from ator_ros.refinement.free_variables import allowed_changes
 from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopChain
 

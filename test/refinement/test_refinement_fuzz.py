@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from refinement_fakes import ALL, ANGLE, LIBRARY, NOTHING, ROBOT, models
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.geometry import Pose
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.objective import Objective

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ator_ros.actions.base import Goal, Point, Status
-from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.trials import random_trial, with_headings

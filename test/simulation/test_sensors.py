@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from ator_ros.domains.soccer.ball import BALL, ball_of, objects_of
+from ator_ros.domains.soccer.field import BALL, ball_of, objects_of
 from ator_ros.geometry import Pose
 from ator_ros.simulation.sensors import REALISTIC, REALISTIC_SIGHT, SensorConfig, Sensors, Sight
 from ator_ros.world.state import ObjectState, RobotState, World

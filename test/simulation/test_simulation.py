@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from ator_ros.domains.soccer.ball import BALL, ball_of
+from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.simulation import TICK, Simulation

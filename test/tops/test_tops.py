@@ -9,8 +9,8 @@ import pytest
 
 from ator_ros.actions.base import Action, Goal, Point, Status, Step
 from ator_ros.domains.domain import DomainError
-from ator_ros.domains.soccer.ball import BALL, ball_of, objects_of
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL, ball_of, objects_of
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from ator_ros.domains.soccer.ball import BALL, ball_of
+from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.geometry import Pose
 from ator_ros.world.estimation import ObjectTracker, RobotVelocity, VelocityCheck, VelocityEstimate
 from ator_ros.world.state import ObjectState, RobotState, World

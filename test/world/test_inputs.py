@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ator_ros.domains.soccer.ball import BALL, ball_of
+from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.geometry import Pose
 from ator_ros.world.estimation import ObjectTracker, Sightings
 from ator_ros.world.inputs import ClockJumpError, Inputs, StampError

@@ -13,8 +13,7 @@ from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Goal
 from ator_ros.actions.situation import Situation, drawn_until
 from ator_ros.domains.domain import ChainSampler
-from ator_ros.domains.soccer.ball import BALL
-from ator_ros.domains.soccer.field import field_of
+from ator_ros.domains.soccer.field import BALL, field_of
 from ator_ros.domains.soccer.planned import shooting_room
 from ator_ros.domains.soccer.situations import SHORTEST, is_inside, pose_within, random_pose, way_with_ball
 from ator_ros.domains.soccer.thresholds import ball_clearance, farthest

@@ -1,37 +1,274 @@
-"""Soccer's own features: ideal times of driving to a ball, dribbling and shooting, and what aims a shot."""
+"""Soccer's own features: ideal times of driving to a ball, dribbling and shooting, and what aims a shot.
+
+Ideal motions turn, drive straight and turn. With a ball, the greatest turn rate follows from what keeps the
+ball pressed to the front (`holding.push`): the slower the robot and harder it brakes, the slower it turns.
+The few kinds of motion here were chosen for the Pioneer. For other robots they are chosen from a grid.
+"""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable, Sequence
 from functools import lru_cache, partial
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from ator_ros.domains.soccer.chosen_motions import (
-    APPROACH,
-    DRIBBLE,
-    DRIVE,
-    chosen_dribbles,
-    chosen_drives,
-    turns_of,
-)
-from ator_ros.domains.soccer.families import (
-    APPROACHES,
-    DRIBBLES,
-    DRIVES,
-    PushedTurns,
-    approach_family,
-    dribble_family,
-    drive_family,
-    shot_family,
-)
 from ator_ros.domains.soccer.field import field_of
+from ator_ros.domains.soccer.planned.holding import ENTRY_RATES, MARGIN, fastest_rate, keeps_ball, push
 from ator_ros.domains.soccer.planned.release import usual_release
 from ator_ros.domains.soccer.run_up_times import run_up_times
+from ator_ros.domains.soccer.thresholds import approach_run, passing_distance
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.motion.families import Family, FreeTurns, Motions
+from ator_ros.motion.displacements import TurnDriving
+from ator_ros.motion.families import MOST, Family, FreeTurns, Kind, Motions, free_kinds, needed_kinds
+from ator_ros.motion.turn_tables import Way
 from ator_ros.performance.derived import Geometry, hold_angle, hold_bearing, hold_dist
 from ator_ros.performance.features import Feature, Kinds, MotionFeatures, variables
+from ator_ros.printable import short
+from ator_ros.robot.description import Limits, Robot
+
+AT_ONCE = NO_RUN = np.nan
+
+
+class PushedTurns(NamedTuple):
+    """A kind of motion with the ball; speeds and their changes are shares of the limits.
+
+    Attributes
+    ----------
+    entry : float
+        Speed before the first turn; NaN: the robot's own, as the turn begins at once.
+    gain, loss : float
+        Of speed in the first turn, and in the last.
+    after : float
+        Speed after the last turn; NaN: the one at the goal, as the turn ends there.
+    slower : int
+        By how many steps the last turn is slower (negative: faster) than the ball allows there.
+    least_start, least_arrival : float
+        Least speeds at the start and at the goal, where these decide how fast the robot may turn.
+    rate : float
+        Turn rate in the first turn; NaN: the fastest that the ball allows at its begin.
+    """
+
+    entry: float
+    gain: float
+    loss: float
+    after: float
+    slower: int = 0
+    least_start: float = 0.0
+    least_arrival: float = 0.0
+    rate: float = np.nan
+
+
+DRIVES = (
+    FreeTurns(1.0, 1.0),
+    FreeTurns(-0.6, -0.3, backward=True),
+    FreeTurns(-1.0, -1.0, backward=True),
+    FreeTurns(0.6, 0.3),
+    FreeTurns(-0.6, -0.6, backward=True),
+    FreeTurns(0.3, 0.6),
+    FreeTurns(0.6, 0.6),
+    FreeTurns(-0.3, -1.0, backward=True),
+)
+APPROACHES = (
+    FreeTurns(1.0, 0.5, share=0.8),
+    FreeTurns(0.3, -0.25, share=0.8),
+    FreeTurns(-1.0, -1.0, backward=True, share=0.35),
+    FreeTurns(0.1, 0.25),
+    FreeTurns(1.0, 1.0, share=1.0),
+    FreeTurns(0.6, 0.0, share=1.0),
+    FreeTurns(-0.6, -1.0, backward=True, share=0.8),
+    FreeTurns(0.1, 0.0, share=0.35),
+)
+DRIBBLES: tuple[PushedTurns, ...] = (
+    PushedTurns(AT_ONCE, 0.75, 0.0, 0.5),
+    PushedTurns(0.55, 0.0, 0.0, 0.4),
+    PushedTurns(0.1, 0.0, 0.0, 0.1),
+    PushedTurns(AT_ONCE, 0.96, 0.5, 0.3),
+    PushedTurns(0.2, 0.25, 0.0, 0.4),
+    PushedTurns(AT_ONCE, 0.96, 0.5, 0.6),
+    PushedTurns(AT_ONCE, 0.96, 0.0, 0.4),
+    PushedTurns(0.2, 0.25, 0.0, 0.2),
+    PushedTurns(AT_ONCE, 0.96, 0.0, 0.95),
+    PushedTurns(0.1, 0.0, 0.0, 0.3),
+    PushedTurns(AT_ONCE, 0.96, 0.9, 0.4),
+    PushedTurns(AT_ONCE, 0.75, 0.0, 0.75),
+)
+# Of all robots. Two last turns are a step off what the ball allows, as the shipped models learned with them.
+_SHOT_KINDS: tuple[PushedTurns, ...] = (
+    PushedTurns(AT_ONCE, 0.75, 0.0, 0.5),
+    PushedTurns(AT_ONCE, 0.96, 0.0, 0.75),
+    PushedTurns(0.1, 0.0, 0.0, 0.3, slower=1),
+    PushedTurns(0.2, 0.25, 0.0, 0.3, slower=-1),
+    PushedTurns(0.55, 0.0, 0.0, 0.5),
+)
+
+
+def drive_family(limits: Limits, rows: Iterable[FreeTurns] = DRIVES) -> Family:
+    """Return the motions to a pose, forward or in reverse, of a robot with these limits."""
+    return Family(limits, free_kinds(limits, rows))
+
+
+def approach_family(robot: Robot, rows: Iterable[FreeTurns] = APPROACHES) -> Family:
+    """Return the motions up to a ball: forward or in reverse to behind it, then straight."""
+    kinds = free_kinds(robot.limits, rows)
+    return Family(robot.limits, kinds, run=approach_run(robot), passing=passing_distance(robot))
+
+
+def dribble_family(robot: Robot, rows: Iterable[PushedTurns] = DRIBBLES) -> Family:
+    """Return the motions with the ball: forward only, no turn faster than the ball allows."""
+    kinds = tuple(_pushed_kind(robot, row) for row in rows)
+    return Family(pushing_limits(robot), kinds, run=None, forward=True)
+
+
+@lru_cache(maxsize=8)
+def shot_family(robot: Robot) -> Family:
+    """Return the motions with the ball that end in a run at full speed; where it leads there is a choice."""
+    return dribble_family(robot, _SHOT_KINDS)
+
+
+def pushing_limits(robot: Robot) -> Limits:
+    """Return the limits with the ball; raises NoHolderError where the robot cannot hold it."""
+    return robot.holder_for("pushing a ball").limits
+
+
+def _pushed_kind(robot: Robot, row: PushedTurns) -> Kind:
+    limits = pushing_limits(robot)
+    first, last = row.gain * limits.a, row.loss * limits.brake
+    begin = row.least_start if np.isnan(row.entry) else row.entry
+    end = row.least_arrival if np.isnan(row.after) else row.after
+    rate = fastest_rate(robot, begin * limits.v, first) if np.isnan(row.rate) else row.rate * limits.w
+    return Kind(
+        Way(first, rate),
+        Way(last, fastest_rate(robot, end * limits.v, -last, row.slower)),
+        row.after,
+        row.entry * limits.v,
+        least_start=row.least_start * limits.v if row.least_start else -np.inf,
+        least_arrival=row.least_arrival * limits.v if row.least_arrival else -np.inf,
+    )
+
+
+DRIVE, APPROACH, DRIBBLE = "drive", "approach", "dribble"
+"""Names of the families."""
+
+# What to choose from; all numbers are shares of the limits.
+_CHANGES = (-1.0, -0.6, -0.25, 0.0, 0.25, 0.6, 1.0)
+_RUNS = (0.0, 0.35, 0.8, 1.0)
+_LEADS = (0.1, 0.2, 0.35, 0.55, 0.8)
+_LEAST = (0.0, 0.25, 0.5, 0.75)
+_GAINS, _LOSSES = (0.0, 0.25, 0.5, 0.75, 0.96), (0.0, 0.5, 0.9)
+_AFTER = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.75, 0.95)
+_BEGINS = [(AT_ONCE, least) for least in _LEAST] + [(lead, 0.0) for lead in _LEADS]
+_ENDS = [(NO_RUN, least) for least in _LEAST[1:]] + [(after, 0.0) for after in _AFTER]
+
+_MAY_LACK = ("entry", "after", "rate")
+"""Fields of kinds that are kept as null where they are NaN."""
+_TYPES = {"backward": bool, "slower": int}
+"""Of fields that are no shares of the limits."""
+_MOST_DIFFERENT = 10
+"""Values of a field: more of them than a grid has cost memory."""
+Turns = TypeVar("Turns", FreeTurns, PushedTurns)
+
+
+@lru_cache(maxsize=4)
+def chosen_drives(robot: Robot) -> Kinds:
+    """Return the kinds of drives, and of approaches if the robot can hold a ball; it takes a second."""
+    places, runs = free_grid((0.0,)), free_grid(_RUNS)
+    needed = needed_kinds(drive_family(robot.limits, places), hold=0.0)
+    holding = [] if robot.holder is None else needed_kinds(approach_family(robot, runs), hold=robot.hold)
+    return {DRIVE: _stored(places, needed), APPROACH: _stored(runs, holding)}
+
+
+@lru_cache(maxsize=4)
+def chosen_dribbles(robot: Robot) -> Kinds:
+    """Return the kinds of dribbles; it takes two seconds."""
+    grid = pushed_grid(robot)
+    return {DRIBBLE: _stored(grid, needed_kinds(dribble_family(robot, grid), hold=robot.hold))}
+
+
+def free_grid(runs: Iterable[float] = _RUNS) -> list[FreeTurns]:
+    """Return all kinds of motion of a robot that holds nothing, with speeds before the run from `runs`."""
+    return [FreeTurns(*row) for row in itertools.product(_CHANGES, _CHANGES, (False, True), runs)]
+
+
+def pushed_grid(robot: Robot) -> list[PushedTurns]:
+    """Return all kinds of motion that are planned with the ball, with the fastest turns that do not lose it.
+
+    Of a robot that loses it in every turn they are those that it loses last.
+    """
+    ways = itertools.product(_BEGINS, _GAINS, _LOSSES, _ENDS)
+    rows = [
+        PushedTurns(
+            entry, gain, loss, after, least_start=start, least_arrival=arrival,
+            rate=_first_rate(robot, start if np.isnan(entry) else entry, gain),
+        )
+        for (entry, start), gain, loss, (after, arrival) in ways
+    ]  # fmt: skip
+    kinds = dribble_family(robot, rows).kinds
+    holding = [row for row, kind in zip(rows, kinds, strict=True) if row.rate and _holds_last(robot, kind)]
+    return holding or [row._replace(rate=np.nan) for row in rows]
+
+
+@lru_cache(maxsize=256)
+def _first_rate(robot: Robot, begin: float, gain: float) -> float:
+    """Return the greatest planned rate of a first turn that keeps the ball, as a share; 0 where none does."""
+    limits = pushing_limits(robot)
+    turns = (TurnDriving(begin * limits.v, gain * limits.a, rate * limits.w) for rate in ENTRY_RATES)
+    kept = (rate for rate, turn in zip(ENTRY_RATES, turns, strict=True) if keeps_ball(robot, turn, limits.v))
+    return next(kept, 0.0)
+
+
+def _holds_last(robot: Robot, kind: Kind) -> bool:
+    """Return whether the ball stays in front in the last turn."""
+    end = kind.share * pushing_limits(robot).v
+    speed = max(kind.least_arrival, 0.0) if np.isnan(end) else end
+    return push(robot, speed, kind.last.rate, -kind.last.change) >= MARGIN
+
+
+def _stored(grid: Sequence[FreeTurns | PushedTurns], which: Iterable[int]) -> list[list[float | None]]:
+    return [[None if np.isnan(number) else number for number in grid[at]] for at in which]
+
+
+def turns_of(kinds: Kinds, family: str, kind: type[Turns], *, least: int = 1) -> tuple[Turns, ...]:
+    """Return the kinds of a family, `least` of them or more.
+
+    Raises
+    ------
+    ValueError
+        There are too few or too many, they are not shares of the limits as expected, or more different ones
+        than of a grid: each has tables of its own.
+    """
+    rows, fields = kinds.get(family), kind._fields
+    if not isinstance(rows, Sequence) or isinstance(rows, str) or not least <= len(rows) <= MOST:
+        raise ValueError(f"{family}: expected {least} to {MOST} kinds of motion, got {short(rows)}")
+    for number, row in enumerate(rows):
+        whole = isinstance(row, Sequence) and len(row) == len(fields)
+        if not whole or not all(map(_is_value, fields, row)):
+            raise ValueError(
+                f"{family}.{number}: expected {len(fields)} values from -1 to 1 ({', '.join(fields)}), "
+                f"got {short(row)}"
+            )
+    for field, *values in zip(fields, *rows, strict=True):
+        if (count := len(set(values))) > _MOST_DIFFERENT:
+            raise ValueError(
+                f"{family}: expected at most {_MOST_DIFFERENT} different values of {field}, got {count}"
+            )
+    return tuple(kind(*_filled(row)) for row in rows)
+
+
+def _is_value(field: str, value: object) -> bool:
+    if value is None:
+        return field in _MAY_LACK
+    if field in _TYPES:
+        return type(value) is _TYPES[field]
+    if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > 1.0:
+        return False
+    return field != "rate" or value > 0.0
+
+
+def _filled(row: Iterable[Any]) -> list[Any]:
+    return [np.nan if value is None else value for value in row]
+
 
 _SHORT = 1.0  # m
 # The nine ideal shots to fixed places: share of the mouth's width from its middle, and direction (rad).

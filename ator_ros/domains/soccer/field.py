@@ -1,19 +1,38 @@
-"""The soccer field: the area of the scene, with two goals."""
+"""The soccer field and its ball: the area of the scene with two goals, and distances to their walls."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from ator_ros.domains.domain import Line
-from ator_ros.domains.soccer.ball import BALL
-from ator_ros.geometry import Pose
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import ConfigError, Robot
-from ator_ros.world.scene import Bay, Scene
+from ator_ros.world.scene import WALL_THICKNESS, Bay, Scene
 from ator_ros.world.state import ObjectState
+
+BALL = "ball"
+"""Name of the ball among the objects of a world and in conditions."""
+
+
+class _WithObjects(Protocol):
+    @property
+    def objects(self) -> Mapping[str, ObjectState]: ...
+
+
+def ball_of(world: _WithObjects) -> ObjectState | None:
+    """Return the ball of a world or of a situation; None if there is none."""
+    return world.objects.get(BALL)
+
+
+def objects_of(ball: ObjectState | None) -> dict[str, ObjectState]:
+    """Return the objects of a world that contains `ball`, or nothing."""
+    return {} if ball is None else {BALL: ball}
+
 
 _MISPLACED = 1e-5
 """In m and rad: how far a goal may be from the line's middle."""
@@ -131,3 +150,52 @@ def field_lines(robot: Robot) -> Sequence[Line]:
     _, y_min, _, y_max = area.lines
     x, y = area.x + _CENTRE_CIRCLE * np.cos(corners), area.y + _CENTRE_CIRCLE * np.sin(corners)
     return [(area.x, y_min), (area.x, y_max)], list(zip(x.tolist(), y.tolist(), strict=True))
+
+
+def touches_goals(poses: FloatArray, robot: Robot) -> bool:
+    """Return whether the robot, at any of the poses, may touch the wall of a goal.
+
+    Parameters
+    ----------
+    poses : ndarray, shape (n, 3)
+        x, y of the axle in m, yaw in rad.
+    """
+    return depth_in_goals(poses, robot) > 0.0
+
+
+def depth_in_goals(places: FloatArray, robot: Robot) -> float:
+    """Return by how much in m the robot, at the worst of the places, may reach into the wall of a goal.
+
+    Parameters
+    ----------
+    places : ndarray, shape (n, 2) or more columns
+        x, y of the axle in m.
+    """
+    field = field_of(robot)
+    near = places[np.abs(places[:, 0] - field.x) > nearest_to_goals(robot), :2]
+    return float(np.max(robot.reach - wall_distances(near - (field.x, field.y), field), initial=0.0))
+
+
+def nearest_to_goals(robot: Robot) -> float:
+    """Return the distance in m from the centre along x within which the robot touches no goal."""
+    return field_of(robot).walls_begin - robot.reach
+
+
+def wall_distances(poses: FloatArray, field: Field) -> FloatArray:
+    """Compute the distance in m to the nearest wall from places relative to the centre, shape (n, 2 or 3)."""
+    x, y = np.abs(poses[:, 0]), np.abs(poses[:, 1])
+    distances = [
+        np.hypot(
+            np.maximum(np.maximum(wall[0] - x, x - wall[1]), 0.0),
+            np.maximum(np.maximum(wall[2] - y, y - wall[3]), 0.0),
+        )
+        for wall in _walls(field)
+    ]
+    return np.minimum(*distances)
+
+
+def _walls(field: Field) -> Sequence[tuple[float, float, float, float]]:
+    """Return the boxes (x low, x high, |y| low, |y| high) of a goal, mirrored to x > 0 and y > 0."""
+    line, half, depth = field.length / 2, field.goal_width / 2, field.goal_depth
+    back = line + depth
+    return (line, back, half, half + WALL_THICKNESS), (back, back + WALL_THICKNESS, 0.0, half)

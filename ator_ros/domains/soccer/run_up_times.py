@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ator_ros.compiled import in_shares, inlined, unlocked
-from ator_ros.domains.soccer.ball import BALL
-from ator_ros.domains.soccer.field import field_of
+from ator_ros.domains.soccer.field import BALL, field_of
 from ator_ros.domains.soccer.planned.holding import (
     LARGEST_TURN,
     MOST_GAINED,

@@ -9,9 +9,7 @@ import numpy as np
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import SHORT, NoPlaceError, Situation, drawn_until, short_goal
-from ator_ros.domains.soccer.ball import BALL, objects_of
-from ator_ros.domains.soccer.field import field_of
-from ator_ros.domains.soccer.goals import touches_goals
+from ator_ros.domains.soccer.field import BALL, field_of, objects_of, touches_goals
 from ator_ros.domains.soccer.thresholds import (
     ball_clearance,
     farthest,

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
+from types import MappingProxyType
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.situation import NoPlaceError
-from ator_ros.domains.soccer.ball import BALL
-from ator_ros.domains.soccer.ranges import ARRIVAL_SPEED
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.tops.objects import lost_beyond
+from ator_ros.tops.ranges import USUAL_RANGES, Ranges, arrival_speed
+
+ARRIVAL_SPEED = 0.8
+"""Greatest arrival speed in m/s that is searched, and that situations to learn from are drawn with."""
+
+RANGES: Ranges = MappingProxyType(
+    {**USUAL_RANGES, "speed": functools.partial(arrival_speed, most=ARRIVAL_SPEED)}
+)
+
 
 _BODY_ROOM = 0.1  # m between a robot and what it must not touch
 _LEAST_END_MARGIN = 0.9

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step, finished
-from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.bezier.curve import CurveShape
 from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached, straightens
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.thresholds import gone_beyond
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Robot

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass, replace
 
 from ator_ros.actions.base import ActionError, Goal
-from ator_ros.domains.soccer.ball import BALL
 from ator_ros.domains.soccer.bezier.curve import (
     Curve,
     CurveShape,
@@ -15,7 +14,7 @@ from ator_ros.domains.soccer.bezier.curve import (
     sampled,
     shortest_way,
 )
-from ator_ros.domains.soccer.goals import depth_in_goals, nearest_to_goals
+from ator_ros.domains.soccer.field import BALL, depth_in_goals, nearest_to_goals
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import CONTROL_PERIOD, Command, ObjectState, RobotState, Standstill

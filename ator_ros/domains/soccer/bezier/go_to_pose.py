@@ -6,9 +6,9 @@ import math
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
-from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.bezier.curve import CurveShape
 from ator_ros.domains.soccer.bezier.driver import Driver, Style, check_goal, reached, straightens
+from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.domains.soccer.thresholds import ball_clearance
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import Robot

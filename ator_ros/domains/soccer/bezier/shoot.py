@@ -6,10 +6,9 @@ import math
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
-from ator_ros.domains.soccer.ball import BALL, ball_of
 from ator_ros.domains.soccer.bezier.dribble_ball import check_held, dribbling
 from ator_ros.domains.soccer.bezier.driver import Driver, check_goal
-from ator_ros.domains.soccer.field import behind_line, field_of, is_in_goal
+from ator_ros.domains.soccer.field import BALL, ball_of, behind_line, field_of, is_in_goal
 from ator_ros.domains.soccer.thresholds import gone_beyond
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.robot.description import Robot

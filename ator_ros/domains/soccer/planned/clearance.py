@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ator_ros.domains.soccer.ball import BALL
-from ator_ros.domains.soccer.goals import touches_goals
+from ator_ros.domains.soccer.field import BALL, touches_goals
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.motion.trajectory import Trajectory

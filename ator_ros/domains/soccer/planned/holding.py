@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from functools import lru_cache
 
-from ator_ros.domains.soccer.ball import BALL
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.motion.displacements import TurnDriving
 from ator_ros.motion.manoeuvre import Side
 from ator_ros.robot.description import Limits, Robot

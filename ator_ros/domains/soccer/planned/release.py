@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ator_ros.domains.soccer.ball import BALL
-from ator_ros.domains.soccer.field import field_of
+from ator_ros.domains.soccer.field import BALL, field_of
 from ator_ros.geometry import BoolArray, FloatArray, Pose
 from ator_ros.motion.durations import drive_time
 from ator_ros.motion.manoeuvre import Manoeuvre

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ator_ros.compiled import compiled
-from ator_ros.domains.soccer.ball import BALL
-from ator_ros.domains.soccer.field import field_of
+from ator_ros.domains.soccer.field import BALL, field_of
 from ator_ros.domains.soccer.planned.clearance import STRIDE, Obstacles
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.motion.compiled_manoeuvre import (

@@ -10,8 +10,7 @@ import numpy as np
 from ator_ros.actions.base import ActionError, Status, started
 from ator_ros.actions.situation import Situation, drawn_until
 from ator_ros.domains.soccer import situations
-from ator_ros.domains.soccer.ball import objects_of
-from ator_ros.domains.soccer.goals import touches_goals
+from ator_ros.domains.soccer.field import objects_of, touches_goals
 from ator_ros.domains.soccer.planned.shoot import Shoot
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import CONTROL_PERIOD, ObjectState, RobotState, World

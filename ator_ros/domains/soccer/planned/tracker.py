@@ -8,9 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ator_ros.domains.soccer.planned.lag_seen import LagSeen
-from ator_ros.domains.soccer.planned.reactions import Reactions
-from ator_ros.domains.soccer.planned.strength_seen import StrengthSeen
+from ator_ros.domains.soccer.planned.reactions import LagSeen, Reactions, StrengthSeen
 from ator_ros.geometry import Pose
 from ator_ros.motion.trajectory import Trajectory
 from ator_ros.robot.description import Robot
