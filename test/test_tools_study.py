@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.report import evaluation_table
 from ator_ros.evaluation.study import KIND, MeasuredAction, OpenVariable, StudyResult, study_page
 from ator_ros.evaluation.trials import possible_actions, possible_chain
 from ator_ros.files import load, save
@@ -101,6 +102,16 @@ def test_a_study_without_a_chain_is_written_read_and_shown(tmp_path: Path) -> No
     assert "No chain of the domain can be executed" in page
     assert "2 (visit)" in page
     assert "no effect: the models say so" in page
+
+
+@pytest.mark.parametrize("share", [96.0, 112.0])
+def test_a_share_above_the_oracles_gain_has_a_footnote(share: float) -> None:
+    row = {
+        "mean_duration_s": 9.0, "improvement_percent": 5.0, "improvement_ci95": [4.0, 6.0], "higher": 3,
+        "equal": 1, "lower": 0, "oracle_captured_percent": share, "failures": 0,
+    }  # fmt: skip
+    table = evaluation_table({"gated_speed": row})
+    assert ("* more than 100 %: the oracle" in table) is (f"{share:.1f}*" in table) is (share > 100.0)
 
 
 def test_a_robot_without_a_holder_is_studied_as_far_as_it_goes() -> None:
