@@ -24,7 +24,6 @@ from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import open_places, open_speeds, random_trial
 from ator_ros.geometry import Pose
 from ator_ros.planning.planner import chains_for
-from ator_ros.planning.search import search
 from ator_ros.robot.description import Robot
 from ator_ros.robot.response import ramped
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
@@ -101,7 +100,7 @@ def plans(requests: int) -> Rows:
         for index in range(requests + WARM_UP):
             world = random_trial(domain, next(iter(domain.chains)), library, seed=803, index=index).world
             began = time.perf_counter()
-            chains_for(goal.terms, world, library, domain.objects, search)
+            chains_for(goal.terms, world, library, domain.objects)
             times.append(time.perf_counter() - began)
         yield f"plans, {name}", _percentiles(times[WARM_UP:])
 

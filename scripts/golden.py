@@ -37,10 +37,8 @@ from ator_ros.files import write_text
 from ator_ros.geometry import Pose
 from ator_ros.performance.features import OBSERVED
 from ator_ros.performance.training import direct_of, train
-from ator_ros.planning.errors import PlanningError
+from ator_ros.planning.goals import PlanningError, statement_from
 from ator_ros.planning.planner import chains_for
-from ator_ros.planning.search import search
-from ator_ros.planning.wanted import wish_from
 from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.resources import resource_path
 from ator_ros.simulation.simulation import Simulation
@@ -208,12 +206,14 @@ def planned(count: int) -> list[Json]:
     found = []
     for index in range(count):
         words = GOALS[index % len(GOALS)]
-        wishes = list(named[words[0]].terms) if words[0] in named else [wish_from(word) for word in words]
+        wishes = (
+            list(named[words[0]].terms) if words[0] in named else [statement_from(word) for word in words]
+        )
         (robot_x, robot_y, x, y), yaw = rng.uniform(-2.0, 2.0, 4), rng.uniform(-3.0, 3.0)
         pose = Pose(float(robot_x), float(robot_y), float(yaw))
         world = World(0.0, RobotState(pose), {"ball": ObjectState(float(x), float(y))})
         try:
-            chains = chains_for(wishes, world, library, domain.objects, search)
+            chains = chains_for(wishes, world, library, domain.objects)
         except PlanningError as error:
             found.append({"goal": list(words), "error": str(error)})
         else:

@@ -19,7 +19,7 @@ from pathlib import Path
 
 HEADER = "# Written by scripts/lock.py: what the pins beside this file bring along, with hashes.\n"
 FOLDER = Path(__file__).resolve().parents[1] / "requirements"
-NAMES = ("ros", "build", "runtime", "offline", "view", "plan", "test", "lint")
+NAMES = ("ros", "build", "runtime", "offline", "view", "test", "lint")
 OLDEST_PYTHON = "3.11"
 
 

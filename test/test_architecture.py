@@ -106,7 +106,7 @@ def test_only_nodes_and_tools_know_ros() -> None:
 def test_nodes_start_without_what_only_learning_needs() -> None:
     names = [f"ator_ros.nodes.{name}" for name in ("executor", "refinement", "simulation")]
     names.append("ator_ros.domains.soccer.domain")
-    heavy = ["sklearn", "pandas", "pyarrow", "scipy.stats", "matplotlib", "viser", "unified_planning"]
+    heavy = ["sklearn", "pandas", "pyarrow", "scipy.stats", "matplotlib", "viser"]
     script = f"import sys, {', '.join(names)}; print([name for name in {heavy} if name in sys.modules])"
     told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     assert told.strip() == "[]"

@@ -52,7 +52,6 @@ BY_TEST = {
     r"ros2 service call /(refine_subgoal|reset|place_ball) .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 service call /plan_chains .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 action send_goal --feedback .*": f"{_ROS}::test_the_printed_requests",
-    r"ros2 action send_goal /execute_chain .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 action send_goal /(ann|bob)/.*": f"{_ROS}::test_two_robots_play_at_the_same_time",
     r"ros2 run ator_ros simulation .*robots:=.*": f"{_ROS}::test_two_robots_play_at_the_same_time",
     r"ros2 run ator_ros \w+ .*__ns:=/(ann|bob) .*": f"{_ROS}::test_two_robots_play_at_the_same_time",
@@ -68,7 +67,8 @@ BY_TEST = {
     r"ros2 run ator_ros \w+ .*domain:=stat.*": "nodes/test_executor_remote_node.py::test_a_",
     r"ros2 run ator_ros learning": "nodes/test_learning_node.py::test_learning_can_be_frozen_and_",
     r"scripts/run pip install .* \./my_package": "nodes/test_outside_domain.py::test_a_domain_from_another_",
-    r"\. scripts/env\.sh && python .*": "nodes/test_client_example.py::test_it_drives_the_simulated_robot",
+    r".* ator_ros\.examples\.plan_and_execute .*": "nodes/test_plans_node.py::test_the_example_",
+    r".* ator_ros\.examples\.refine_and_execute": "nodes/test_client_example.py::test_it_drives_the_",
     r"make run EXE=(collect|train|demo) ARGS='.*~/ws/src/shuttle/.*'": "nodes/test_own_server.py::test_own_",
     r"ros2 run ator_ros train rosbag2_.*": "nodes/test_recording_node.py::test_the_installed_train_learns_",
 }

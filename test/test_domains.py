@@ -17,7 +17,8 @@ from ator_ros.evaluation.trials import possible_actions, possible_chain, random_
 from ator_ros.experience.table import read_experience
 from ator_ros.geometry import Pose
 from ator_ros.performance.features import CANDIDATES, GENERAL, names_of
-from ator_ros.planning.planner import task_for
+from ator_ros.planning.goals import PlanningError
+from ator_ros.planning.planner import chains_for
 from ator_ros.robot.description import ConfigError, load_robot
 from ator_ros.tools import collect
 from ator_ros.view.editor import Editor
@@ -116,8 +117,9 @@ def test_a_chain_that_needs_what_is_left_out_is_refused_by_name_and_others_are_d
 def test_a_plan_says_which_tops_are_left_out() -> None:
     library = SMALL.library(SMALL.robot(), "small")
     world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(1.0, 0.0)})
-    task = task_for(next(iter(SMALL.goals(library.robot).values())).terms, world, library, SMALL.objects)
-    assert LACKS in task.left_out
+    goal = SMALL.goals(library.robot)["ball_in_goal"].terms
+    with pytest.raises(PlanningError, match=LACKS):
+        chains_for(goal, world, library, SMALL.objects)
 
 
 def test_collect_takes_the_actions_that_the_set_has(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -55,7 +55,6 @@ from ator_ros.nodes.parameters import (
     fence_of,
     robot_of,
 )
-from ator_ros.nodes.plan_client import PREEMPTED, PlannedGoals
 from ator_ros.nodes.qos import LATCHED, RESULTS, SERVICES
 from ator_ros.nodes.remote_actions import RemoteServers
 from ator_ros.nodes.running import run_node, spin_out
@@ -72,6 +71,7 @@ _RESET_PERIOD = 1.0  # real s; two resets within it mean that two nodes publish 
 _RESULT_KEPT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
 _IDLE_PERIOD = 1.0  # real s between two checks of the deadlines without a goal: each costs a millisecond
 _ENDED = "the executor was ended"
+_PREEMPTED = "a newer goal took over"
 _USUAL = Deadlines()
 _COMMON = (
     FRAME,
@@ -95,7 +95,6 @@ _COMMON = (
     # A base that does not follow is stopped within 0.5 s: with more latency nothing can be known by then.
     Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3, live=True),
     FENCE,
-    Parameter("plan_timeout", 10.0, "real s that a goal waits for its chains", 0.05, LONGEST, live=True),
     Parameter(
         "refinement_timeout", _USUAL.refinement, "real s that refinement may take", 0.01, 60.0, live=True
     ),
@@ -156,7 +155,7 @@ class ExecutorNode(Node):
         performance/chain (ator_interfaces/ChainPerformance, transient local): after each goal.
         chain_under_way, planned_path and markers (see `ExecutionDrawing`); /diagnostics, once a second.
     Calls
-        refine_subgoal and plan_chains, when a goal asks for them; the domain's action servers.
+        refine_subgoal, when a goal asks for it; the domain's action servers.
     """
 
     def __init__(self) -> None:
@@ -200,10 +199,6 @@ class ExecutorNode(Node):
         self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
         self._refinement = self.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
-        self._plans = PlannedGoals(
-            self, settings, self._domain.objects,
-            begin=self._begin, end=self._finish, halt=self._halt, rests=self._rests,
-        )  # fmt: skip
         # In this order: of messages that have all come, those of objects are then taken first.
         self._tf, sources = TfListener(self), map(self._domain.source, self._domain.objects)
         self._objects = ObjectSources(self, sources, self._take_object, self._ignore, self._tf, frame=frame)
@@ -265,8 +260,6 @@ class ExecutorNode(Node):
             self._ticks.took(done - now)
             self._run.supervisor.listening(done)
             self._follow(self._run)
-        elif self._plans.halting:
-            self._send(STOP)
         elif self._stop_until > -math.inf:
             self._stop_unattended(world.robot, now)
         self._drawing.objects(world)
@@ -316,7 +309,6 @@ class ExecutorNode(Node):
         silence, ending = now - self._heard, self._remotes.ending()
         fresh = silence <= self._odom_timeout
         self._diagnosis.watch(now, missing=silence > 0.5 * self._odom_timeout)
-        self._plans.watch(self._world if fresh else None)
         if self._run is None:
             return
         if ending and fresh:
@@ -329,11 +321,6 @@ class ExecutorNode(Node):
 
     def _accept(self, handle: ServerGoalHandle) -> None:
         self._goals += 1
-        if not self._plans.take(handle):
-            self._begin(handle)
-        self._adjust_watchdog()
-
-    def _begin(self, handle: ServerGoalHandle) -> None:
         try:
             models = self._sets.present.by_set
             run = GoalRun(
@@ -346,50 +333,30 @@ class ExecutorNode(Node):
                 self._rolling,
             )
         except MessageError as error:  # the running goal continues
-            self._finish(handle, Ending.REFUSED, str(error))
+            self._refuse(handle, str(error))
             return
-        self._plans.drop(Ending.PREEMPTED, PREEMPTED)
         self._driving.begin(self._settings["latency"], preempts=self._run is not None)
-        self._end(Ending.PREEMPTED, PREEMPTED, at_once=True)
+        self._end(Ending.PREEMPTED, _PREEMPTED, at_once=True)
         self._run, self._stop_until = run, -math.inf
         self._commands.adapt()
         self._adjust_watchdog()
         # A simulation as fast as possible waits for commands, also while the first action plans.
         self._send(STOP)
 
-    def _finish(self, handle: ServerGoalHandle, ending: Ending, reason: str) -> None:
-        """Finish a goal that never began."""
-        if ending is Ending.INPUT_LOST:
-            reason = f"{reason}; {self._diagnosis.cause('odom', self._odom_timeout)}"
-        if ending is not Ending.SUCCEEDED:
-            self._note(f"{ending.name.lower()}: {reason}")
-        result = unstarted(handle, ending, reason, frame=self._settings["frame"])
+    def _refuse(self, handle: ServerGoalHandle, reason: str) -> None:
+        self._note(f"refused: {reason}")
+        result = unstarted(handle, Ending.REFUSED, reason, frame=self._settings["frame"])
         self._chains.publish(result.record)
-        handle.execute(functools.partial(concluded, ending, result))
-        self._adjust_watchdog()
-
-    def _halt(self) -> None:
-        """Preempt the running goal, and let the robot stand."""
-        self._end(Ending.PREEMPTED, PREEMPTED, at_once=True)
-        self._send(STOP)
-
-    def _rests(self) -> bool:
-        """Return whether the robot stands, by odometry of just now, and nothing moves it."""
-        fresh = time.monotonic() - self._heard <= self._odom_timeout
-        idle = self._run is None and not self._remotes.ending()
-        return fresh and idle and self._world is not None and self._world.robot.is_standing
+        handle.execute(functools.partial(concluded, Ending.REFUSED, result))
 
     def _adjust_watchdog(self) -> None:
-        """Watch closely while a goal is under way or waits for its plan."""
-        busy = self._run is not None or self._plans.waiting
-        period = round(1e9 * (WATCH_PERIOD if busy else _IDLE_PERIOD))
+        """Watch closely while a goal is under way."""
+        period = round(1e9 * (_IDLE_PERIOD if self._run is None else WATCH_PERIOD))
         if period != self._watchdog.timer_period_ns:
             self._watchdog.timer_period_ns = period
             self._watchdog.reset()
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
-        if self._plans.cancel(handle):
-            return CancelResponse.ACCEPT
         if self._run is None or self._run.handle is not handle:
             return CancelResponse.REJECT
         self._run.supervisor.end(Ending.CANCELED, "canceled by the client")
@@ -504,7 +471,6 @@ class ExecutorNode(Node):
         """Stop the robot and end the running goal, before the node ends."""
         self._send(STOP)  # first: to end an action may fail
         self._stopping = True
-        self._plans.drop(Ending.SHUTDOWN, _ENDED)
         self._end(Ending.SHUTDOWN, _ENDED, at_once=True)
         self._send(STOP)
         spin_out(self)  # so that the answer leaves, also to a client that asks for it only now

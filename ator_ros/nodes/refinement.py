@@ -34,10 +34,9 @@ from ator_ros.nodes.parameters import (
     fence_of,
     robot_of,
 )
-from ator_ros.nodes.plan_service import PlanService
+from ator_ros.nodes.plans import PlanService
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.running import run_node
-from ator_ros.planning.process import PlanProcess
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.objective import LEAST_WEIGHT, MOST_WEIGHT
 from ator_ros.refinement.refiner import Refinement, Refiner, Selection, choose
@@ -68,8 +67,6 @@ PARAMETERS = (
 )
 
 _WARNING_PERIOD = 2.0
-_PLANNING = 2.0
-"""Real time in s that the plans for one goal may take; those of the shipped domains take some 15 ms."""
 
 
 class RefinementNode(Node):
@@ -81,8 +78,7 @@ class RefinementNode(Node):
         refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it came, with the
         reason. A request that cannot be evaluated is answered with accepted = false. Requests are answered
         one after the other. After `deadline` the answer is the best chain found, and cut_short is true.
-        plan_chains (ator_interfaces/PlanChains): chains for a goal, from the conditions of the TOPs. They are
-        planned in a process of their own, which the first request starts.
+        plan_chains (ator_interfaces/PlanChains): chains for a goal, from the conditions of the TOPs.
     Publishes
         refinement_markers (visualization_msgs/MarkerArray, transient local): the naive chain, the
         chain to execute, and the predicted times by heading as rings, of the last request.
@@ -104,9 +100,8 @@ class RefinementNode(Node):
         self._last_refusal, self._last_time = "", 0.0
         self._markers = LazyPublisher(self, MarkerArray, "refinement_markers")
         self.create_service(RefineSubgoal, "refine_subgoal", self._serve, qos_profile=SERVICES)
-        names = self._settings["domain"], self._settings["robot"]
-        process = PlanProcess(*names, time_limit=_PLANNING, fence=self._fence)
-        self._plans = PlanService(self, domain, self._libraries, process, frame=self._settings["frame"])
+        frame = self._settings["frame"]
+        self._plans = PlanService(self, domain, self._libraries, fence=self._fence, frame=frame)
         self._diagnostics = Diagnostics(self, self._health)
         models = startup_text(self._sets.present.models, self._sets.source)
         gate = self._sets.present.gate_text(gated=self._settings["gate"])
@@ -167,10 +162,6 @@ class RefinementNode(Node):
     def _refusal(self, reason: str, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
         self._refused, self._last_refusal = self._refused + 1, reason
         return messages.refused(reason, messages.echo_of(request.chain))
-
-    def stop(self) -> None:
-        """End the process that plans, before the node ends."""
-        self._plans.close()
 
     def _health(self) -> Health:
         present = self._sets.present

@@ -1,22 +1,32 @@
-"""Chains from plans: each step with a goal, and open what the plan does not determine."""
+"""Chains from plans: each step with a goal, and open what the plan does not determine.
+
+Numbers that a plan leaves open are placeholders, which refinement replaces.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import with_values
 from ator_ros.execution.fence import Fence
-from ator_ros.geometry import Pose
-from ator_ros.planning.errors import PlanningError
-from ator_ros.planning.facts import resolved
-from ator_ros.planning.operators import PlannedStep
-from ator_ros.planning.placing import place_in
-from ator_ros.tops.chain import TopCall, TopChain, projected
-from ator_ros.tops.conditions import state_of
+from ator_ros.geometry import FloatArray, Pose, wrap_angles
+from ator_ros.planning.facts import Fact, placed_thing, reach_about, resolved
+from ator_ros.planning.goals import PlanningError
+from ator_ros.planning.problem import PlannedStep
+from ator_ros.tops.chain import Top, TopCall, TopChain, projected
+from ator_ros.tops.conditions import State, Statement, lookup, state_of
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World
+
+_SPACING, _MOST_INTERVALS = 0.1, 400
+"""Of the places that are compared: m, and along each side of the area, where it is large."""
+_LEAST_DISTANCE = 0.5
+"""In m from where a thing lies: a nearer place is chosen only if there is no other."""
 
 
 def chain_of(steps: Sequence[PlannedStep], world: World, library: TopLibrary, fence: Fence) -> TopChain:
@@ -43,25 +53,26 @@ def _call(step: PlannedStep, world: World, library: TopLibrary, fence: Fence, *,
     place = {"x": at.x, "y": at.y, **{name: known[name] for name in "xy" if name in known}}
     if step.region:
         edges = fence.part_of(robot.scene.area.lines, robot, step.top.point)
-        found = place_in(step.region, step.top, state, edges)
+        found = _place_in(step.region, step.top, state, edges)
         if found is None:
             raise PlanningError(f"{step.top.name}: expected a place for it in the area, found none")
         place = {"x": found[0], "y": found[1]}
     yaw = _heading(step, Pose(place["x"], place["y"], 0.0), world)
-    values = {"yaw": yaw, **known, **place}
-    return TopCall(step.top, with_values(goal, values), _opened(step, goal, last=last))
+    return TopCall(
+        step.top, with_values(goal, {"yaw": yaw, **known, **place}), _opened(step, goal, last=last)
+    )
 
 
 def _heading(step: PlannedStep, place: Pose, world: World) -> float:
-    """Return where the robot looks at a place: to what the place is for, or on in its direction."""
+    """Return the heading at a place: toward the target of the next action, else along the approach."""
     at = world.robot.pose
     if step.region:
         target = dict(step.region[0].binding)
         x, y = target.get("x"), target.get("y")
         if isinstance(x, float) and isinstance(y, float) and (x, y) != (place.x, place.y):
             return math.atan2(y - place.y, x - place.x)
-    way = math.hypot(place.x - at.x, place.y - at.y)
-    return math.atan2(place.y - at.y, place.x - at.x) if way > 0.0 else at.yaw
+    distance = math.hypot(place.x - at.x, place.y - at.y)
+    return math.atan2(place.y - at.y, place.x - at.x) if distance > 0.0 else at.yaw
 
 
 def _opened(step: PlannedStep, goal: Goal, *, last: bool) -> frozenset[str]:
@@ -70,3 +81,60 @@ def _opened(step: PlannedStep, goal: Goal, *, last: bool) -> frozenset[str]:
     place = {"x", "y", "yaw"} if step.top.arrives else set[str]()
     speed = {"speed"} if step.top.arrives and not last else set[str]()
     return frozenset(place | speed | goal.values.keys()) - bound
+
+
+def _place_in(
+    region: Sequence[Fact], top: Top, state: State, edges: tuple[float, float, float, float]
+) -> tuple[float, float] | None:
+    """Return the place (m) in a region that is nearest to where its thing lies; None where there is none.
+
+    Parameters
+    ----------
+    region : sequence of Fact
+        What must hold there.
+    top : Top
+        The TOP that brings the thing there: the place keeps the distance that it may miss by, where it can.
+    state, edges
+        Where everything is before, and where to look: x_min, y_min, x_max, y_max in m.
+    """
+    thing = placed_thing(region[0].said)
+    goal = resolved(dict(region[0].binding), state)
+    places = _candidates(edges, goal)
+    there = {**state, f"{thing}.x": places[:, 0], f"{thing}.y": places[:, 1]}
+    clearance = np.min([_clearance(fact, there, state) for fact in region], axis=0)
+    for margin in (top.place_tolerance, 0.0):
+        good = places[np.broadcast_to(clearance >= margin - 1e-9, len(places))]
+        if len(good):
+            away = np.hypot(
+                good[:, 0] - state.get(f"{thing}.x", 0.0), good[:, 1] - state.get(f"{thing}.y", 0.0)
+            )
+            far = away >= _LEAST_DISTANCE
+            index = int(np.argmin(np.where(far, away, np.inf)) if far.any() else np.argmax(away))
+            return float(good[index, 0]), float(good[index, 1])
+    return None
+
+
+def _candidates(edges: tuple[float, float, float, float], goal: Mapping[str, float]) -> FloatArray:
+    """Return places inside the edges, shape (n, 2), and the goal itself."""
+    x_min, y_min, x_max, y_max = edges
+    spacing = max(_SPACING, (x_max - x_min) / _MOST_INTERVALS, (y_max - y_min) / _MOST_INTERVALS)
+    xs = np.arange(x_min, x_max + spacing / 2, spacing)
+    ys = np.arange(y_min, y_max + spacing / 2, spacing)
+    grid = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
+    return np.vstack([grid, [goal.get("x", 0.0), goal.get("y", 0.0)]])
+
+
+def _clearance(fact: Fact, there: Mapping[str, Any], state: State) -> Any:
+    """Return by how much a fact holds at each place, negative where it does not."""
+    goal, said = resolved(dict(fact.binding), state), fact.said
+    if not isinstance(said, Statement):
+        clearance = said.clearance(there, goal)
+        return -np.inf if clearance is None else clearance
+    target: Any = lookup(said.target, there, goal) if isinstance(said.target, str) else said.target
+    if target is None or said.variable not in there:
+        return -np.inf
+    apart = there[said.variable] - target
+    if said.variable.endswith("yaw"):
+        apart = wrap_angles(np.asarray(apart))
+    low, high = reach_about(said, float(target))
+    return np.minimum(apart - low, high - apart)

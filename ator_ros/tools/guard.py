@@ -19,7 +19,7 @@ from ator_ros.experience.parallel import BackendError
 from ator_ros.files import FileError
 from ator_ros.performance.model_file import ModelFileError
 from ator_ros.performance.training import TrainingError
-from ator_ros.planning.errors import PlanningError
+from ator_ros.planning.goals import PlanningError
 from ator_ros.printable import printable
 from ator_ros.refinement import RefinementError
 from ator_ros.robot.description import ConfigError

@@ -15,10 +15,8 @@ from pathlib import Path
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
 from ator_ros.performance.model_file import load_models, model_path
-from ator_ros.planning.errors import PlanningError
+from ator_ros.planning.goals import GoalStatement, PlanningError, statement_from
 from ator_ros.planning.planner import chains_for
-from ator_ros.planning.search import search
-from ator_ros.planning.wanted import Wish, wish_from
 from ator_ros.refinement.gate import gate_in, opened
 from ator_ros.refinement.refiner import Judged, Refiner, choose
 from ator_ros.robot.description import Robot
@@ -45,7 +43,7 @@ def plan(
         Name of the set of actions, and folder of the models; empty: the shipped ones.
     """
     library = domain.library(robot, action_set)
-    chains = chains_for(_wishes(goal, domain, robot), world, library, domain.objects, search)
+    chains = chains_for(_statements(goal, domain, robot), world, library, domain.objects)
     if not chains:
         print("the goal holds already")
         return
@@ -58,14 +56,14 @@ def plan(
         print(_line(each, chain))
 
 
-def _wishes(words: Sequence[str], domain: Domain, robot: Robot) -> list[Wish]:
+def _statements(words: Sequence[str], domain: Domain, robot: Robot) -> list[GoalStatement]:
     named = domain.goals(robot)
     if len(words) == 1 and "=" not in words[0]:
         if words[0] not in named:
             there = ", ".join(sorted(named)) or "none"
             raise PlanningError(f"goal: expected a statement or one of the names {there}, got {words[0]!r}")
         return list(named[words[0]].terms)
-    return [wish_from(word) for word in words]
+    return [statement_from(word) for word in words]
 
 
 def _situation(options: argparse.Namespace, domain: Domain) -> World:

@@ -116,8 +116,6 @@ def test_the_printed_requests(shell: Shell) -> None:
         assert "success=True" in shell.run(printed(beginning))
     assert "arrived" in shell.run(printed("ros2 action send_goal --feedback"))
     assert "top='shoot'" in shell.run(printed("ros2 service call /plan_chains"))
-    shell.run(printed("ros2 service call /reset"))
-    assert "top='shoot'" in shell.run(printed("ros2 action send_goal /execute_chain"))
 
 
 def test_two_robots_play_at_the_same_time(shell: Shell) -> None:

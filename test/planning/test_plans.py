@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
-import signal
-import subprocess
-import sys
 from collections.abc import Sequence
 
 import pytest
@@ -15,13 +11,9 @@ import pytest
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose
-from ator_ros.planning.enumeration import plans_of
-from ator_ros.planning.errors import PlanningError
+from ator_ros.planning.goals import GoalStatement, PlanningError, statement_from
 from ator_ros.planning.planner import chains_for
-from ator_ros.planning.process import PlanProcess
-from ator_ros.planning.search import search
-from ator_ros.planning.symbolic import Operator, Plan, SymbolicProblem
-from ator_ros.planning.wanted import Wish, wish_from
+from ator_ros.planning.search import Operator, SymbolicProblem
 from ator_ros.robot.description import Robot
 from ator_ros.tools.plan import main as plan_main
 from ator_ros.tops.chain import TopChain
@@ -40,22 +32,22 @@ def situation(*, robot: Pose = START, ball: tuple[float, float] | None = (0.0, 0
 
 
 def planned(
-    wishes: Sequence[Wish],
+    goal: Sequence[GoalStatement],
     world: World,
     *,
     domain: Domain = SOCCER,
     robot: Robot = ROBOT,
     fence: Fence | None = None,
 ) -> list[TopChain]:
-    return chains_for(wishes, world, domain.library(robot), domain.objects, search, fence)
+    return chains_for(goal, world, domain.library(robot), domain.objects, fence)
 
 
 def tops(chains: Sequence[TopChain]) -> set[tuple[str, ...]]:
     return {tuple(call.top.name for call in chain.calls) for chain in chains}
 
 
-def said(*statements: str) -> list[Wish]:
-    return [wish_from(text) for text in statements]
+def said(*statements: str) -> list[GoalStatement]:
+    return [statement_from(text) for text in statements]
 
 
 FROM_HERE = ("goToBall", "shoot")
@@ -185,53 +177,16 @@ def test_all_plans_are_found_of_which_none_needs_the_steps_of_another() -> None:
         [(0, 1), (0, 1), (1, 2), (1, 2), (0, 2)]
     ]  # fmt: skip
     problem = SymbolicProblem(tuple(operators), frozenset({0}), frozenset({2}))
-    plans = search(problem, 20)
+    plans = problem.plans(20)
     assert plans[0] == (4,)
     assert set(plans) == {(4,), (0, 2), (0, 3), (1, 2), (1, 3)}
-    assert len(search(problem, 3)) == 3
-
-
-def test_a_step_that_is_not_needed_is_left_out() -> None:
-    operators = tuple(Operator(frozenset(), frozenset({number}), frozenset()) for number in range(3))
-    problem = SymbolicProblem(operators, frozenset(), frozenset({2}))
-
-    def clumsy(banned: frozenset[int]) -> Plan | None:
-        return None if 2 in banned else (0, 1, 2)
-
-    assert plans_of(problem, clumsy, most=8) == [(2,)]
-
-
-def test_a_process_plans_as_this_one_does_and_is_ended_when_it_takes_too_long() -> None:
-    process = PlanProcess("soccer", "", time_limit=60.0)
-    library = SOCCER.library(ROBOT)
-    try:
-        assert process.chains(IN_GOAL, situation(), library) == planned(IN_GOAL, situation())
-        with pytest.raises(PlanningError, match=r"no TOP achieves ball\.vx"):
-            process.chains(said("ball.vx=1:0:1"), situation(), library)
-        process._limit = 0.2
-        assert process._process is not None
-        os.kill(process._process.pid, signal.SIGSTOP)
-        with pytest.raises(PlanningError, match=r"no plan was found within 0\.2 s"):
-            process.chains(IN_GOAL, situation(), library)
-        assert process._process is None
-    finally:
-        process.close()
-    fenced = PlanProcess("soccer", "", time_limit=60.0, fence=Fence(-20.0, -20.0, 20.0, 20.0))
-    try:
-        assert tops(fenced.chains(said("robot.x=12", "robot.y=0"), situation(), library)) == {("goToPose",)}
-    finally:
-        fenced.close()
-    with pytest.raises(PlanningError, match="the node ends"):
-        process.chains(IN_GOAL, situation(), library)
+    assert len(problem.plans(3)) == 3
 
 
 def test_the_tool_prints_chains_and_predictions(capsys: pytest.CaptureFixture[str]) -> None:
     words = ("ball_in_goal", "--at", "3.4", "1", "3.14", "--object", "ball", "2.4", "0.5")
-    command = [sys.executable, "-m", "ator_ros.tools.plan", *words]
-    done = subprocess.run(command, capture_output=True, text=True, env=os.environ, check=False)
-    assert done.returncode == 0
-    assert done.stderr == ""
-    lines = done.stdout.splitlines()
+    assert plan_main(words) == 0
+    lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 3
     durations = [float(line.split()[0]) for line in lines]
     assert durations == sorted(durations)
@@ -245,4 +200,4 @@ def test_the_tool_prints_chains_and_predictions(capsys: pytest.CaptureFixture[st
 def test_statements_that_are_none_are_refused() -> None:
     for text in ("ball.x", "=1", "ball.x=1:2", "ball.x=nan", "ball.x=1:a:b", "ball.x=1:2:1"):
         with pytest.raises(PlanningError, match="goal: "):
-            wish_from(text)
+            statement_from(text)

@@ -1,0 +1,87 @@
+"""What a plan is for: statements about state variables that shall hold at its end."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+from ator_ros.printable import quoted
+from ator_ros.tops.conditions import Region, Statement
+
+MOST_STATEMENTS = 8
+_ROBOT = tuple(f"robot.{name}" for name in ("x", "y", "yaw", "v", "w"))
+
+
+class PlanningError(ValueError):
+    """A goal without a plan, or that cannot be used; the message says which condition no TOP achieves."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Unspecified:
+    """A statement whose tolerance is left to the TOPs: as near as the best of them brings it."""
+
+    variable: str
+    target: str | float
+
+
+GoalStatement = Statement | Unspecified
+
+
+def known_variables(objects: Sequence[str], *, holder: bool) -> tuple[str, ...]:
+    """Return the state variables that a goal may name."""
+    moving = (f"{name}.{axis}" for name in objects for axis in ("x", "y", "vx", "vy"))
+    return (*_ROBOT, *(("hold.x", "hold.y") if holder else ()), *moving)
+
+
+def check_goal(goal: Sequence[GoalStatement], known: Sequence[str]) -> None:
+    """Make sure that a goal is about known variables.
+
+    Raises
+    ------
+    PlanningError
+        It has no statements or too many, or names an unknown variable, or one variable comes twice.
+    """
+    if not 1 <= len(goal) <= MOST_STATEMENTS:
+        raise PlanningError(f"goal: expected 1 to {MOST_STATEMENTS} statements, got {len(goal)}")
+    for statement in goal:
+        for name in (statement.variable, statement.target):
+            if isinstance(name, str) and name not in known:
+                raise PlanningError(f"goal: expected one of {', '.join(known)}, got {quoted(name)}")
+    names = [statement.variable for statement in goal]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise PlanningError(f"goal: expected each variable once, {', '.join(twice)} come twice")
+
+
+def statement_from(text: str) -> GoalStatement:
+    """Read a statement: VARIABLE=VALUE or VARIABLE=VALUE:LOW:HIGH; a value is a number or a variable.
+
+    Raises
+    ------
+    PlanningError
+        It is none.
+    """
+    variable, _, rest = text.partition("=")
+    target, *bounds = rest.split(":")
+    try:
+        numbers = [float(bound) for bound in bounds]
+    except ValueError:
+        numbers = [math.nan]
+    if not variable or not target or len(numbers) not in (0, 2) or not all(map(math.isfinite, numbers)):
+        raise PlanningError(f"goal: expected VARIABLE=VALUE or VARIABLE=VALUE:LOW:HIGH, got {quoted(text)}")
+    about = _number_or_name(target)
+    if not numbers:
+        return Unspecified(variable, about)
+    if numbers[0] > numbers[1]:
+        raise PlanningError(f"goal: {variable}: expected LOW <= HIGH, got {numbers[0]:g} and {numbers[1]:g}")
+    return Region(variable, about, numbers[0], numbers[1])
+
+
+def _number_or_name(text: str) -> float | str:
+    try:
+        value = float(text)
+    except ValueError:
+        return text
+    if not math.isfinite(value):
+        raise PlanningError(f"goal: expected a finite number or a variable, got {quoted(text)}")
+    return value

@@ -1,0 +1,289 @@
+"""The symbolic problem of a goal: the steps from which plans are made, and what each makes true and false."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from ator_ros.geometry import wrap_angle
+from ator_ros.planning.facts import (
+    AXES,
+    Binding,
+    Fact,
+    Symbol,
+    Value,
+    after,
+    difference,
+    placed_thing,
+    preconditions,
+    region_name,
+    resolved,
+)
+from ator_ros.planning.goals import GoalStatement, PlanningError, Unspecified
+from ator_ros.planning.search import Operator, SymbolicProblem
+from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import Top
+from ator_ros.tops.conditions import Region, State, Statement, state_of
+from ator_ros.tops.objects import fetched, followed
+from ator_ros.world.state import World
+
+MOST_FACTS, MOST_OPERATORS = 200, 200
+"""Larger problems are refused: none of a domain of a dozen TOPs comes near."""
+_MOVING = ("robot.", "hold.")
+"""The robot's own variables are no destination: they change on the way."""
+_BEHIND = math.radians(60.0)
+"""Angle between the directions to an object and on from it, up to which the robot is behind it."""
+_ROOM = 0.3
+"""Free distance in m between the robot on the far side of an object and the object."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedStep:
+    """A TOP with a goal.
+
+    Attributes
+    ----------
+    top : Top
+        The TOP.
+    binding : tuple
+        Its goal variables, as pairs of name and symbol; those that are missing are chosen later.
+    region : tuple of Fact
+        What must hold of the place that is chosen, for the TOP that comes to need it; empty where the goal is
+        determined otherwise.
+    """
+
+    top: Top
+    binding: tuple[tuple[str, Symbol], ...] = ()
+    region: tuple[Fact, ...] = ()
+
+    def needs(self) -> list[Fact]:
+        """Return the facts that must hold before."""
+        return preconditions(self.top, dict(self.binding))
+
+    def values(self) -> dict[str, Value]:
+        """Return the variables that it changes."""
+        return after(self.top, dict(self.binding))
+
+
+def facts_of(goal: Sequence[GoalStatement], tops: Sequence[Top]) -> list[Fact]:
+    """Return a goal as facts, with the tolerances that `tops` leave where none is given."""
+    return [Fact(_specified(statement, tops), surely=True) for statement in goal]
+
+
+def _specified(statement: GoalStatement, tops: Sequence[Top]) -> Statement:
+    if not isinstance(statement, Unspecified):
+        return statement
+    ranges = [
+        (value.low, value.high)
+        for top in tops
+        if (value := _left(statement, top)) is not None and math.isfinite(value.high - value.low)
+    ]
+    low, high = min(ranges, key=lambda ends: ends[1] - ends[0], default=(0.0, 0.0))
+    return Region(statement.variable, statement.target, low, high)
+
+
+def _left(statement: Unspecified, top: Top) -> Value | None:
+    """Return where a TOP leaves the variable, if it can bring it to the target."""
+    for binding in itertools.chain([{}], _reaching([statement], top)):
+        values = after(top, binding)
+        value, target = values.get(statement.variable), values.get(str(statement.target))
+        target = target or Value(statement.target)
+        if value is not None and difference(statement.variable, value, target) is not None:
+            return Value(value.symbol, value.low - target.high, value.high - target.low)
+    return None
+
+
+def _reaching(goal: Sequence[GoalStatement], top: Top) -> Iterator[Binding]:
+    """Yield the goal of a TOP that brings about as many statements as it can; nothing if it can't any."""
+    names = {*top.pre.goal_names(), *top.post.goal_names(), *AXES, "speed"}
+    values = after(top, {name: f"goal.{name}" for name in names})
+    found: dict[str, Symbol] = {}
+    for statement in goal:
+        symbol = values[statement.variable].symbol if statement.variable in values else ""
+        name = str(symbol).removeprefix("goal.")
+        if symbol == f"goal.{name}" and name in names and not str(statement.target).startswith(_MOVING):
+            target = statement.target
+            found.setdefault(name, target if isinstance(target, str) else float(target))
+    if found:
+        yield found
+
+
+def steps_for(goal: Sequence[Fact], tops: Sequence[Top]) -> list[PlannedStep]:
+    """Return the TOPs with the goals from which plans for `goal` are made.
+
+    A TOP is sent where the object lies that it follows, or where the goal of the plan wants something, or to
+    a place from which another of these steps may start.
+    """
+    groups: dict[str, list[Statement]] = {}  # about the robot, about the hold, about each object
+    for fact in goal:
+        if isinstance(fact.said, Statement):
+            groups.setdefault(fact.said.variable.partition(".")[0], []).append(fact.said)
+    direct = [PlannedStep(top, binding) for top in tops for binding in _bindings(top, list(groups.values()))]
+    near = [step for top in tops for target in direct for step in _toward(top, target)]
+    return list(dict.fromkeys((*direct, *near)))
+
+
+def _bindings(top: Top, groups: Sequence[Sequence[Statement]]) -> Iterator[tuple[tuple[str, Symbol], ...]]:
+    name = followed(top)
+    own: dict[str, Symbol] = {} if name is None else {"x": f"{name}.x", "y": f"{name}.y"}
+    places_something = top.arrives or bool(top.post.goal_names() & {"x", "y"})
+    if own or not places_something:
+        yield tuple(sorted(own.items()))
+    for group in groups:
+        for found in _reaching(group, top):
+            yield tuple(sorted({**found, **own}.items()))
+
+
+def _toward(top: Top, target: PlannedStep) -> Iterator[PlannedStep]:
+    """Yield `top` with goals from which `target` may start, one for each thing that must be somewhere."""
+    if followed(top) is not None:
+        return
+    facts = target.needs()
+    for thing in dict.fromkeys(filter(None, (placed_thing(fact.said) for fact in facts))):
+        region = region_name(target.top, dict(target.binding), thing)
+        step = PlannedStep(
+            top,
+            tuple((axis, f"{region}.{axis}") for axis in "xy"),
+            tuple(fact for fact in facts if fact.region == region),
+        )
+        placed = step.values()
+        if all(
+            f"{thing}.{axis}" in placed and placed[f"{thing}.{axis}"].symbol == symbol
+            for axis, symbol in step.binding
+        ):
+            yield step
+
+
+@dataclass(frozen=True, slots=True)
+class Posed:
+    """A symbolic problem, and the steps that its operators stand for.
+
+    Attributes
+    ----------
+    facts : tuple of Fact
+        By number; after these come those that say that a region holds an object from the start.
+    steps : tuple
+        Of each operator, the steps of the chain: none for leaving an object where it is.
+    problem : SymbolicProblem
+        What is searched.
+    """
+
+    facts: tuple[Fact, ...]
+    steps: tuple[tuple[PlannedStep, ...], ...]
+    problem: SymbolicProblem
+
+
+class _Builder:
+    """Numbers the facts, and collects operators with their steps."""
+
+    def __init__(self, goal: Sequence[Fact], steps: Sequence[PlannedStep], state: State) -> None:
+        needs = [fact for step in steps for fact in step.needs()]
+        self.facts = list(dict.fromkeys((*goal, *needs)))
+        self.numbers = {fact: number for number, fact in enumerate(self.facts)}
+        self.initial = {number for fact, number in self.numbers.items() if fact.violation(state) is None}
+        self.operators: dict[Operator, tuple[PlannedStep, ...]] = {}
+
+    def operator(self, step: PlannedStep) -> Operator:
+        """Return what a step needs and does."""
+        values = step.values()
+        adds, deletes = set[int](), set[int]()
+        for fact, number in self.numbers.items():
+            if fact.depends & values.keys():
+                (adds if fact.holds_after(values) else deletes).add(number)
+        needs = frozenset(self.numbers[fact] for fact in step.needs())
+        return Operator(needs, frozenset(adds), frozenset(deletes))
+
+    def regions(self) -> list[frozenset[int]]:
+        """Return the facts that one region consists of, for each region that holds its object at first."""
+        names = dict.fromkeys(fact.region for fact in self.facts if fact.region)
+        groups = (frozenset(n for fact, n in self.numbers.items() if fact.region == name) for name in names)
+        return [group for group in groups if group <= self.initial]
+
+
+def posed(
+    goal: Sequence[Fact], steps: Sequence[PlannedStep], driving: Top | None, world: World, robot: Robot
+) -> Posed:
+    """Return the symbolic problem of a goal.
+
+    That an object lies in a region at first counts once a plan leaves it there, which is an operator
+    without steps. So plans that leave it differ from plans that move it.
+
+    Parameters
+    ----------
+    goal, steps
+        What shall hold, and the steps to choose from.
+    driving : Top or None
+        What drives the robot to a pose: with it an object that lies where it is needed may also be
+        approached from its far side.
+    world, robot
+        The situation.
+
+    Raises
+    ------
+    PlanningError
+        The problem is too large.
+    """
+    state = state_of(world, robot)
+    builder = _Builder(goal, steps, state)
+    regions = builder.regions()
+    here = {len(builder.facts) + number: group for number, group in enumerate(regions)}
+    initial = frozenset(builder.initial) - frozenset().union(*regions) | frozenset(here)
+    for step in steps:
+        plain = builder.operator(step)
+        moved = {number for number, group in here.items() if group & (plain.deletes | plain.adds)}
+        builder.operators.setdefault(Operator(plain.needs, plain.adds, plain.deletes | moved), (step,))
+    for number, group in here.items():
+        builder.operators.setdefault(Operator(frozenset({number}), group, frozenset()), ())
+    wanted = frozenset(builder.numbers[fact] for fact in goal)
+    problem = SymbolicProblem(tuple(builder.operators), initial, wanted)
+    useful = [problem.operators[number].needs for number in problem.useful()]
+    for group in (group for group in regions if any(group <= needs for needs in useful)):
+        for step, detour in _detours(builder.facts[min(group)], steps, driving, world, robot):
+            both = builder.operator(detour).then(builder.operator(step))
+            builder.operators.setdefault(
+                Operator(both.needs | group, both.adds, both.deletes), (detour, step)
+            )
+    facts, operators = len(builder.facts) + len(here), len(builder.operators)
+    if facts > MOST_FACTS or operators > MOST_OPERATORS:
+        raise PlanningError(
+            f"goal: expected TOPs from which at most {MOST_OPERATORS} steps and {MOST_FACTS} conditions "
+            f"follow, got {operators} and {facts}"
+        )
+    problem = SymbolicProblem(tuple(builder.operators), initial, wanted)
+    return Posed(tuple(builder.facts), tuple(builder.operators.values()), problem)
+
+
+def _detours(
+    fact: Fact, steps: Sequence[PlannedStep], driving: Top | None, world: World, robot: Robot
+) -> Iterator[tuple[PlannedStep, PlannedStep]]:
+    """Yield the steps that fetch what lies in a region, each with a drive to the far side of it before."""
+    thing, goal = placed_thing(fact.said), resolved(dict(fact.binding), state_of(world, robot))
+    if driving is None or thing is None or not goal.keys() >= {"x", "y"}:
+        return
+    there = _far_side(world, robot, thing, (goal["x"], goal["y"]))
+    if there is not None:
+        for step in steps:
+            if fetched(step.top) == thing:
+                yield step, PlannedStep(driving, (("x", there[0]), ("y", there[1])))
+
+
+def _far_side(
+    world: World, robot: Robot, name: str, toward: tuple[float, float]
+) -> tuple[float, float] | None:
+    """Return the place (m) behind an object, from where a robot takes it on toward another place.
+
+    None where the robot is behind it already, or where the place is not in the scene's area.
+    """
+    there, at = world.objects.get(name), world.robot.pose
+    if there is None:
+        return None
+    onward = math.atan2(toward[1] - there.y, toward[0] - there.x)
+    approach = math.atan2(there.y - at.y, there.x - at.x)
+    if abs(wrap_angle(approach - onward)) <= _BEHIND:
+        return None
+    away = robot.reach + robot.scene.radius(name) + _ROOM
+    x, y = there.x - away * math.cos(onward), there.y - away * math.sin(onward)
+    x_min, y_min, x_max, y_max = robot.scene.area.lines
+    return (x, y) if x_min <= x <= x_max and y_min <= y <= y_max else None
