@@ -43,25 +43,6 @@ def _installed_share(checkout: Path) -> Path:
         raise ResourceError(f"{advice} AMENT_PREFIX_PATH lacks it: source your workspace") from error
 
 
-def interface_text(package: str, folder: str, name: str) -> str:
-    """Return the definition of an interface of any installed package: interface_text("p", "action", "Drive").
-
-    Raises
-    ------
-    ResourceError
-        There is no such package or file.
-    """
-    try:
-        from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
-    except ImportError as error:
-        raise ResourceError(f"{package}: ament_index_python is missing: source your ROS 2") from error
-    try:
-        file = Path(get_package_share_directory(package), folder, f"{name}.{folder}")
-        return file.read_text(encoding="utf-8")
-    except (PackageNotFoundError, LookupError, ValueError, OSError) as error:
-        raise ResourceError(f"{package}/{folder}/{name}: expected it to be installed: {error}") from error
-
-
 def resource_path(*parts: str) -> Path:
     """Return the path of a shipped file or folder, as in ``resource_path("models", "gate.json")``.
 

@@ -19,7 +19,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.errors import ExperienceError
+from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import read_experience
 from ator_ros.performance.model_file import ModelFileError, load_model, save_model

@@ -26,9 +26,8 @@ from ator_ros.domains.soccer.situations import (
 )
 from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
 from ator_ros.experience.collect import EpisodeTask, collect, run_task
-from ator_ros.experience.columns import columns
+from ator_ros.experience.columns import ExperienceError, columns
 from ator_ros.experience.episode import run_episode
-from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.parallel import BackendError, run_tasks
 from ator_ros.experience.table import (
     Experience,

@@ -14,8 +14,7 @@ from pyarrow import ArrowException
 from test_recordings import action_performance, write_records
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.columns import columns
-from ator_ros.experience.errors import ExperienceError
+from ator_ros.experience.columns import ExperienceError, columns
 from ator_ros.experience.table import Experience, read_experience, write_experience
 from ator_ros.geometry import Pose
 from ator_ros.performance.model_file import ModelFileError, load_models, model_path, save_model

@@ -21,8 +21,7 @@ from ator_ros.domains import domain as domains
 from ator_ros.domains.domain import Domain, DomainError
 from ator_ros.evaluation.trials import EvaluationError, random_trial
 from ator_ros.experience.collect import collect
-from ator_ros.experience.columns import columns, goal_variables_of_columns
-from ator_ros.experience.errors import ExperienceError
+from ator_ros.experience.columns import ExperienceError, columns, goal_variables_of_columns
 from ator_ros.experience.sources import read_sources
 from ator_ros.experience.table import Experience, join, read_experience, write_experience
 from ator_ros.geometry import Pose

@@ -17,7 +17,7 @@ import pytest
 from stored import INFO, ROBOT, episodes, stored
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.errors import ExperienceError
+from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.sources import read_sources
 from ator_ros.experience.store import PART, RecordStore, line_of, parts_of
 from ator_ros.experience.store_reading import NUMBER, convert_closed, read_records, read_store

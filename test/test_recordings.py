@@ -23,15 +23,20 @@ from ator_ros.tools import train
 from ator_ros.world.state import STOP, Command, World
 
 ROBOT = load_robot()
+FEEDBACK = "nav2_msgs/action/NavigateToPose_FeedbackMessage"
 GOALS = (Pose(1.0, 0.5, 1.0), Pose(-0.5, 0.5, 3.0))
 
 
 def record(
-    folder: Path, *, topics: tuple[str, ...] = ("/robot/odom", "/robot/cmd_vel"), jump: float = 0.0
+    folder: Path,
+    *,
+    topics: tuple[str, ...] = ("/robot/odom", "/robot/cmd_vel"),
+    jump: float = 0.0,
+    undefined: bool = False,
 ) -> list[float]:
     """Record two drives with pauses as the nodes would, and give their durations in s.
 
-    The robot's clock jumps by `jump` s between them.
+    The robot's clock jumps by `jump` s between them. An `undefined` topic is one of an action's types.
     """
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
@@ -49,6 +54,8 @@ def record(
             )
             for topic in topics
         }
+        if undefined:
+            writer.add_connection("/nav/_action/feedback", FEEDBACK, msgdef="text\n---\n", rihs01="0")
 
         def write(topic: str, message: object, time: float) -> None:
             if topic in links:
@@ -112,6 +119,17 @@ def test_drives_are_found_with_their_goals_and_durations(tmp_path: Path) -> None
     assert set(frame["hold"]) == {0}
     assert starts["v"].abs().max() < 0.05
     assert experience.metadata["robot_digest"] == ROBOT.digest()
+
+
+def test_topics_of_actions_without_a_definition_are_passed_over(tmp_path: Path) -> None:
+    durations = record(tmp_path / "bag", undefined=True)
+    (file,) = (tmp_path / "bag").glob("*.mcap")
+    before = FEEDBACK.encode() + b"\x07\x00\x00\x00ros2msg"
+    raw = file.read_bytes()
+    assert before in raw
+    file.write_bytes(raw.replace(before, before.replace(b"ros2msg", b"unknown")))
+    frame = read_recording(tmp_path / "bag", ROBOT, SOCCER).of("goToPose")
+    assert frame[frame["t"] == 0.0]["duration"].to_numpy() == pytest.approx(durations, abs=0.06)
 
 
 @pytest.mark.parametrize("jump", [-2.0, 1e9])

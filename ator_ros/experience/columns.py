@@ -1,10 +1,15 @@
-"""The columns of experience: of the robot, its objects and its goal, with declared goal variables."""
+"""The columns of tables of experience, and what goes wrong with experience."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
 from ator_ros.actions.goal_variables import direct_name
+
+
+class ExperienceError(ValueError):
+    """Experience that cannot be used; the message names the file, the field and what was expected."""
+
 
 LARGEST = 1e9
 """Greatest number in a table: thirty years in s, and beyond `world.messages.FARTHEST` in m."""

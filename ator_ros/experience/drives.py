@@ -1,30 +1,293 @@
 """Drives in what a robot recorded of odometry and commands, their goals seen in hindsight.
 
 One drive is what lies between two pauses of the commands, and its goal is where the robot came to rest. The
-objects that it held at both ends tell which TOP of the domain it was, and which point the goal was meant for.
+objects that it held at both ends determine the TOP of the domain, and the point that the goal was meant for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import bisect
+from array import array
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import Situation
-from ator_ros.experience.episode import Episode
-from ator_ros.experience.streams import Streams, Track
-from ator_ros.experience.vocabulary import Vocabulary, drive_between
-from ator_ros.geometry import FloatArray, Pose
+from ator_ros.experience.episode import Episode, sample_of
+from ator_ros.experience.records import Vocabulary, drive_between
+from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import is_held
+from ator_ros.world.estimation import JUMP
+from ator_ros.world.messages import (
+    MessageError,
+    ObjectReader,
+    ObjectSource,
+    OdometryReader,
+    command_from,
+    transform_from,
+)
 from ator_ros.world.state import ObjectState, RobotState, Standstill, World
+from ator_ros.world.transforms import Transforms
+
+ODOM, CMD_VEL, RECORDS, CHAINS = "odom", "cmd_vel", "performance/action", "performance/chain"
+TF = ("tf", "tf_static")
+"""Roles of topics."""
+SILENCE = 1.0  # s without odometry after which another stretch of time begins
+PERIOD = 0.1  # s between examples, the paper's 10 Hz
+_RAREST = 0.3  # s between messages of odometry; drives are told apart by pauses of that length
+_ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
+
+
+class Rows:
+    """Rows of numbers, the time in s first. They take 8 bytes a number: recordings may last for days.
+
+    Parameters
+    ----------
+    width : int
+        Numbers in a row.
+    rows : sequence of sequence of float
+        The first rows.
+    """
+
+    def __init__(self, width: int, rows: Sequence[Sequence[float]] = ()) -> None:
+        self._width = width
+        self._numbers = array("d")
+        for row in rows:
+            self.append(row)
+
+    def __len__(self) -> int:
+        return len(self._numbers) // self._width
+
+    @property
+    def last_time(self) -> float:
+        """Time in s of the last row, of which there must be one."""
+        return self._numbers[-self._width]
+
+    def append(self, row: Sequence[float]) -> None:
+        """Add a row of `width` numbers."""
+        if len(row) != self._width:
+            raise ValueError(f"row: expected {self._width} numbers, got {len(row)}")
+        self._numbers.extend(row)
+
+    def in_order(self) -> FloatArray:
+        """Return the rows as a table of shape (n, width) in the order of their times.
+
+        Rows that came in order are not copied; none can be added while the table is in use.
+        """
+        table = np.frombuffer(self._numbers).reshape(-1, self._width)
+        times = table[:, 0]
+        if (times[1:] >= times[:-1]).all():
+            return table
+        return table[np.argsort(times, kind="stable")]
+
+
+@dataclass
+class Streams:
+    """A stretch of a robot's time: odom (t, x, y, yaw, v, w), commands (t, v, w), objects (t, x, y)."""
+
+    odom: Rows = field(default_factory=lambda: Rows(6))
+    cmd_vel: Rows = field(default_factory=lambda: Rows(3))
+    objects: dict[str, Rows] = field(default_factory=lambda: defaultdict(lambda: Rows(3)))
+
+    def goes_on_at(self, time: float) -> bool:
+        """Return whether odometry of `time` (s) follows: not after a reset, nor after a long silence."""
+        return not self.odom or 0.0 <= time - self.odom.last_time <= SILENCE
+
+
+class Stretches:
+    """What one robot recorded; the next stretch of its time begins after a reset or a long silence.
+
+    Parameters
+    ----------
+    sources : iterable of ObjectSource
+        The objects, and the types of their messages.
+
+    Attributes
+    ----------
+    all : list of Streams
+        In order; the last one grows.
+    remarks : list of str
+        What is doubtful about messages that were used.
+    """
+
+    def __init__(self, sources: Iterable[ObjectSource]) -> None:
+        self.all = [Streams()]
+        self.remarks: list[str] = []
+        self._odometry = OdometryReader()
+        self._sources = {source.name: source for source in sources}
+        self._objects = {name: ObjectReader(source) for name, source in self._sources.items()}
+        self._transforms = Transforms()
+        self._is_older = False
+        self._taken: Counter[str] = Counter()
+        self._left_out: Counter[str] = Counter()
+        self._errors: dict[str, str] = {}
+
+    @property
+    def newest(self) -> Streams:
+        """The stretch that grows."""
+        return self.all[-1]
+
+    @property
+    def frame(self) -> str:
+        """The frame of the odometry; empty before the first message."""
+        return self._odometry.frame
+
+    def take(self, role: str, message: Any) -> None:
+        """Take a message of `odom`, `cmd_vel`, tf or an object; count one that cannot be used as left out."""
+        self._taken[role] += 1
+        try:
+            if role == ODOM:
+                self._take_odometry(message)
+            elif role == CMD_VEL:
+                self._take_command(message)
+            elif role in TF:
+                self._take_transforms(message, fixed=role == "tf_static")
+            else:
+                self._take_object(role, message)
+        except MessageError as error:
+            self._left_out[role] += 1
+            self._errors.setdefault(role, str(error))
+
+    def left_out(self) -> list[str]:
+        """Return a line for each kind of message of which some were left out."""
+        return [
+            f"left out {count} of {self._taken[role]} messages: {self._errors[role]}"
+            for role, count in self._left_out.items()
+        ]
+
+    def timing(self) -> list[str]:
+        """Return a line if the stamps of odometry do not advance, or if its messages are rare."""
+        tables = [streams.odom.in_order() for streams in self.all if len(streams.odom)]
+        times = np.concatenate([table[:, 0] for table in tables]) if tables else np.empty(0)
+        steps = np.diff(times)
+        if not steps.size:
+            return []
+        if not (steps > 0.0).any():
+            got = f"got {times[0]:.2f} s in all {times.size} messages"
+            return [f"odom.header.stamp: expected stamps that advance, {got}"]
+        period = float(np.median(steps[steps > 0.0]))
+        if period <= _RAREST:
+            return []
+        rate = f"expected a message every {_RAREST:g} s, got one every {period:.2f} s"
+        return [f"odom: {rate}: durations are no more exact than that, and drives are missed"]
+
+    def _take_odometry(self, message: Any) -> None:
+        time, robot = self._odometry.read(message)
+        if self._odometry.remark:
+            self.remarks.append(self._odometry.remark)
+        last = self.newest.odom.last_time if self.newest.odom else time
+        if time < last and not self._is_older:
+            self._is_older = True  # one message that comes late is ignored, two in a row are a reset
+            return
+        self._is_older = False
+        if not self.newest.goes_on_at(time):
+            self.all.append(Streams())
+        self.newest.odom.append((time, *robot.pose, robot.v, robot.w))
+
+    def _take_command(self, message: Any) -> None:
+        # A Twist has no stamp: it counts from the last odometry on, which is in the robot's own time.
+        command, odom = command_from(message, CMD_VEL), self.newest.odom
+        if odom:
+            self.newest.cmd_vel.append((odom.last_time, command.v, command.w))
+
+    def _take_object(self, name: str, message: Any) -> None:
+        reader = self._objects[name]
+        reader.frame = self.frame
+        time, there = reader.read(message)
+        self._add_object(name, time, there)
+
+    def _take_transforms(self, message: Any, *, fixed: bool) -> None:
+        for transform in message.transforms:
+            parent, child, time, placement = transform_from(transform)
+            self._transforms.add(parent, child, time, placement, fixed=fixed)
+        for name, source in self._sources.items():
+            found = self._transforms.latest(self.frame, source.listened) if source.type == "tf" else None
+            rows = self.newest.objects[name]
+            if found is not None and not (rows and found[0] == rows.last_time):
+                self._add_object(name, *self._objects[name].read_placement(*found))
+
+    def _add_object(self, name: str, time: float, there: ObjectState) -> None:
+        odom = self.newest.odom
+        if odom and abs(time - odom.last_time) > JUMP:
+            raise MessageError(
+                f"{name}.header.stamp: expected about odometry's {odom.last_time:.2f} s, got {time:.2f} s: "
+                "another clock"
+            )
+        self.newest.objects[name].append((time, there.x, there.y))
+
+
+class Track:
+    """The states of one stretch at any time, between those that were recorded.
+
+    Parameters
+    ----------
+    streams : Streams
+        With odometry.
+
+    Attributes
+    ----------
+    odom : ndarray, shape (n, 6)
+        In order of time, with yaw that does not jump.
+    begin, end : float
+        Times in s of the first and the last odometry.
+    names : tuple of str
+        The objects that were seen.
+    """
+
+    def __init__(self, streams: Streams) -> None:
+        self.odom = streams.odom.in_order()
+        self.odom[:, 3] = np.unwrap(self.odom[:, 3])
+        self._objects = {name: rows.in_order() for name, rows in streams.objects.items() if rows}
+        self.begin, self.end = float(self.odom[0, 0]), float(self.odom[-1, 0])
+        self.names = tuple(self._objects)
+
+    def pose(self, time: float) -> Pose:
+        """Return the robot's pose at `time` (s)."""
+        return _pose(_at(self.odom, time))
+
+    def world(self, time: float) -> World:
+        """Return the state at `time` (s)."""
+        row = _at(self.odom, time)
+        return World(time, RobotState(_pose(row), float(row[4]), float(row[5])), self.objects(time))
+
+    def objects(self, time: float) -> dict[str, ObjectState]:
+        """Return the objects that had been seen by `time` (s)."""
+        seen = {name: _at(table, time) for name, table in self._objects.items() if time >= table[0, 0]}
+        return {name: ObjectState(float(row[1]), float(row[2])) for name, row in seen.items()}
+
+    def samples(self, begin: float, end: float) -> FloatArray:
+        """Return the samples of an episode from `begin` to `end` (s); see `Episode`."""
+        times = [begin + number * PERIOD for number in range(int((end - begin - _ROUNDING) / PERIOD) + 1)]
+        rows = [
+            (number * PERIOD, *sample_of(self.world(time), begin, self.names)[1:])
+            for number, time in enumerate(times)
+        ]
+        return np.array(rows, dtype=float)
+
+
+def _at(table: FloatArray, time: float) -> FloatArray:
+    """Return the row at `time` (s), between its neighbours unless a stamp is the same up to rounding."""
+    after = bisect.bisect_right(table[:, 0], time + _ROUNDING)
+    if after > 0 and table[after - 1, 0] >= time - _ROUNDING:
+        row: FloatArray = table[after - 1]
+        return row
+    rows = table[max(0, after - 1) : after + 1]  # all that matters, of a table that may be long
+    return np.array([np.interp(time, rows[:, 0], column) for column in rows.T])
+
+
+def _pose(row: FloatArray) -> Pose:
+    return Pose(float(row[1]), float(row[2]), wrap_angle(float(row[3])))
+
 
 PAUSE = 0.3  # s without a command to move that separates two drives
-SILENCE = 1.0  # s without any command, within which many a base stops by itself
+_CEASED = 1.0  # s without any command, within which many a base stops by itself
 SHORTEST = 0.5  # s that a drive lasts at least
-_ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
 NOT_DRIVEN = Standstill(0.01, 0.02)
 """Greatest commands that count as a stop, and greatest recorded speeds that count as standing."""
 
@@ -62,7 +325,7 @@ def _spans(commands: FloatArray, stood: Callable[[float, float], bool]) -> Itera
     begin: float | None = None
     end = last = 0.0
     for time, moves in zip(commands[:, 0].tolist(), moving.tolist(), strict=True):
-        if begin is not None and end < begin and time - last > SILENCE and stood(last, time):
+        if begin is not None and end < begin and time - last > _CEASED and stood(last, time):
             begin = None
         last = time
         if begin is not None and not moves and end < begin:

@@ -1,46 +1,289 @@
 """Experience from recordings (MCAP, made by ``ros2 bag record -s mcap``): a real robot has no other.
 
-Goals of action servers are taken from the servers' own topics, where requests and results were recorded.
-Other records that our executor publishes on ``performance/action`` are taken as they are. Where there is
-neither, drives are found in ``odom``, ``cmd_vel``, and the topics of the domain's objects; see `drives`.
+Records that the executor publishes on ``performance/action`` are taken as they are. Where there are none,
+drives are found in ``odom``, ``cmd_vel``, and the topics of the domain's objects; see `drives`.
 """
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.experience.action_topics import ActionTopics, topics_of
-from ator_ros.experience.bag_reading import Recording, RecordingError
-from ator_ros.experience.columns import MOST_OBJECTS
-from ator_ros.experience.drives import SHORTEST, drives
+from ator_ros.experience.columns import MOST_OBJECTS, ExperienceError
+from ator_ros.experience.drives import CHAINS, CMD_VEL, ODOM, RECORDS, SHORTEST, TF, Stretches, drives
 from ator_ros.experience.episode import Episode
-from ator_ros.experience.records import ENDED, episode_of
-from ator_ros.experience.streams import Stretches, Track
-from ator_ros.experience.table import Experience, episode_frame, join, library_versions
-from ator_ros.experience.topics import (
-    CMD_VEL,
-    ODOM,
-    RECORDS,
-    USUAL,
-    Selection,
-    TopicNames,
-    Wanted,
-    objects_wanted,
-    select,
-)
-from ator_ros.experience.validation import checked_rows
-from ator_ros.experience.vocabulary import Vocabulary
+from ator_ros.experience.records import ENDED, Vocabulary, episode_of
+from ator_ros.experience.table import Experience, checked_rows, episode_frame, join, library_versions
+from ator_ros.files import limited_memory
 from ator_ros.printable import printable
 from ator_ros.robot.description import Robot
-from ator_ros.world.messages import MessageError
+from ator_ros.world.messages import MessageError, ObjectSource
+
+ABSOLUTE = ""
+"""The namespace of topics that are wanted by absolute names."""
+
+
+@dataclass(frozen=True, slots=True)
+class TopicNames:
+    """Names of the topics of one robot's odometry and commands.
+
+    Attributes
+    ----------
+    odom, cmd_vel : str
+        Absolute where they are not the usual ones, which any namespace may hold.
+    """
+
+    odom: str = "odom"
+    cmd_vel: str = "cmd_vel"
+
+    def of(self, role: str) -> str:
+        """Return the name of the topic of odom or cmd_vel."""
+        name: str = getattr(self, role)
+        return name
+
+
+USUAL = TopicNames()
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A topic that is read.
+
+    Attributes
+    ----------
+    role : str
+        What it is read as.
+    name : str
+        Absolute, or relative to the namespace of a robot.
+    types : collection of str
+        Types of its messages, as nav_msgs/msg/Odometry.
+    """
+
+    role: str
+    name: str
+    types: Collection[str]
+
+    def namespace(self, topic: str) -> str | None:
+        """Return the namespace in which a topic has this name, or `ABSOLUTE`; None: it has another name."""
+        if self.name.startswith("/"):
+            return ABSOLUTE if topic == self.name else None
+        return topic.removesuffix(self.name) if topic.endswith(f"/{self.name}") else None
+
+
+@dataclass
+class Selection:
+    """Which topics of a recording are read.
+
+    Attributes
+    ----------
+    topics : sequence of (str, str)
+        All topics of the recording with their types.
+    routes : dict of (str, str) to list of (str, str)
+        Robots, by their namespaces, and roles that each topic is read for.
+    robots : list of str
+        The robots.
+    skipped : list of str
+        A line for each topic that has a wanted name but another type.
+    """
+
+    topics: Sequence[tuple[str, str]]
+    routes: dict[tuple[str, str], list[tuple[str, str]]] = field(default_factory=lambda: defaultdict(list))
+    robots: list[str] = field(default_factory=list)
+    skipped: list[str] = field(default_factory=list)
+
+    def of_types(self, types: Collection[str]) -> list[str]:
+        """Return the topics of the recording that have one of these types."""
+        return [topic for topic, kind in self.topics if kind in types]
+
+
+def objects_wanted(sources: Iterable[ObjectSource]) -> list[Wanted]:
+    """Return the topics that objects come from; a tf object's role is that of tf."""
+    sources = list(sources)
+    packages = {"Odometry": "nav_msgs"}
+    wanted = [
+        Wanted(item.name, item.listened, {f"{packages.get(item.type, 'geometry_msgs')}/msg/{item.type}"})
+        for item in sources
+        if item.type != "tf"
+    ]
+    if len(wanted) < len(sources):
+        wanted += [Wanted(role, f"/{role}", {"tf2_msgs/msg/TFMessage"}) for role in TF]
+    return wanted
+
+
+def select(
+    topics: Sequence[tuple[str, str]], wanted: Sequence[Wanted], names: TopicNames = USUAL
+) -> Selection:
+    """Select topics by name and type.
+
+    A robot reads the topics in its namespace. Objects, action servers and records that are in another
+    namespace belong to the only robot with odometry.
+
+    Parameters
+    ----------
+    topics : sequence of (str, str)
+        Names and types of the topics of a recording.
+    wanted : sequence of Wanted
+        What is read, odometry and commands by `names`.
+    names : TopicNames, optional
+        Unless they are the usual ones, all topics are one robot's, in whatever namespaces.
+    """
+    selection = Selection(topics)
+    found: dict[str, dict[str, list[tuple[str, str]]]] = defaultdict(lambda: defaultdict(list))
+    for topic, kind in topics:
+        for item in wanted:
+            space = item.namespace(topic if topic.startswith("/") else f"/{topic}")
+            if space is None:
+                continue
+            if kind in item.types:
+                found[item.role][space].append((topic, kind))
+            else:
+                expected = " or ".join(sorted(item.types))
+                selection.skipped.append(
+                    f"skipped {printable(topic)}: expected {expected}, got {printable(kind)}"
+                )
+    named = names != USUAL
+    home = names.odom.rpartition("/")[0] + "/"
+    spaces = sorted({*found[ODOM], *found[RECORDS], *found[CHAINS]})
+    selection.robots = [home] if named else spaces
+
+    def shares(robot: str, role: str) -> bool:
+        """Return whether a robot without a topic of this role in its namespace reads one of another."""
+        if named:
+            return True
+        drives = robot in found[ODOM] and len(found[ODOM]) == 1
+        return drives and role not in (ODOM, CMD_VEL)
+
+    for role, there in found.items():
+        for robot in selection.robots:
+            read = {ABSOLUTE, robot} & set(there)
+            if not read and shares(robot, role):
+                outer = [space for space in there if robot.startswith(space)]
+                read = {max(outer, key=len)} if outer else set(there)
+            if len(read - {ABSOLUTE}) > 1:
+                listed = ", ".join(printable(link[0]) for space in sorted(there) for link in there[space])
+                selection.skipped.append(f"skipped {listed}: expected one of them as {role}")
+                continue
+            for link in (link for space in read for link in there[space]):
+                selection.routes[link].append((robot, role))
+    return selection
+
+
+_LARGEST_MESSAGE = 100_000  # bytes; odometry and records have about a thousand
+_MOST_BYTES = 4_000_000_000  # of memory
+
+
+class RecordingError(ExperienceError):
+    """A recording that holds no experience; the message names it and says what was expected."""
+
+
+class Recording:
+    """A recording that is open for reading, as a context manager.
+
+    Parameters
+    ----------
+    file : Path
+        An .mcap file, or the folder that ``ros2 bag record`` made.
+
+    Attributes
+    ----------
+    topics : list of (str, str)
+        Name and type of each topic, in the order of their names; a topic may have several types.
+
+    Raises
+    ------
+    RecordingError
+        rosbags is not installed, or the recording is damaged.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self._stack = contextlib.ExitStack()
+        self.topics: list[tuple[str, str]] = []
+
+    def __enter__(self) -> Self:
+        """Open the file."""
+        try:
+            from rosbags.highlevel import AnyReader
+            from rosbags.typesys import Stores, get_typestore
+        except ImportError as error:
+            raise RecordingError("recordings need the package rosbags: pip install rosbags") from error
+        with _reading(self._file), contextlib.ExitStack() as stack:
+            _refuse_pipes(self._file)
+            usual = get_typestore(Stores.ROS2_JAZZY)
+            with _only_messages_defined():
+                self._reader = stack.enter_context(AnyReader([self._file], default_typestore=usual))
+            self.topics = sorted({(link.topic, link.msgtype) for link in self._reader.connections})
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self._stack.close()
+
+    def messages(self, topics: Collection[tuple[str, str]]) -> Iterator[tuple[str, str, Any]]:
+        """Yield topic, type and message of some of `topics` in the order of arrival.
+
+        Types that neither the recording nor this installation defines are left out.
+        """
+        store = self._reader.typestore
+        with _reading(self._file), limited_memory(_MOST_BYTES):
+            links = [link for link in self._reader.connections if (link.topic, link.msgtype) in topics]
+            readable = [link for link in links if link.msgtype in store.fielddefs]
+            for link, _, raw in self._reader.messages(connections=readable) if readable else ():
+                if len(raw) > _LARGEST_MESSAGE:
+                    raise ValueError(f"a message of {len(raw)} bytes on {link.topic}")
+                yield link.topic, link.msgtype, self._reader.deserialize(raw, link.msgtype)
+
+
+@contextlib.contextmanager
+def _reading(file: Path) -> Iterator[None]:
+    """Raise RecordingError for whatever rosbags raises about a damaged file, MemoryError included."""
+    try:
+        yield
+    except Exception as error:
+        why = "it needs too much memory" if isinstance(error, MemoryError) else printable(error, 200)
+        raise RecordingError(f"{file}: expected a recording of ros2 bag record -s mcap: {why}") from error
+
+
+def _refuse_pipes(file: Path) -> None:
+    """Raise ValueError where a recording has a pipe or a device: opening one may wait for ever."""
+    for part in (file, *(file.iterdir() if file.is_dir() else ())):
+        if part.exists() and not (part.is_file() or part.is_dir()):
+            raise ValueError(f"{part.name} is a pipe or a device")
+
+
+@contextlib.contextmanager
+def _only_messages_defined() -> Iterator[None]:
+    """Let rosbags pass over what a recording says of types that are no messages.
+
+    Recorders leave the definitions of services and actions empty, in an encoding that rosbags does not know,
+    or put a whole .srv or .action file there. Either would make the whole recording unreadable.
+    """
+    from rosbags.rosbag2 import storage_mcap
+
+    original: Any = getattr(storage_mcap, "get_msgdef", None)
+    if original is None:
+        yield
+        return
+
+    def tolerant(schema: Any) -> Any:
+        no_message = schema is not None and ("/action/" in schema.name or "/srv/" in schema.name)
+        return original(None if no_message else schema)
+
+    storage_mcap.get_msgdef = tolerant
+    try:
+        yield
+    finally:
+        storage_mcap.get_msgdef = original
+
 
 TYPES = {
     ODOM: {"nav_msgs/msg/Odometry"},
@@ -52,7 +295,6 @@ TYPES = {
 class _Recorded:
     """What one robot recorded: stretches of its time, and the executor's records."""
 
-    actions: ActionTopics
     stretches: Stretches
     records: list[Episode] = field(default_factory=list)
     action_sets: set[str] = field(default_factory=set)
@@ -65,8 +307,6 @@ class _Recorded:
         if role == RECORDS:
             if message.outcome.code in ENDED:
                 self._add_record(message, domain, robot)
-        elif "/_action/" in role:
-            self._add_goal(role, message)
         else:
             self.stretches.take(role, message)
 
@@ -86,23 +326,12 @@ class _Recorded:
         """Return what is doubtful, and a line for each kind of what was left out."""
         there = self.left_out + len(self.records)
         records = [f"left out {self.left_out} of {there} records: {self.wrong}"] if self.left_out else []
-        goals = self.actions.left_out_lines()
         track = [*self.stretches.remarks, *self.stretches.timing(), *self.stretches.left_out()]
-        return [*track, *records, *goals]
-
-    def _add_goal(self, role: str, message: Any) -> None:
-        # As commands, goals count from the last odometry on, which is in the robot's own time.
-        odom = self.stretches.newest.odom
-        if odom:
-            self.actions.take(role, message, odom.last_time, len(self.stretches.all) - 1)
+        return [*track, *records]
 
     def episodes(self, robot: Robot, domain: Vocabulary) -> list[Episode]:
-        """Return the goals of action servers and the executor's other records, or the drives."""
-        tracks = [Track(streams) if streams.odom else None for streams in self.stretches.all]
-        driven = list(self.actions.episodes(tracks, robot, self.stretches.frame))
-        told = {episode.situation.action for episode in driven}
-        both = [*driven, *(record for record in self.records if record.situation.action not in told)]
-        return both or [
+        """Return the executor's records, or the drives."""
+        return self.records or [
             episode for streams in self.stretches.all for episode in drives(streams, robot, domain)
         ]
 
@@ -152,7 +381,7 @@ def read_recording(
         "domain": domain.name,
         "action_set": _action_set(file, by_robot),
         "command": f"recording {file.name}",
-        "records_left_out": sum(each.left_out + each.actions.left_out for each in by_robot.values()),
+        "records_left_out": sum(each.left_out for each in by_robot.values()),
         "versions": library_versions(),
     }
     rows = checked_rows(file, join(frames), metadata["action_set"] or DEFAULT_SET)
@@ -208,13 +437,11 @@ def _read(
     wanted = [
         *(Wanted(role, names.of(role), TYPES[role]) for role in (ODOM, CMD_VEL)),
         Wanted(RECORDS, RECORDS, {"ator_interfaces/msg/ActionPerformance"}),
-        *(Wanted(topic, topic, types) for topic, types in topics_of(domain).items()),
         *objects_wanted(sources),
     ]
-    kinds = {call.type for call in domain.remote_calls.values()}
-    with Recording(file, kinds) as recording:
+    with Recording(file) as recording:
         selection = select(recording.topics, wanted, names)
-        by_robot = {space: _Recorded(ActionTopics(domain), Stretches(sources)) for space in selection.robots}
+        by_robot = {space: _Recorded(Stretches(sources)) for space in selection.robots}
         for topic, kind, message in recording.messages(selection.routes.keys()):
             for space, role in selection.routes[topic, kind]:
                 by_robot[space].take(role, message, domain, robot)

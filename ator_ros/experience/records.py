@@ -3,23 +3,79 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Protocol
 
 import numpy as np
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.actions.base import Goal
+from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.situation import Situation
 from ator_ros.experience.columns import LARGEST, MOST_OBJECTS
 from ator_ros.experience.episode import Episode, sample_width
-from ator_ros.experience.vocabulary import Vocabulary, point_of
 from ator_ros.files import is_name
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
-from ator_ros.tops.objects import objects_in
-from ator_ros.world.messages import MessageError, object_from, pose_from, velocity
+from ator_ros.tops.objects import held_first, held_last, objects_in
+from ator_ros.world.messages import MessageError, ObjectSource, object_from, pose_from, velocity
 from ator_ros.world.state import RobotState
+
+
+class Vocabulary(Protocol):
+    """Name, objects, TOPs and goal variables of a domain; `ator_ros.domains.domain.Domain` is one."""
+
+    @property
+    def name(self) -> str:
+        """Name of the domain."""
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Names of its objects."""
+
+    def source(self, name: str) -> ObjectSource:
+        """Return where the state of an object comes from."""
+
+    @property
+    def tops(self) -> tuple[Top, ...]:
+        """Its TOPs, for a usual robot."""
+
+    def tops_for(self, robot: Robot) -> tuple[Top, ...]:
+        """Return its TOPs with the tolerances and regions of a robot in its scene."""
+
+    @property
+    def goal_variables(self) -> Mapping[str, GoalVariable]:
+        """The goal variables that its actions declare, by name."""
+
+
+def point_of(domain: Vocabulary, top: str) -> Point:
+    """Return the point that goals of a TOP are meant for: the axle where the domain has no such TOP."""
+    return next((known.point for known in domain.tops if known.name == top), Point.AXLE)
+
+
+def drive_between(domain: Vocabulary, first: str | None, last: str | None) -> Top | None:
+    """Return the TOP that drives with one object held at the start and another, or the same, at the end.
+
+    Parameters
+    ----------
+    domain : Vocabulary
+        Whose TOPs.
+    first, last : str or None
+        The objects held at the start and at the end; None: none.
+
+    Returns
+    -------
+    Top or None
+        The first with these roles, else the first that drives and holds nothing; None without any.
+    """
+    driving = [top for top in domain.tops if top.arrives]
+    roles = [(held_first(top), held_last(top)) for top in driving]
+    for wanted in ((first, last), (None, None)):
+        if wanted in roles:
+            return driving[roles.index(wanted)]
+    return None
+
 
 SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
 ENDED = (SUCCEEDED, FAILED)

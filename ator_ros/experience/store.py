@@ -21,9 +21,8 @@ from pathlib import Path
 
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import direct_name
-from ator_ros.experience.columns import STATE_COLUMNS, object_columns
+from ator_ros.experience.columns import STATE_COLUMNS, ExperienceError, object_columns
 from ator_ros.experience.episode import Episode
-from ator_ros.experience.errors import ExperienceError
 from ator_ros.files import is_name, load, save
 
 KIND = "record store"

@@ -14,15 +14,21 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.goal_variables import MOST_GOAL_VARIABLES, direct_name
 from ator_ros.experience.columns import (
     MOST_OBJECTS,
+    ExperienceError,
     columns,
     goal_variables_of_columns,
     object_columns,
     objects_of_columns,
 )
-from ator_ros.experience.errors import ExperienceError
 from ator_ros.experience.store import PART, STORE, StoreInfo, parts_of, read_info
-from ator_ros.experience.table import Experience, join, library_versions, read_experience, write_experience
-from ator_ros.experience.validation import checked_rows
+from ator_ros.experience.table import (
+    Experience,
+    checked_rows,
+    join,
+    library_versions,
+    read_experience,
+    write_experience,
+)
 from ator_ros.files import is_name
 
 NUMBER = "number"

@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from ator_interfaces.msg import ActionPerformance
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.experience.errors import ExperienceError
+from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.records import ENDED, episode_of
 from ator_ros.experience.store import StoreInfo
 from ator_ros.learning.learner import Learner, LearningPace

@@ -11,8 +11,8 @@ from ator_ros.planning.facts import Fact, difference, is_chosen, target_of
 from ator_ros.planning.goals import GoalStatement, PlanningError, check_goal, known_variables
 from ator_ros.planning.problem import PlannedStep, Posed, facts_of, posed, steps_for
 from ator_ros.refinement.refiner import LONGEST_CHAIN
-from ator_ros.tops.chain import TopChain, projected
-from ator_ros.tops.conditions import Statement
+from ator_ros.tops.chain import Top, TopChain, projected
+from ator_ros.tops.conditions import Statement, state_of
 from ator_ros.tops.library import TopLibrary, driving_top
 from ator_ros.tops.objects import missing_object
 from ator_ros.world.state import World

@@ -20,7 +20,7 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.situation import Situation
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.collect import episode_generator
-from ator_ros.experience.errors import ExperienceError
+from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.records import ENDED, episode_of
 from ator_ros.experience.table import episode_frame
 from ator_ros.geometry import Pose

@@ -19,8 +19,8 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain, domain_for
 from ator_ros.evaluation.trials import possible_actions
 from ator_ros.experience import collect as simulated
-from ator_ros.experience.errors import ExperienceError
-from ator_ros.experience.finished import FinishedEpisodes
+from ator_ros.experience.collect import FinishedEpisodes
+from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.parallel import BackendError, cluster
 from ator_ros.experience.table import (
     Experience,

@@ -14,7 +14,7 @@ from typing import Any
 
 from ator_ros.domains.domain import DomainError
 from ator_ros.evaluation.trials import EvaluationError
-from ator_ros.experience.errors import ExperienceError
+from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.parallel import BackendError
 from ator_ros.files import FileError
 from ator_ros.performance.model_file import ModelFileError

@@ -21,9 +21,9 @@ from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
 from ator_ros.evaluation.report import PAPER_ERRORS
 from ator_ros.evaluation.trials import possible_chain
 from ator_ros.experience.columns import LARGEST
+from ator_ros.experience.recordings import USUAL, TopicNames
 from ator_ros.experience.sources import read_sources
 from ator_ros.experience.table import Experience, library_versions
-from ator_ros.experience.topics import USUAL, TopicNames
 from ator_ros.files import portable_command, reserved, write_text
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.direct import DIRECT_VARIABLES

@@ -15,9 +15,8 @@ from ament_index_python.packages import get_package_prefix
 
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.domains.domain import find_domain
-from ator_ros.experience.collect import collect
+from ator_ros.experience.collect import FinishedEpisodes, collect
 from ator_ros.experience.episode import run_episode
-from ator_ros.experience.finished import FinishedEpisodes
 from ator_ros.experience.table import episode_frame, join, library_versions, read_experience
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tools import collect as collect_tool
