@@ -17,7 +17,7 @@ from stored import episodes, stored
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.store_reading import read_records
 from ator_ros.experience.table import Experience, write_experience
-from ator_ros.learning.improving import improved
+from ator_ros.learning.round import improved
 from ator_ros.performance.features import chosen_for, feature_table, kinds_of, with_kinds
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, load_model, save_model
