@@ -1,19 +1,22 @@
-"""Files that are damaged anywhere, in any way: they are read, or refused with an error of our own."""
+"""Files that are damaged or claim more than any machine has are read, or refused with an error of our own."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import math
-import re
+import resource
 import shutil
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 import yaml
+from bags import record
 from experience_rows import made_up_experience
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -21,7 +24,7 @@ from hypothesis import strategies as st
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.recordings import read_recording
-from ator_ros.experience.table import read_experience
+from ator_ros.experience.table import Experience, read_experience, write_experience
 from ator_ros.performance.model_file import ModelFileError, load_model, save_model
 from ator_ros.performance.training import train
 from ator_ros.refinement import RefinementError
@@ -66,10 +69,6 @@ PATIENT = settings(
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with one good file of each kind."""
-    from test_recordings import record
-
-    from ator_ros.experience.table import Experience, write_experience
-
     folder = tmp_path_factory.mktemp("whole")
     shutil.copy(resource_path("config", "pioneer.yaml"), folder)
     shutil.copy(resource_path("models", "gate.json"), folder)
@@ -151,44 +150,60 @@ def replace_one(tree: Any, data: st.DataObject) -> None:
         return
 
 
-@pytest.mark.parametrize("name", STRUCTURED)
+PIONEER = resource_path("config", "pioneer.yaml").read_text(encoding="utf-8")
+
+
+def laughs() -> str:
+    """Return a YAML text that names 10^9 values with nine lines of aliases."""
+    lines = ['a0: &a0 ["ha", "ha"]']
+    lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 10)]
+    return "\n".join([*lines, "robot: *a9", ""])
+
+
 @pytest.mark.parametrize(
-    "oddity",
+    ("text", "message"),
     [
-        "9" * 400,
-        "-" + "9" * 5000,
-        "1e400",
-        "2024-13-45",
-        "!!int x",
-        "!!timestamp x",
-        "[" * 5000,
-        "{? [1]: 2}",
+        (laughs(), "line 2: expected no alias, got *a0"),
+        ('"a\\e[31mX": 1\n"a\\e[31mX": 2\n', "line 2: expected each key once, got a\\x1b[31mX again"),
+        ("# " + "x" * 200_000, "expected at most 0.1 MB"),
+        (PIONEER.replace("v: 1.2", "v: 1200", 1), "limits.v: expected a number from 0.01 to 20; got 1200"),
+        (PIONEER.replace("  track:", "  tracks:"), "[build, grip, holder, stop]; missing track and unknown"),
+        ("format: ator_ros domain\n" + PIONEER, "format: expected 'ator_ros robot', got 'ator_ros domain'"),
+        ("format: ator_ros robot\nschema_version: 2\n" + PIONEER, "schema_version: expected 1, got 2"),
     ],
 )
-def test_values_that_parsers_stumble_over_are_refused(
-    whole: Path, tmp_path: Path, name: str, oddity: str
-) -> None:
-    places = {"pioneer.yaml": "mass: ", "model.json": '"schema_version": ', "gate.json": '"gain": '}
-    places["calibration.json"] = '"constant": '
-    before, found, after = (whole / name).read_text(encoding="utf-8").partition(places[name])
-    assert found
-    damaged = tmp_path / name
-    damaged.write_text(
-        before + found + oddity + after[re.match(r"[^,#\n]*", after).end() :], encoding="utf-8"
-    )  # type: ignore[union-attr]
-    load, error = LOADERS[name]
-    with pytest.raises(error, match=name):
-        load(damaged)
+def test_robots_that_cannot_be_are_refused_in_one_line(text: str, message: str, tmp_path: Path) -> None:
+    assert text != PIONEER
+    file = tmp_path / "robot.yaml"
+    file.write_text(text, encoding="utf-8")
+    began = time.process_time()
+    with pytest.raises(ConfigError) as refusal:
+        load_robot(file)
+    assert time.process_time() - began < 2.0
+    assert message in str(refusal.value)
+    assert len(str(refusal.value)) < 1000
+    assert len(str(refusal.value).splitlines()) <= 4  # a YAML error shows where
 
 
-@pytest.mark.parametrize("name", LOADERS)
-def test_paths_that_hold_no_such_file_are_refused(tmp_path: Path, name: str) -> None:
-    load, error = LOADERS[name]
-    (tmp_path / name).symlink_to(tmp_path / "nowhere")
-    (tmp_path / "folder" / name).mkdir(parents=True)
-    empty = tmp_path / "empty" / name
-    empty.parent.mkdir()
-    empty.touch()
-    for file in (tmp_path / name, tmp_path / "folder" / name, empty, tmp_path / "missing" / name):
-        with pytest.raises(error, match=name):
-            load(file)
+def test_the_gate_of_other_actions_is_refused() -> None:
+    gate = resource_path("models", "bezier", "gate.json")
+    assert load_gate(gate, "bezier")
+    with pytest.raises(RefinementError, match="action_set: expected 'default', got 'bezier'"):
+        load_gate(gate)
+
+
+def test_a_table_that_unpacks_to_gigabytes_is_read_without_them_or_refused(tmp_path: Path) -> None:
+    rows = made_up_experience("goToPose").head(1)
+    reasons = pd.Categorical.from_codes([0] * 5000, ["x" * 1_000_000])  # 5 GB, once unpacked
+    many = pd.concat([rows] * 5000, ignore_index=True).assign(reason=reasons)
+    write_experience(tmp_path / "table.parquet", Experience(many, {}))
+    assert (tmp_path / "table.parquet").stat().st_size < 10_000_000
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    read_experience(tmp_path / "table.parquet")
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 500_000  # kB
+
+
+def test_a_description_may_state_its_format_and_version(tmp_path: Path) -> None:
+    file = tmp_path / "robot.yaml"
+    file.write_text("format: ator_ros robot\nschema_version: 1\n" + PIONEER, encoding="utf-8")
+    assert load_robot(file) == ROBOT

@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
-import copy
 import os
-import pickle
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ator_ros.compiled import in_shares, use_cores
+from ator_ros.compiled import use_cores
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.run_up_times import run_up_times
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.derived import wrapped
 from ator_ros.performance.features import feature_table
 from ator_ros.robot.description import load_robot
 
 WRAP = "from ator_ros.performance.derived import wrapped; print(wrapped(7.0))"
-
-
-def test_a_compiled_function_is_found_by_its_name_in_another_process() -> None:
-    assert pickle.loads(pickle.dumps(wrapped)) is wrapped  # noqa: S301
-    assert copy.deepcopy(wrapped) is wrapped
 
 
 @pytest.mark.long
@@ -45,28 +36,6 @@ def one_core_again(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2, 3})
     yield
     use_cores(1)
-
-
-@pytest.mark.parametrize("most", [1, 2, 3])
-@pytest.mark.parametrize(("count", "least"), [(0, 5), (5, 5), (6, 5), (1000, 7)])
-def test_every_item_is_computed_once(most: int, count: int, least: int) -> None:
-    assert use_cores(most) == most
-    done: list[int] = []
-    in_shares(lambda first, end: done.extend(range(first, end)), count, least)
-    assert sorted(done) == list(range(count))
-
-
-@pytest.mark.parametrize("failing", [0, 60])
-def test_an_error_is_raised_wherever_it_happens(failing: int) -> None:
-    use_cores(2)
-
-    def run(first: int, end: int) -> None:
-        time.sleep(0.01)
-        if first == failing:
-            raise ArithmeticError(f"share {first}")
-
-    with pytest.raises(ArithmeticError, match=f"share {failing}"):
-        in_shares(run, 180, 60)
 
 
 def results() -> tuple[FloatArray, FloatArray]:

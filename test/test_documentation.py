@@ -33,7 +33,7 @@ BY_TEST = {
     r"make demo": "test_documentation.py::test_the_demo_runs",
     r"(PARTS=\w+ )?make reproduce": "test_documentation.py::test_everything_can_be_made_again",
     r"(ros2 run ator_ros )?calibrate( .*)?": "nodes/test_calibrate_node.py::test_a_base_is_described",
-    r"(ros2 run ator_ros )?study .*": "test_tools_study.py::test_it_says_what_the_actions_and_ref",
+    r"(ros2 run ator_ros )?study .*": "tools/test_tools_study.py::test_it_says_what_the_actions_and_ref",
     r"make view|(ros2 run ator_ros )?view": f"{_VIEW}::test_the_page_shows_the_robot_",
     r"view --attach --robots ann bob": "nodes/test_view_backend.py::test_two_robots_of_one_simulation_",
     r"scripts/run python test/nodes/\w+_(view|nodes)\.py.*": "nodes/test_view_programs.py::test_a_",

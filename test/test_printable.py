@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -18,12 +17,6 @@ def test_whatever_comes_can_be_printed_in_one_line(text: str) -> None:
     assert len(shown.splitlines()) <= 1
     assert len(shown) <= LONGEST + 30
     shown.encode()  # no halves of surrogate pairs
-
-
-@pytest.mark.parametrize("text", ["goToBall", "Zürich 東京", "a 'quoted' word", ""])
-def test_plain_text_stays_as_it_is(text: str) -> None:
-    assert printable(text) == text
-    assert quoted(text) == f"'{text}'"
 
 
 def test_what_would_move_a_terminal_is_escaped() -> None:

@@ -47,12 +47,6 @@ def _fake_index(monkeypatch: pytest.MonkeyPatch, share: Path | None) -> None:
     monkeypatch.setitem(sys.modules, "ament_index_python.packages", packages)
 
 
-def test_finds_the_robot_file_in_the_checkout() -> None:
-    path = resource_path("config", "pioneer.yaml")
-    assert path == Path(__file__).resolve().parents[1] / "config" / "pioneer.yaml"
-    assert path.is_file()
-
-
 def test_finds_files_in_an_installed_share_folder(no_checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     share = no_checkout / "share" / "ator_ros"
     (share / "config").mkdir(parents=True)
@@ -64,23 +58,3 @@ def test_finds_files_in_an_installed_share_folder(no_checkout: Path, monkeypatch
 def test_a_missing_file_is_named_with_what_is_there() -> None:
     with pytest.raises(ResourceError, match=r"config/pionier\.yaml.*holds.*pioneer\.yaml"):
         resource_path("config", "pionier.yaml")
-
-
-def test_a_missing_folder_is_named() -> None:
-    with pytest.raises(ResourceError, match="no such folder"):
-        resource_path("confg", "pioneer.yaml")
-
-
-def test_an_unknown_package_says_to_source_the_workspace(
-    no_checkout: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    _fake_index(monkeypatch, None)
-    with pytest.raises(ResourceError, match="AMENT_PREFIX_PATH lacks it"):
-        share_folder()
-
-
-def test_no_ros_at_all_says_to_source_it(no_checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "ament_index_python", None)
-    monkeypatch.setitem(sys.modules, "ament_index_python.packages", None)
-    with pytest.raises(ResourceError, match="ament_index_python is missing"):
-        share_folder()

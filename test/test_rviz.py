@@ -1,7 +1,4 @@
-"""The configurations of RViz and Foxglove name what those programs know, and topics that our nodes have.
-
-Neither program runs in the tests: `rviz_facts` holds what RViz's sources say.
-"""
+"""The configurations of RViz and Foxglove name the topics that our nodes have, with their types."""
 
 from __future__ import annotations
 
@@ -10,15 +7,21 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-import pytest
 import yaml
 from documentation import ROOT as CHECKOUT
-from rviz_facts import DISPLAY, DISPLAYS, MESSAGES, PANELS, ROOT, TOOLS, VIEWS, WINDOW, faults
 
 from ator_ros.resources import share_folder
 
 RVIZ = yaml.safe_load((share_folder() / "rviz" / "ator.rviz").read_text(encoding="utf-8"))
 ROOTED = RVIZ["Visualization Manager"]
+MESSAGES = {
+    "rviz_default_plugins/MarkerArray": "visualization_msgs/MarkerArray",
+    "rviz_default_plugins/RobotModel": "std_msgs/String",
+    "rviz_default_plugins/Odometry": "nav_msgs/Odometry",
+    "rviz_default_plugins/Path": "nav_msgs/Path",
+    "rviz_default_plugins/SetGoal": "geometry_msgs/PoseStamped",
+}
+"""What RViz's classes subscribe to, or publish."""
 FOXGLOVE = json.loads((share_folder() / "rviz" / "ator.foxglove.json").read_text(encoding="utf-8"))
 
 
@@ -35,34 +38,6 @@ def with_topics() -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
         for name in ("Topic", "Description Topic"):
             if name in part:
                 yield part, part[name]
-
-
-@pytest.mark.parametrize(
-    ("parts", "known"),
-    [
-        (ROOTED["Displays"], {name: DISPLAY | own for name, own in DISPLAYS.items()}),
-        (ROOTED["Tools"], {name: {"Class": str} | own for name, own in TOOLS.items()}),
-        (RVIZ["Panels"], {name: {"Class": str, "Name": str} | own for name, own in PANELS.items()}),
-        ([ROOTED["Views"]["Current"], *ROOTED["Views"]["Saved"]], VIEWS),
-    ],
-    ids=["displays", "tools", "panels", "views"],
-)
-def test_rviz_knows_every_class_and_property(parts: list[dict[str, Any]], known: dict[str, Any]) -> None:
-    assert {part["Class"] for part in parts} <= set(known)
-    assert [fault for part in parts for fault in faults(part["Class"], part, known[part["Class"]])] == []
-
-
-def test_rviz_knows_the_rest_of_the_file() -> None:
-    assert set(RVIZ) == {"Panels", "Visualization Manager", "Window Geometry"}
-    assert faults("root", ROOTED, ROOT) == []
-    titles = {panel["Name"]: {"collapsed": bool} for panel in RVIZ["Panels"]}
-    assert faults("window", RVIZ["Window Geometry"], WINDOW | titles) == []
-
-
-def test_a_name_that_rviz_does_not_know_is_found() -> None:
-    path = {"Class": "", "Topic": {"Value": "p", "Durability": "Volatile"}, "Line Style": "Dots", "Width": 1}
-    found = faults("p", path, DISPLAY | DISPLAYS["rviz_default_plugins/Path"])
-    assert found == ["p/Topic: no Durability", "p/Line Style: 'Dots'", "p: no Width"]
 
 
 def test_its_topics_are_ours_with_their_types_and_state_is_asked_for_as_latched() -> None:
@@ -87,17 +62,3 @@ def test_foxglove_shows_the_same_topics() -> None:
     assert {*shown, robot["topic"], goal} == drawn
     assert panel["publish"]["type"] == "pose"
     assert panel["followTf"] == ROOTED["Global Options"]["Fixed Frame"]
-
-
-def test_foxglove_lays_out_every_panel_once() -> None:
-    def panels(part: Any) -> Iterator[str]:
-        if isinstance(part, str):
-            yield part
-        else:
-            assert part["direction"] in {"row", "column"}
-            yield from panels(part["first"])
-            yield from panels(part["second"])
-
-    assert sorted(panels(FOXGLOVE["layout"])) == sorted(FOXGLOVE["configById"])
-    kinds = {name.split("!")[0] for name in FOXGLOVE["configById"]}
-    assert kinds <= {"3D", "Plot", "RawMessages", "DiagnosticSummary"}

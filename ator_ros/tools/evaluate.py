@@ -136,6 +136,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def run() -> int:
         source = source_of(options)
+        source.require_executable(options.chain)
         source.digests(options.chain)  # a missing model is reported before a missing gate
         missing = unavailable(source)
         for name, why in missing.items():

@@ -159,7 +159,7 @@ def usual(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
     return experience.frame
 
 
-@pytest.mark.parametrize("offset", [3.5e5, 8.7e6, 1.76e9, 2.1e9])
+@pytest.mark.parametrize("offset", [1.76e9])
 def test_stamps_of_any_clock_give_the_same_table(tmp_path: Path, usual: pd.DataFrame, offset: float) -> None:
     pd.testing.assert_frame_equal(read(recorded(tmp_path, offset=offset)).frame, usual)
 
@@ -173,9 +173,7 @@ def test_projected_coordinates_give_the_same_table_elsewhere(tmp_path: Path, usu
     pd.testing.assert_frame_equal(moved, usual, rtol=0.0, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    "oddity", [{"length": 1.5}, {"length": 0.01}, {"in_world": True}, {"in_world": True, "frame": "/odom"}]
-)
+@pytest.mark.parametrize("oddity", [{"length": 1.5}, {"in_world": True, "frame": "/odom"}])
 def test_what_can_be_repaired_gives_the_same_table(
     tmp_path: Path, usual: pd.DataFrame, oddity: dict[str, Any]
 ) -> None:
@@ -201,24 +199,6 @@ def test_stamps_that_do_not_advance_are_named(tmp_path: Path) -> None:
     assert f"stamp: expected stamps that advance, got 3.50 s in all {count} messages" in line
 
 
-def test_rare_odometry_is_named(tmp_path: Path, usual: pd.DataFrame) -> None:
-    def rare(order: list[Tick]) -> list[Tick]:
-        return order[::10]
-
-    experience = read(recorded(tmp_path, order=rare))
-    (line,) = experience.remarks
-    assert line.startswith("bag: odom: expected a message every 0.3 s, got one every 0.40 s: durations ")
-    assert usual["episode"].nunique() >= experience.frame["episode"].nunique()
-
-
-def test_messages_without_direction_are_left_out_and_counted(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError) as refused:
-        read(recorded(tmp_path, length=0.0))
-    count = len(list(ticks()))
-    (line,) = str(refused.value).splitlines()
-    assert f"left out {count} of {count} messages: odom.pose.pose.orientation: expected a quaternion" in line
-
-
 def test_some_messages_without_direction_are_left_out_and_counted(
     tmp_path: Path, usual: pd.DataFrame
 ) -> None:
@@ -236,7 +216,7 @@ def command(make: Messages, tick: Tick) -> Any:
     return make.twist(tick.v, 0.0, tick.w)
 
 
-@pytest.mark.parametrize("topic", ["/v/odom", "/v/cmd_vel", "/v/ball", "/v/performance/action"])
+@pytest.mark.parametrize("topic", ["/v/odom", "/v/ball"])
 def test_a_topic_of_another_type_is_skipped_and_named(
     tmp_path: Path, usual: pd.DataFrame, topic: str
 ) -> None:
@@ -301,9 +281,7 @@ POSES = "geometry_msgs/msg/PoseStamped"
     ("topic", "source"),
     [
         ("/tracker/cart_pose", "topic: tracker/cart_pose, type: PoseStamped"),
-        ("/hall/tracker/cart_pose", "topic: tracker/cart_pose, type: PoseStamped"),
         ("/tracker/cart_pose", "topic: /tracker/cart_pose, type: PoseStamped"),
-        ("/cart", "type: PoseStamped"),
     ],
 )
 def test_an_object_is_read_from_where_it_is_declared_to_come(tmp_path: Path, topic: str, source: str) -> None:
@@ -314,22 +292,6 @@ def test_an_object_is_read_from_where_it_is_declared_to_come(tmp_path: Path, top
     starts = frame[frame["t"] == 0.0]["cart_x"].to_numpy()
     assert (np.diff(starts) > 0.01).all()
     assert experience.remarks == ()
-
-
-def test_an_object_in_another_frame_is_left_out_and_named(tmp_path: Path) -> None:
-    def in_camera(make: Messages, tick: Tick) -> Any:
-        return make.stamped(tick.time, 0.5, 0.0, frame="camera")
-
-    def late(make: Messages, tick: Tick) -> Any:
-        return make.stamped(tick.time + 100.0, 0.5, 0.0)
-
-    domain = errands(tmp_path, "type: PoseStamped")
-    wrong = (in_camera, "the frame 'odom', got 'camera'"), (late, "another clock")
-    for number, (make, told) in enumerate(wrong):
-        (tmp_path / str(number)).mkdir()
-        (line,) = read(recorded(tmp_path / str(number), ("/cart", POSES, make)), domain).remarks
-        assert "left out " in line
-        assert told in line
 
 
 def test_an_object_in_tf_is_read(tmp_path: Path) -> None:
@@ -348,23 +310,3 @@ def test_an_object_in_tf_is_read(tmp_path: Path) -> None:
     later = frame[frame["episode"] > 0]
     assert set(later["cart_x"]) == {1.5}
     assert later["cart_y"].is_monotonic_increasing
-
-
-def test_one_message_that_comes_late_ends_no_drive(tmp_path: Path, usual: pd.DataFrame) -> None:
-    def swapped(all_ticks: list[Tick]) -> list[Tick]:
-        number = next(number for number, tick in enumerate(all_ticks) if tick.v > 0.0) + 10
-        all_ticks[number : number + 2] = reversed(all_ticks[number : number + 2])
-        return all_ticks
-
-    frame = read(recorded(tmp_path, order=swapped)).frame
-    assert frame["episode"].nunique() == len(HEADINGS)
-    assert frame["duration"].to_numpy() == pytest.approx(usual["duration"].to_numpy())
-
-
-def test_commands_that_no_base_with_two_wheels_can_follow_are_counted(tmp_path: Path) -> None:
-    def sideways(make: Messages, tick: Tick) -> Any:
-        return make.twist(tick.v, 0.1, tick.w)
-
-    topics = ("/r/odom", ODOMETRY, Messages.odometry), ("/r/cmd_vel", TWIST, sideways)
-    with pytest.raises(RecordingError, match=r"left out \d+ of \d+ messages: cmd_vel: linear\.y"):
-        read(recorded(tmp_path, *topics, odom="/x"))

@@ -7,11 +7,12 @@ import math
 
 import numpy as np
 import pytest
-from candidates import candidates_between
 
 from ator_ros.domains.soccer.planned.planner import free_sides
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.manoeuvre import closed
+from ator_ros.motion.planning import Found, Planning
+from ator_ros.motion.search import find_candidates, ways_to_drive
 from ator_ros.motion.trajectory import Trajectory, greatest_rates
 from ator_ros.robot.description import load_robot
 
@@ -43,12 +44,6 @@ MOTIONS = pytest.mark.parametrize(
 
 
 @MOTIONS
-def test_a_base_that_is_as_strong_as_planned_takes_no_longer(v: FloatArray, w: FloatArray) -> None:
-    rates = greatest_rates(v, w, np.full(len(v) - 1, _STEP), LIMITS)
-    assert rates == pytest.approx(1.0)
-
-
-@MOTIONS
 def test_a_weak_base_gets_what_it_can_do(v: FloatArray, w: FloatArray) -> None:
     """It is asked for all of its acceleration somewhere, nowhere for more, and takes little longer."""
     rates = greatest_rates(v, w, np.full(len(v) - 1, _STEP), WEAK)
@@ -62,21 +57,21 @@ def test_a_weak_base_gets_what_it_can_do(v: FloatArray, w: FloatArray) -> None:
     assert planned < times(rates).sum() < planned / math.sqrt(SHARE)
 
 
-def test_a_base_slows_down_before_it_has_to_turn_less() -> None:
-    """At full speed it could not lose its turn rate in time: so it turns, and drives, more slowly before."""
-    v = ramps((0.0, 1.2), (2.0, 1.2))
-    w = ramps((0.0, 0.0), (0.5, 0.0), (0.6, 0.2), (1.4, 0.2), (1.5, 0.0), (2.0, 0.0))
-    hard = dataclasses.replace(LIMITS, aw=1.0)
-    rates = greatest_rates(v, w, np.full(len(v) - 1, _STEP), hard)
-    assert rates.min() == pytest.approx(math.sqrt(0.5), abs=0.01)
-    assert rates[0] > 0.9
-    assert np.abs(np.diff(rates * v) / times(rates)).max() < LIMITS.brake + 1e-6
+def result(planning: Planning[Found]) -> Found:
+    """Return what a search finds."""
+    try:
+        while True:
+            next(planning)
+    except StopIteration as done:
+        found: Found = done.value
+        return found
 
 
 def plan() -> Trajectory:
     """Return the fastest way to a pose behind, on the left."""
     sides = free_sides(LIMITS, 0.0, 0.0)
-    candidates = candidates_between(Pose(0.0, 0.0, 0.0), Pose(-1.0, 1.5, 1.0), sides, sides, LIMITS)
+    ways = result(ways_to_drive(sides, sides, LIMITS))
+    candidates = result(find_candidates(Pose(0.0, 0.0, 0.0), Pose(-1.0, 1.5, 1.0), ways))
     manoeuvre = closed(candidates[0])
     assert manoeuvre is not None
     return Trajectory(manoeuvre)
@@ -91,11 +86,3 @@ def test_the_rest_of_a_trajectory_takes_the_same_way(since: float) -> None:
     assert rest.at(math.inf).pose == pytest.approx(whole.at(math.inf).pose, abs=1e-6)
     far = [min(math.dist(pose, other) for other in whole.poses()) for pose in rest.poses()]
     assert max(far) < 0.02
-
-
-def test_the_velocities_of_the_rest_are_those_of_its_poses() -> None:
-    rest, short = plan().rest(0.4, WEAK), 0.02
-    for time in np.arange(0.1, rest.duration - 0.1, 0.05):
-        before, at, after = (rest.at(time + late) for late in (-short, 0.0, short))
-        assert before.pose.distance(after.pose) / (2.0 * short) == pytest.approx(abs(at.v), abs=0.03)
-        assert before.pose.relative(after.pose).yaw / (2.0 * short) == pytest.approx(at.w, abs=0.1)

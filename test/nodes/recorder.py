@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from bag_types import own_types
+from bags import own_types
 from rclpy.qos import QoSProfile
 from ros_client import Client
 

@@ -21,8 +21,8 @@ EDGES = [0.0, 1e-300, 1e-9, 0.01, 0.5, 1.0, 3.14159265358979, 7.0, 100.0, 1e4, 1
 CHECKED = (
     "performance",
     "test_compiled.py",
-    "test_refinement_search.py",
-    "test_run_up_times.py",
+    "refinement/test_refinement_search.py",
+    "domains/test_run_up_times.py",
 )
 """The tests that run compiled code."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -11,18 +10,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from experience_rows import made_up_experience
-from robots import FIFTH, PIONEER, PLAIN
-from stored import episodes, stored
+from robots import FIFTH, PIONEER
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.store_reading import read_records
 from ator_ros.experience.table import Experience, write_experience
-from ator_ros.learning.round import improved
-from ator_ros.performance.features import chosen_for, feature_table, kinds_of, with_kinds
+from ator_ros.performance.features import chosen_for, feature_table, kinds_of
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, load_model, save_model
 from ator_ros.performance.training import direct_of, train
-from ator_ros.refinement.calibration import model_digest
 from ator_ros.resources import resource_path
 from ator_ros.tools import train as tool
 
@@ -59,15 +54,6 @@ def durations(model: PerformanceModel) -> np.ndarray:
     return found
 
 
-def test_only_ideal_motions_are_made_of_kinds() -> None:
-    own = SOCCER.candidates("goToPose")
-    assert [feature.name for feature in CHOSEN] == [feature.name for feature in own]
-    changed = {new.name for new, old in zip(CHOSEN, own, strict=True) if new is not old}
-    assert changed == {"drive_time", "drive_turn"}
-    assert set(kinds_of(CHOSEN)) == {"drive", "approach"}
-    assert kinds_of(own) == {}
-
-
 def test_a_loaded_model_has_the_kinds_that_it_was_learned_with(model: PerformanceModel, file: Path) -> None:
     loaded = load_model(file, FIFTH, SOCCER.known_features)
     assert np.array_equal(durations(loaded), durations(model))
@@ -80,26 +66,10 @@ def test_a_loaded_model_has_the_kinds_that_it_was_learned_with(model: Performanc
     ("kinds", "message"),
     [
         ([], r"kinds: expected a table; got \[\]"),
-        ({}, r"kinds: expected families of motion, got \{\}"),
         ({"waltz": [[1.0]]}, "kinds: expected families of motion, got .'waltz'"),
-        ({"drive": [], "approach": []}, r"kinds.drive: expected 1 to 120 kinds of motion, got \[\]"),
-        ({"drive": 3}, "kinds.drive: expected 1 to 120 kinds of motion, got 3"),
-        ({"drive": "many"}, "kinds.drive: expected 1 to 120 kinds of motion, got 'many'"),
         ({"drive": [DRIVE] * 121}, "kinds.drive: expected 1 to 120 kinds"),
-        ({"drive": [DRIVE]}, "kinds.approach: expected 0 to 120 kinds of motion, got None"),
-        ({"approach": [DRIVE]}, "kinds.drive: expected 1 to 120 kinds of motion, got None"),
         ({"drive": [[1.0]]}, r"kinds.drive.0: expected 4 values .*\(first, last, backward, share\), got"),
-        ({"drive": [[1.0, "a", False, 0.0]]}, "kinds.drive.0: expected 4 values from -1 to 1"),
-        ({"drive": [DRIVE, [9.0, 0.5, True, 0.0]]}, "kinds.drive.1: expected 4 values"),
-        ({"drive": [[None, 0.5, True, 0.0]]}, "kinds.drive.0: expected 4 values"),
-        ({"drive": [[0.5, 0.5, 1, 0.0]]}, "kinds.drive.0: expected 4 values"),
-        ({"drive": [[0.5, True, True, 0.0]]}, "kinds.drive.0: expected 4 values"),
-        (
-            {"drive": [[0.01 * n, 0.5, True, 0.0] for n in range(11)]},
-            "kinds.drive: .* at most 10 .* first",
-        ),
         ({"dribble": [[0.1, 0.5, 0.0, 0.2, 0.0, 0.0, 0.0, 0.5]]}, "kinds.dribble.0: expected 8 values"),
-        ({"dribble": [[0.1, 0.5, 0.0, 0.2, 0, 0.0, 0.0, 0.0]]}, "kinds.dribble.0: expected 8 values"),
     ],
 )
 def test_kinds_that_are_none_are_refused(file: Path, kinds: Any, message: str) -> None:
@@ -133,36 +103,3 @@ def test_models_of_another_robot_do_not_replace_those_that_ship(
     assert tool.main([str(tmp_path / "a.parquet"), "--robot", str(FIFTH_FILE)]) == 1
     assert "--models: expected a folder for models of fifth" in capsys.readouterr().err
     assert resource_path("models", "goToPose.json").read_bytes() == before
-
-
-def test_models_with_other_kinds_have_other_digests(model: PerformanceModel) -> None:
-    others = with_kinds(model.features, {"drive": [DRIVE], "approach": [DRIVE]})
-    changed = dataclasses.replace(model, features=others)
-    assert model_digest(changed) != model_digest(model)
-
-
-def test_observed_models_of_a_robot_without_a_holder_need_no_kinds(tmp_path: Path) -> None:
-    rows = pd.concat([made_up_experience("dribbleBall"), made_up_experience("goToPose")], ignore_index=True)
-    metadata = {"seed": 1, "robot_digest": PLAIN.digest(), "action_set": "default"}
-    write_experience(tmp_path / "a.parquet", Experience(rows, metadata))
-    robot = str(resource_path("config", "turtlebot4.yaml"))
-    words = [str(tmp_path / "a.parquet"), "--observed", "--models", str(tmp_path), "--robot", robot]
-    assert tool.main([*words, "--domain", "soccer"]) == 0
-    assert "kinds" not in json.loads((tmp_path / "goToPose.json").read_text())
-
-
-def test_rounds_of_learning_keep_the_kinds(model: PerformanceModel, tmp_path: Path) -> None:
-    """Also those that the best tree of a round does not use: a later one may go back to a former tree."""
-    stored(tmp_path, episodes(60, seed=4, slower=1.4))
-    rows = read_records(tmp_path, "default").rows
-    own = SOCCER.candidates("goToPose")
-    few = train("goToPose", ROWS, FIFTH, features=own)
-    verdict = improved("goToPose", rows, FIFTH, own, now=model, seen={}, former={"shipped": few})
-    assert verdict.model is not None
-    assert "drive_time" not in verdict.model.used_features
-    save_model(tmp_path / "next.json", verdict.model)
-    following = load_model(tmp_path / "next.json", FIFTH, SOCCER.known_features)
-    assert kinds_of(following.features.values()) == kinds_of(model.features.values())
-    as_before = rows.assign(duration=model.predict(direct_of(rows)).duration, success=True)
-    back = improved("goToPose", as_before, FIFTH, own, now=following, seen={}, former={"start": model})
-    assert back.measures["duration"].kind == "back to start"

@@ -25,7 +25,6 @@ from ator_ros.performance.model_file import (
     save_model,
 )
 from ator_ros.performance.training import direct_of, train
-from ator_ros.resources import resource_path
 from ator_ros.robot.description import load_robot
 
 ROBOT = load_robot()
@@ -66,7 +65,7 @@ def test_learning_twice_gives_the_same_bytes(model: PerformanceModel, file: Path
 
 @pytest.mark.parametrize(
     "bounds",
-    [[0.0, -1.0], [-1.0, 1.0], [0.0], [0, 1, 2], 0.3, None, "12", ["0", "1"], [True, False], {"a": 1}],
+    [[0.0, -1.0], [0.0], ["0", "1"]],
 )
 def test_ranges_of_experience_are_two_numbers(file: Path, bounds: Any) -> None:
     data = json.loads(file.read_text())
@@ -80,13 +79,6 @@ def test_another_robot_is_warned_of_loudly(file: Path) -> None:
     other = dataclasses.replace(ROBOT, mass=12.0)
     with pytest.warns(RobotMismatchWarning, match="ANOTHER ROBOT"):
         load_model(file, other, SOCCER.known_features)
-
-
-def test_saving_again_keeps_the_robot_that_it_was_learned_with(file: Path, tmp_path: Path) -> None:
-    with pytest.warns(RobotMismatchWarning):
-        loaded = load_model(file, dataclasses.replace(ROBOT, mass=12.0), SOCCER.known_features)
-    save_model(tmp_path / "again.json", loaded)
-    assert (tmp_path / "again.json").read_bytes() == file.read_bytes()
 
 
 def without(name: str) -> Callable[[dict[str, Any]], object]:
@@ -109,23 +101,11 @@ def put(*path: Any) -> Callable[[dict[str, Any]], object]:
     [
         (put("format", "recipe"), "format: expected 'ator_ros performance model'"),
         (put("schema_version", 2), "schema_version: expected 1, got 2"),
-        (put("schema_version", True), "schema_version: expected 1, got True"),
         (without("trees"), "expected the fields .*; missing trees"),
-        (put("action", 7), "action: expected a text; got 7"),
-        (put("features", "dist", "km"), r"features\.dist: expected a feature in 'm', got unit 'km'"),
         (put("features", "mood", "m"), r"features\.mood: expected a feature one of x, y"),
         (lambda data: data["trees"].pop("duration"), r"trees\.duration: expected a tree; got None"),
-        (
-            lambda data: data.update(trees={"price": data["trees"]["duration"]}),
-            r"trees.*: expected one of duration",
-        ),
-        (put("trees", "duration", {}), r"trees\.duration: .*expected"),
         (put("trees", "duration", "root", "samples", "many"), r"trees\.duration\.root\.samples: expected"),
         (put("features", {}), r"trees\.duration\.features: expected features that the file lists"),
-        (
-            put("accuracy", "mae_s", -1.0),
-            r"accuracy\.mae_s: expected a finite number of at least 0; got -1\.0",
-        ),
     ],
 )
 def test_damaged_foreign_and_newer_files_are_refused(
@@ -135,13 +115,6 @@ def test_damaged_foreign_and_newer_files_are_refused(
     change(data)
     file.write_text(json.dumps(data))
     with pytest.raises(ModelFileError, match=rf"goToPose\.json: {message}"):
-        load_model(file, ROBOT, SOCCER.known_features)
-
-
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"format": NaN}', "\x00\xff"])
-def test_files_that_are_no_model_are_refused(file: Path, text: str) -> None:
-    file.write_text(text)
-    with pytest.raises(ModelFileError, match=r"goToPose\.json: (expected a readable JSON file|format)"):
         load_model(file, ROBOT, SOCCER.known_features)
 
 
@@ -163,10 +136,3 @@ def test_action_sets_lie_in_folders_of_their_own(model: PerformanceModel, tmp_pa
     with pytest.raises(ModelFileError, match="expected a folder of models") as caught:
         load_models(ROBOT, SOCCER.known_features, folder=tmp_path / "none")
     assert not isinstance(caught.value, NoModelsError)
-
-
-def test_an_action_with_the_name_of_another_file_has_none(tmp_path: Path) -> None:
-    model = load_model(resource_path("models", "goToPose.json"), ROBOT, SOCCER.known_features)
-    with pytest.raises(ModelFileError, match="expected a name other than gate"):
-        save_model(tmp_path / "gate.json", dataclasses.replace(model, action="gate"))
-    assert not any(tmp_path.iterdir())

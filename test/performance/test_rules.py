@@ -74,10 +74,3 @@ def test_an_explanation_adds_up_and_tells_when_the_rule_is_held_back():
     assert (
         held.splitlines()[-1].strip() == "held within 1.000 to 3.500, since the rule saw nothing like 7.115"
     )
-
-
-def test_a_single_leaf_has_no_condition():
-    rng = np.random.default_rng(2)
-    X = rng.normal(size=(100, 1))
-    tree = ModelTreeRegressor().fit(X, 2 * X[:, 0] - 1).tree_
-    assert RuleWriter({}).tree(tree).startswith("time = 2*x0 - 1  [s]")

@@ -14,7 +14,7 @@ import pytest
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.performance.tree.storage import StoredTree, restored, stored
-from ator_ros.schema import SchemaError, structured, unstructured
+from ator_ros.schema import structured, unstructured
 
 RNG = np.random.default_rng(1)
 X = RNG.uniform(-1, 1, size=(1500, 3))
@@ -48,19 +48,11 @@ def leaf(data: dict[str, Any]) -> dict[str, Any]:
 
 DAMAGES: list[tuple[Callable[[dict[str, Any]], object], str]] = [
     (lambda s: s.pop("root"), "expected the fields features, root; missing root"),
-    (lambda s: s.update(features=[]), "features: expected names, each once"),
     (lambda s: s.update(features=["x0", "x1", "x1"]), "features: expected names, each once"),
-    (lambda s: s.update(features=[f"f{n}" for n in range(201)]), "features: expected at most 200 entries"),
     (lambda s: s["root"].update(feature="y"), "root: expected the features x0, x1, x2; got 'y'"),
-    (lambda s: s["root"].update(threshold=True), "root.threshold: expected a finite number; got True"),
     (lambda s: s["root"].update(threshold=math.nan), "root.threshold: expected a finite number; got nan"),
-    (lambda s: s["root"].update(samples=-1), "root.samples: expected a finite number of at least 0; got -1"),
-    (lambda s: s["root"].update(above=[]), "root.above: expected a table with"),
     (lambda s: s["root"].pop("above"), "root: expected the fields .*; missing above"),
-    (lambda s: leaf(s).pop("spread"), r"root\.at_most.*: expected the fields .*; missing spread"),
     (lambda s: leaf(s)["slopes"].update(y=1.0), r"root: expected the features x0, x1, x2; got 'y'"),
-    (lambda s: leaf(s)["slopes"].update(x0=math.inf), r"slopes\.x0: expected a finite number; got inf"),
-    (lambda s: leaf(s).update(range=[1]), r"range: expected two numbers or nulls; got \[1\.0\]"),
     (lambda s: leaf(s).update(range=[2, 1]), r"range: expected the lower bound first; got \[2\.0, 1\.0\]"),
 ]
 
@@ -71,13 +63,3 @@ def test_damage_is_refused_by_name(tree, damage, message):
     damage(data)
     with pytest.raises(ValueError, match=message):
         restored(structured(data, StoredTree))
-
-
-def test_a_tree_of_any_depth_is_refused_in_one_line():
-    node: dict[str, Any] = {"wrong": 0}
-    for _ in range(5000):
-        bottom = {"samples": 1, "intercept": 0, "slopes": {}, "range": [0, 0], "spread": 0}
-        node = {"samples": 1, "feature": "a", "threshold": 0.0, "at_most": bottom, "above": node}
-    with pytest.raises(SchemaError) as refused:
-        structured({"features": ["a"], "root": node}, StoredTree)
-    assert len(str(refused.value)) < 500

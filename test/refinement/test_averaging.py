@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.refinement.search import Averages, averaged, search
+from ator_ros.refinement.search import Averages, search
 from ator_ros.tops.ranges import Range
 
 CIRCLE = Range(-math.pi, math.pi, 36, periodic=True)
@@ -35,12 +35,6 @@ def test_a_choice_keeps_away_from_a_dip_among_high_costs() -> None:
     assert followed.given is None
 
 
-def test_without_widths_nothing_is_averaged() -> None:
-    averages = Averages([[CIRCLE, SPEED]], [[0.0, 0.0]])
-    assert averages.weights(0, np.array([[0.0, 0.1], [0.1, 0.1]])) is None
-    assert Averages([[CIRCLE]], [[WIDTH]]).weights(0, np.array([[0.3]])) is None
-
-
 def test_neighbours_are_near_in_every_variable_also_across_the_end_of_a_circle() -> None:
     candidates = np.array([[3.13, 0.2], [-3.13, 0.2], [3.13, 0.9], [0.0, 0.2]])
     weights = Averages([[CIRCLE, SPEED]], [[WIDTH, 0.0]]).weights(0, candidates)
@@ -53,24 +47,6 @@ def test_neighbours_are_near_in_every_variable_also_across_the_end_of_a_circle()
     assert both[0, 2] == pytest.approx(math.exp(-0.5))
 
 
-def test_the_mean_of_equal_costs_is_that_cost_and_what_is_infinite_stays_so() -> None:
-    rng = np.random.default_rng(5)
-    before, after = rng.random((3, 3)), rng.random((4, 4))
-    np.testing.assert_allclose(averaged(np.full((3, 4), 2.5), before, after), 2.5)
-    cost = np.full((3, 4), 2.5)
-    cost[1, 2] = math.inf
-    mean = averaged(cost, before, after)
-    assert math.isinf(mean[1, 2])
-    np.testing.assert_allclose(np.delete(mean.ravel(), 6), 2.5)
-
-
-def test_a_cost_is_raised_to_the_mean_over_both_sides_of_a_step_and_never_lowered() -> None:
-    cost, weights = np.array([[0.0, 1.0], [2.0, 3.0]]), np.array([[1.0, 1.0], [1.0, 1.0]])
-    np.testing.assert_allclose(averaged(cost, weights, None), [[1.0, 2.0], [2.0, 3.0]])
-    np.testing.assert_allclose(averaged(cost, None, weights), [[0.5, 1.0], [2.5, 3.0]])
-    np.testing.assert_allclose(averaged(cost, weights, weights), [[1.5, 1.5], [2.0, 3.0]])
-
-
 def test_a_choice_does_not_lean_over_a_step() -> None:
     """Where a manoeuvre fits or does not, the mean alone would choose a candidate that costs more."""
 
@@ -81,10 +57,3 @@ def test_a_choice_does_not_lean_over_a_step() -> None:
     averages = Averages([[CIRCLE]], [[math.radians(20.0)]])
     found = search(step, [[CIRCLE]], [np.array([0.0])], averages=averages)
     assert found.cost >= float(step(0, np.zeros((1, 0)), found.values[0][None])[0])
-
-
-def test_a_heading_that_is_turns_away_has_the_same_neighbours() -> None:
-    averages = Averages([[CIRCLE]], [[WIDTH]])
-    near = averages.weights(0, np.array([[0.1], [0.2]]))
-    away = averages.weights(0, np.array([[0.1], [0.2 + 4.0 * math.pi]]))
-    assert away == pytest.approx(near)

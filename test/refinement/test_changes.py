@@ -52,8 +52,8 @@ def test_a_condition_overrides_an_opening() -> None:
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        *[(name, bad) for name in ("x", "y", "yaw", "speed") for bad in (math.nan, math.inf, -math.inf)],
-        *[(name, bad) for name in ("x", "y", "speed") for bad in (HUGE, -HUGE, 30.0)],
+        *[(name, math.nan) for name in ("x", "y", "yaw", "speed")],
+        *[(name, HUGE) for name in ("x", "y", "speed")],
         ("speed", -0.1),
         ("speed", ROBOT.limits.v + 0.01),
     ],
@@ -71,19 +71,7 @@ def test_an_angle_is_the_same_after_a_whole_turn_and_so_is_one_after_rounding() 
     assert allowed_changes(plan, changed(plan, 0, x=1e-12, speed=1e-12), ROBOT, RANGES) == [{}, {}]
 
 
-def test_a_placeholder_outside_its_domain_may_stay() -> None:
-    plan = TopChain((call("goToPose", 0.0, 0.0, 0.0, BOTH, speed=50.0),))
-    assert allowed_changes(plan, plan, ROBOT, RANGES) == [{}]
-
-
 @pytest.mark.parametrize("refined", [TopChain(()), three_steps(), TopChain(two_steps().calls[::-1])])
 def test_other_steps_are_refused(refined: TopChain) -> None:
     with pytest.raises(InvalidChainError, match="expected the steps of the question"):
         allowed_changes(two_steps(), refined, ROBOT, RANGES)
-
-
-def test_a_variable_without_a_range_is_not_changed() -> None:
-    plan, without = TopChain((call("goToPose", 0.0, 0.0, 0.0, ALL),)), {"yaw": RANGES["yaw"]}
-    with pytest.raises(InvalidChainError, match=r"x of step 1 .goToPose.: expected no change, it has no r"):
-        allowed_changes(plan, changed(plan, 0, x=0.5), ROBOT, without)
-    assert allowed_changes(plan, changed(plan, 0, x=0.5), ROBOT, RANGES) == [{"x": 0.5}]

@@ -22,12 +22,9 @@ from refinement_fakes import (
     world,
 )
 
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.model_file import load_models
-from ator_ros.refinement.chain_prediction import REPORTED, chain_situations, predict_chain
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
-from ator_ros.refinement.search import BLOCK, search
+from ator_ros.refinement.search import search
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import Range
 
@@ -80,23 +77,6 @@ def test_the_more_time_the_better() -> None:
     assert sorted(costs, reverse=True) == pytest.approx(costs)
 
 
-def test_the_deadline_is_checked_often() -> None:
-    rows: list[int] = []
-
-    def counted(index: int, before: FloatArray, after: FloatArray) -> FloatArray:
-        rows.append(max(len(before), len(after)))
-        return waves(index, before, after)
-
-    search(counted, AXES, GIVEN)
-    assert max(rows) <= BLOCK < sum(rows)
-
-
-def test_a_search_without_given_values_ends_its_first_pass() -> None:
-    optimum = search(waves, AXES, deadline=after(0))
-    assert not optimum.complete
-    assert optimum.cost == pytest.approx(min(optimum.curves[0].totals))
-
-
 def test_the_answer_says_that_it_was_cut_short_and_is_never_worse() -> None:
     refiner = Refiner(ROBOT, models())
     results = [refiner.refine(world(), long_chain(), deadline=after(checks)) for checks in range(0, 300, 12)]
@@ -127,13 +107,3 @@ def test_without_time_a_long_chain_is_answered_as_given_with_few_predictions(pla
     assert (result.refined, result.complete) == (False, False)
     whole = Refiner(ROBOT, models()).refine(world(), long_chain())
     assert result.before == result.after == whole.before
-
-
-def test_steps_that_are_predicted_together_are_predicted_the_same_to_the_last_bit() -> None:
-    learned, chain = load_models(ROBOT, SOCCER.known_features), long_chain()
-    together = predict_chain(world(), chain, learned, ROBOT)
-    for direct, step, told in zip(
-        chain_situations(world(), chain, ROBOT), chain.calls, together.actions, strict=True
-    ):
-        alone = learned[step.top.action].predict(direct, REPORTED)
-        assert told == {name: float(getattr(alone, name)[0]) for name in told}

@@ -13,13 +13,9 @@ from refinement_fakes import (
     LIBRARY,
     NOTHING,
     ROBOT,
-    SHOOT_USED,
     USED,
-    FakeModel,
     call,
     models,
-    three_steps,
-    turning_time,
     two_steps,
     world,
 )
@@ -47,15 +43,6 @@ def test_arrival_speed_is_free_where_the_plan_leaves_it_open() -> None:
 
 def test_variables_that_no_model_uses_are_not_free() -> None:
     assert free_names(two_steps(BOTH), USED - {"v", "speedg"}) == [(0, "yaw")]
-
-
-def test_a_heading_that_only_moves_the_held_ball_counts() -> None:
-    # The model uses no heading, but with another heading a robot that holds a ball stands elsewhere.
-    assert free_names(two_steps(), frozenset({"x", "y", "xg", "yg"})) == [(0, "yaw")]
-
-
-def test_free_variables_of_every_subgoal_of_a_longer_chain() -> None:
-    assert free_names(three_steps()) == [(0, "yaw"), (1, "yaw")]
 
 
 def test_last_subgoal_is_refined_where_the_plan_leaves_it_open() -> None:
@@ -98,30 +85,10 @@ def test_an_opening_that_a_condition_overrides_is_told_beside_the_gain() -> None
     assert "not free" not in everything.reason
 
 
-def test_what_a_condition_binds_is_not_said_to_be_opened_by_its_name() -> None:
-    first = call("goToPose", -0.3, 0.0, 0.0, frozenset({EVERYTHING}))
-    chain = TopChain((first, call("dribbleBall", 1.0, 1.0, 0.0)))
-    reasons = {each.name: each.reason for each in analyse(chain, models(), ROBOT).not_free}
-    assert reasons.keys() == {"x", "y", "yaw"}
-    assert all("bound by the pre-condition of step 2 (dribbleBall)" in reason for reason in reasons.values())
-
-
 def test_a_name_that_no_goal_has_is_told() -> None:
     (told,) = analyse(two_steps(frozenset({"heading"})), models(), ROBOT).not_free
     assert (told.subgoal, told.name) == (0, "heading")
     assert told.reason == "no goal variable, expected one of x, y, yaw, speed"
-
-
-@pytest.mark.parametrize("top", ["goToBall", "dribbleBall", "goToPose"])
-def test_a_last_goal_is_changed_where_it_is_open_and_nowhere_else(top: str) -> None:
-    before = (call("goToBall", 0.0, 0.0, 0.0),) if top == "dribbleBall" else ()
-    place = (0.0, 0.0) if top == "goToBall" else (1.0, 1.0)
-    for opened in (NOTHING, ANGLE, frozenset({"speed"}), BOTH):
-        chain = TopChain((*before, call(top, *place, 2.5, opened)))
-        last = Refiner(ROBOT, models()).refine(world(), chain, placeholders=True).chain.calls[-1].goal
-        assert last.pose[:2] == place
-        assert (last.pose.yaw == 2.5) == ("yaw" not in opened)
-        assert (last.speed == 0.0) == ("speed" not in opened)
 
 
 class TestWithoutAModel:
@@ -144,34 +111,12 @@ class TestWithoutAModel:
         assert result.without_model == (2,)
         assert "no performance model for step 3 (push): neither predicted nor counted" in result.reason
 
-    def test_what_may_change_its_time_is_not_free(self) -> None:
-        reasons = {each.subgoal: each.reason for each in analyse(self.chain(), models(), ROBOT).not_free}
-        told = "of unknown effect: step 3 (push), which it may change, has no model"
-        assert reasons == {1: told, 2: told}
-
-    def test_its_prediction_is_missing_and_costs_nothing(self) -> None:
-        result = Refiner(ROBOT, models()).refine(world(), self.chain())
-        assert [bool(action) for action in result.before.actions] == [True, True, False, True]
-        counted = [action["duration"] for action in result.before.actions if action]
-        assert result.before.cost == pytest.approx(sum(counted))
-        assert math.isnan(result.before.duration)
-
     def test_no_model_at_all_changes_nothing(self) -> None:
         result = Refiner(ROBOT, {}).refine(world(), two_steps())
         assert not result.refined
         assert result.without_model == (0, 1)
         assert result.reason.startswith("nothing is free: yaw of step 1 (goToBall) is of unknown effect: ")
         assert result.before.cost == 0.0
-
-
-def test_shooting_heading_is_bound_by_nothing_and_used_by_the_shot() -> None:
-    only_shot = {
-        "goToPose": FakeModel(turning_time, frozenset()),
-        "dribbleBall": FakeModel(turning_time, frozenset()),
-    }
-    shot = {"shoot": FakeModel(turning_time, SHOOT_USED)}
-    free = analyse(three_steps(), only_shot | shot, ROBOT).free
-    assert [(variable.subgoal, variable.name) for variable in free] == [(1, "yaw")]
 
 
 def test_ranges_are_those_of_robot_and_scene_unless_a_domain_has_others() -> None:

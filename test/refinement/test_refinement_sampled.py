@@ -49,22 +49,3 @@ def test_what_is_given_may_be_turns_away(shift: float) -> None:
     far = [near[0] + [4.0 * math.pi, 0.0], near[1] - [6.0 * math.pi, 0.0, 0.0], near[2]]
     found, again = search(valley(shift), AXES, near), search(valley(shift), AXES, far)
     assert again.cost == pytest.approx(found.cost, abs=1e-6)
-
-
-def test_an_angle_with_but_one_value_has_that_value() -> None:
-    fixed = Range(0.5, 0.5, 1, periodic=True)
-    found = search(valley(0.0), [[fixed, LINE], [fixed, LINE, LINE], []])
-    assert math.isfinite(found.cost)
-    assert found.values[0][0] == found.values[1][0] == 0.5
-
-
-def test_a_subgoal_without_free_variables_has_one_candidate() -> None:
-    last: set[int] = set()
-
-    def cost(index: int, before: FloatArray, after: FloatArray) -> FloatArray:
-        if index == 2:
-            last.add(len(after))
-        return valley(0.0)(index, before, after)
-
-    search(cost, AXES, ASIDE)
-    assert last == {1}

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pytest
 from refinement_fakes import (
     ALL,
-    ANGLE,
     BOTH,
     LIBRARY,
     ROBOT,
-    USED,
     FakeModel,
-    after,
     call,
     models,
     turning_time,
@@ -26,13 +21,11 @@ from refinement_fakes import (
 
 from ator_ros.domains.soccer.tops import SHOOT
 from ator_ros.execution.fence import Fence
-from ator_ros.refinement import search as search_module
-from ator_ros.refinement.free_variables import Regions, _placed, names_of
+from ator_ros.refinement.free_variables import names_of
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.refinement.search import search, spread_points
-from ator_ros.tops.bindings import bindings
-from ator_ros.tops.chain import Top, TopChain
-from ator_ros.tops.conditions import Bearing, Condition, Distance, Region, Term
+from ator_ros.refinement.search import search
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.conditions import Bearing, Condition, Distance
 from ator_ros.tops.ranges import Range
 
 GOAL = {"x": 4.0, "y": 0.0, "yaw": 0.0, "speed": 0.0}
@@ -57,10 +50,8 @@ def shot(opened: frozenset[str] = ALL, x: float = 2.3, y: float = 0.8) -> TopCha
     ("relation", "inside", "outside"),
     [
         (Distance("ball", "goal", 0.9, 2.5), (2.0, 1.0), (3.5, 0.1)),
-        (Distance("ball", "goal", 0.9, 2.5), (3.0, -0.5), (0.0, 0.0)),
         (Distance("ball", "goal", low=0.5), (-3.0, 0.0), (3.9, 0.3)),
         (Bearing("ball", "goal", math.radians(50.0), math.pi, mirrored=True), (3.0, 1.0), (3.5, 2.0)),
-        (Bearing("ball", "goal", math.radians(50.0), math.pi, mirrored=True), (2.0, -2.0), (5.0, 0.0)),
     ],
 )
 def test_a_relation_holds_inside_and_clearance_is_the_distance_to_its_edge(
@@ -82,40 +73,10 @@ def test_a_relation_holds_inside_and_clearance_is_the_distance_to_its_edge(
     assert not all(holds(1.05, angle) for angle in angles)
 
 
-def test_the_axis_of_a_goal_is_mirrored_with_it() -> None:
-    bearing = Bearing("ball", "goal", math.radians(50.0), math.pi, mirrored=True)
-    other = {**GOAL, "x": -4.0}
-    assert bearing.clearance(ball(3.0, 0.5), GOAL) == pytest.approx(bearing.clearance(ball(-3.0, 0.5), other))
-
-
-def test_an_unknown_place_violates() -> None:
-    [said] = Condition(relations=(Distance("ball", "goal"),)).violations({}, GOAL)
-    assert "unknown" in said
-    assert Condition(relations=(Distance("ball", "goal"),)).shortfall({}, GOAL) == math.inf
-
-
-@pytest.mark.parametrize(
-    "bad",
-    [lambda: Distance("a", "b", 2.0, 1.0), lambda: Distance("a", "b", -1.0), lambda: Bearing("a", "b", 2.0)],
-)
-def test_impossible_relations_are_refused(bad: object) -> None:
-    with pytest.raises(ValueError, match="expected"):
-        bad()  # type: ignore[operator]
-
-
 def test_a_shot_from_too_far_away_is_no_valid_plan() -> None:
     here = world(ball=(0.0, 0.0))
     assert shot().violations(here, ROBOT) == []
     assert "step 3 (shoot) after step 2" in shot(x=0.5, y=0.5).violations(here, ROBOT)[0]
-
-
-def test_a_range_about_a_number_bounds_and_binds_nothing() -> None:
-    top = dataclasses.replace(SHOOT, pre=Condition((*SHOOT.pre.terms, Region("ball.x", 0.0, 1.5, 3.0))))
-    tops = (LIBRARY["goToBall"], LIBRARY["dribbleBall"], top)
-    assert not {(1, "x"), (1, "y")} & set(bindings(tops))
-    chain = TopChain((*shot().calls[:2], dataclasses.replace(shot().calls[2], top=top)))
-    regions = Regions(world(), chain, ROBOT, [(), ("x", "y"), ()])
-    assert regions.allowed(1, np.array([[1.0, 0.0], [2.0, 0.0], [3.2, 0.0]])).tolist() == [False, True, False]
 
 
 class TestFreePlace:
@@ -161,11 +122,6 @@ class TestFreePlace:
         elsewhere = answer(Fence(10.0, 10.0, 20.0, 20.0)).calls[1]
         assert elsewhere.goal.pose[:2] == shot().calls[1].goal.pose[:2]
 
-    def test_what_does_not_decide_on_the_region_is_searched_as_before(self) -> None:
-        analysis, regions = self.refiner.bounded(world(), shot(BOTH))
-        assert regions.allowing() is None
-        assert all(variable.limits == () for variable in analysis.free)
-
     def test_without_an_allowed_value_nothing_is_free(self) -> None:
         top = dataclasses.replace(SHOOT, pre=Condition((), (Distance("ball", "goal", 20.0, 21.0),)))
         chain = TopChain((*shot().calls[:2], dataclasses.replace(shot().calls[2], top=top)))
@@ -209,21 +165,6 @@ class TestFreePlace:
         assert narrowed.domain.high == pytest.approx(math.sqrt(left**2 + 2.0 * 0.1 * 1.2))
         assert "experience of dribbleBall: braking at up to 0.10 m/s^2" in narrowed.limits
 
-    def test_without_known_braking_the_next_action_starts_at_rest(self) -> None:
-        known = models()
-        known["dribbleBall"].experience = {"braking": (0.0, 0.0)}  # type: ignore[attr-defined]
-        assert ("speed", 0) in {(v.name, v.subgoal) for v in self.refiner.bounded(world(), shot())[0].free}
-        chain = TopChain((shot().calls[0], call("dribbleBall", 1.2, 0.0, 0.0)))
-        analysis, _ = Refiner(ROBOT, known, ranges=LIBRARY.ranges).bounded(world(), chain)
-        assert ("speed", 0) not in {(v.name, v.subgoal) for v in analysis.free}
-
-    def test_where_the_place_is_free_braking_bounds_nothing(self) -> None:
-        known = models()
-        known["dribbleBall"].experience = {"braking": (0.0, 0.1)}  # type: ignore[attr-defined]
-        analysis, _ = Refiner(ROBOT, known, ranges=LIBRARY.ranges).bounded(world(), shot(ALL))
-        [free] = [v for v in analysis.free if (v.name, v.subgoal) == ("speed", 0)]
-        assert free.limits == ()
-
     def test_ways_shorter_than_any_tried_are_not_searched(self) -> None:
         known = models()
         known["dribbleBall"].experience = {"way": (1.2, 6.0)}  # type: ignore[attr-defined]
@@ -234,13 +175,6 @@ class TestFreePlace:
             there = refiner.refine(here, chain).chain.calls[1].goal.pose
             ways.append(math.hypot(there.x - 2.2, there.y - 0.3))
         assert ways[0] < 1.2 <= ways[1]
-
-    @pytest.mark.parametrize("checks", [2, 6, 12, 25])
-    def test_at_its_deadline_the_search_returns_the_best_so_far(self, checks: int) -> None:
-        done = self.refiner.refine(world(), shot(), deadline=after(checks))
-        assert not done.complete
-        assert done.after.cost <= done.before.cost
-        assert done.chain.violations(world(), ROBOT) == []
 
 
 def test_sampled_search_comes_close_to_the_least_cost() -> None:
@@ -261,60 +195,6 @@ def test_sampled_search_comes_close_to_the_least_cost() -> None:
     assert optimum.cost <= 1.0 + 0.02
 
 
-def test_points_are_spread_evenly() -> None:
-    points = spread_points(4, 0, 256)
-    counts = np.histogram(points[:, 0] + 0.0, bins=8, range=(0.0, 1.0))[0]
-    assert counts.min() >= 28
-    cells = {tuple((row * 2).astype(int)) for row in points}
-    assert len(cells) == 16
-
-
-@pytest.mark.parametrize("placeholders", [False, True])
-def test_a_region_in_which_no_candidate_is_found_leaves_what_is_given(
-    placeholders: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # All first candidates lie at one place outside the region, as where that is tiny.
-    nowhere = lambda dimensions, _, count: np.zeros((count, dimensions))  # noqa: E731
-    monkeypatch.setattr(search_module, "spread_points", nowhere)
-    answer = Refiner(ROBOT, models()).refine(world(), shot(), placeholders=placeholders)
-    assert answer.original.calls[1].goal.pose == shot().calls[1].goal.pose
-    assert math.isfinite(answer.after.cost)
-
-
-class ConstantModel(FakeModel):
-    """Predicts one value for all candidates, as an array of that length."""
-
-    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ("duration",)) -> Any:
-        return super().predict(dict.fromkeys(direct, 0.0), measures)
-
-
-@pytest.mark.parametrize("opened", [ANGLE, ALL])
-def test_a_model_may_predict_one_value_for_all_candidates(opened: frozenset[str]) -> None:
-    known = models() | {"dribbleBall": ConstantModel(lambda _: 2.0, USED)}
-    answer = Refiner(ROBOT, known).refine(world(), shot(opened))
-    assert answer.after.actions[1]["duration"] == 2.0
-
-
-def test_a_range_outward_of_a_number_is_searched_on_its_side() -> None:
-    beyond = Condition((Region("robot.x", -2.0, 0.0, 1.0, outward=True),))
-    drive = LIBRARY["goToPose"]
-    calls = (
-        dataclasses.replace(call("goToPose", -2.5, 1.0, 0.0), open=frozenset({"x", "y", "yaw"})),
-        dataclasses.replace(call("goToPose", 1.0, 1.0, 0.0), top=dataclasses.replace(drive, pre=beyond)),
-    )
-    regions = Regions(world(), TopChain(calls), ROBOT, [("x",), ()])
-    allowed = regions.allowed(0, np.array([[-2.5], [-1.5], [-2.9], [-3.5]]))
-    assert allowed.tolist() == [True, False, True, False]
-    assert "0 to 1 outward of -2.0" in regions.limits(0)[0]
-
-
-def test_a_range_beyond_its_target_is_placed_there() -> None:
-    within = Region("ball.x", "goal.x", -2.0, -1.0, outward=True)
-    for target in (4.0, -4.0):
-        state = Condition((within,)).apply({}, {"x": target})
-        assert _placed(within, np.array([target]))[0] == state["ball.x"] == math.copysign(3.0, target)
-
-
 def test_naive_places_follow_from_naive_places_before_not_from_placeholders() -> None:
     chains = [
         TopChain(
@@ -333,28 +213,3 @@ def test_naive_places_follow_from_naive_places_before_not_from_placeholders() ->
     assert found[0] == found[1] == found[2]
     first, second = (found[0].calls[index].goal.pose for index in (1, 2))
     assert 0.5 <= first.distance(second) <= 4.0
-
-
-def test_naive_places_do_not_depend_on_placeholders_after_them() -> None:
-    near = Condition(relations=(Distance("hold", "goal", 0.5, 2.0),))
-    dribble = dataclasses.replace(LIBRARY["dribbleBall"], pre=near)
-    found = []
-    for x, y in ((2.3, 0.9), (-2.0, -1.5)):
-        last = dataclasses.replace(call("dribbleBall", x, y, 0.0, ALL), top=dribble)
-        calls = call("goToBall", 0.0, 0.0, 0.0, BOTH), call("dribbleBall", 1.0, 0.0, 0.0, ALL), last
-        naive = Refiner(ROBOT, models(), ranges=LIBRARY.ranges).naive(world(), TopChain(calls))
-        found.append(naive.calls[1].goal.pose)
-    assert found[0] == found[1]
-
-
-def test_a_step_that_turns_moves_the_hold() -> None:
-    turn = Top("turn", "turn", Condition(), Condition((Term("robot.yaw", "goal.yaw", 0.1),)))
-    held = Condition((Region("hold.x", -1.0, 0.2, 0.4),))
-    calls = (
-        dataclasses.replace(call("goToPose", -1.0, 0.0, 0.0, ANGLE), top=turn),
-        dataclasses.replace(
-            call("goToPose", 1.0, 1.0, 0.0), top=dataclasses.replace(LIBRARY["goToPose"], pre=held)
-        ),
-    )
-    regions = Regions(world(), TopChain(calls), ROBOT, [("yaw",), ()])
-    assert regions.allowed(0, np.array([[0.0], [math.pi]])).tolist() == [True, False]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 from refinement_fakes import ROBOT, FakeModel, call, world
@@ -11,7 +9,7 @@ from robots import HEAVY, PIONEER
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import Pose
-from ator_ros.refinement.chain_prediction import leaves_room, with_room
+from ator_ros.refinement.chain_prediction import leaves_room
 from ator_ros.refinement.gate import OpenGate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
@@ -33,34 +31,6 @@ def test_fast_arrivals_toward_a_bay_have_no_room_and_others_have() -> None:
     assert free(HEAVY, (toward, 0.65), room=1.0) == [True]
     assert free(HEAVY, (toward, 0.65), room=1.5) == [False]
     assert free(PIONEER, (toward, 0.8)) == [True]  # it brakes harder
-
-
-def test_a_longer_way_to_stop_leads_through_a_bay_as_well() -> None:
-    toward = (np.pi, 0.8)
-    assert [free(HEAVY, toward, room=room) for room in (1.0, 1.5, 3.0, 6.0, 10.0)] == [[False]] * 5
-
-
-def test_only_free_speeds_are_bounded() -> None:
-    chain, ones = TopChain((call("goToBall", -2.72, 0.25, 0.0),) * 2), np.ones(2)
-    candidates = np.array([(np.pi, 0.8), (np.pi, 0.1)])
-
-    def step_cost(index: int, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        return ones
-
-    assert with_room(step_cost, chain, [NAMES, ()], HEAVY, 0.0) is step_cost
-    cost = with_room(step_cost, chain, [NAMES, ()], HEAVY, 1.0)
-    assert cost(0, np.zeros((1, 0)), candidates).tolist() == [np.inf, 1.0]
-    assert cost(1, candidates, np.zeros((1, 0))).tolist() == [1.0, 1.0]
-
-
-def test_what_the_chain_asks_for_keeps_its_cost() -> None:
-    """Else a request whose time is up after the given chain would have no finite cost at all."""
-    fast = call("goToBall", -2.72, 0.25, np.pi)
-    goal = dataclasses.replace(fast.goal, speed=0.8)
-    chain = TopChain((dataclasses.replace(fast, goal=goal), call("goToBall", 0.0, 0.0, 0.0)))
-    cost = with_room(lambda _index, _before, after: np.ones(len(after)), chain, [NAMES, ()], HEAVY, 1.0)
-    candidates = np.array([(np.pi, 0.8), (np.pi, 0.79)])
-    assert cost(0, np.zeros((1, 0)), candidates).tolist() == [1.0, np.inf]
 
 
 def test_a_refiner_keeps_the_room_of_its_gate() -> None:

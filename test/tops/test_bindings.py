@@ -31,11 +31,6 @@ def test_the_place_of_the_ball_is_bound_by_the_pre_condition_of_the_step_itself(
     assert found[0, "x"] == "bound by the pre-condition of step 1 (goToBall): ball.x near goal.x"
 
 
-@pytest.mark.parametrize("top", ["goToPose", "dribbleBall", "shoot"])
-def test_what_a_step_achieves_for_any_value_binds_nothing(top: str) -> None:
-    assert not bound(top)
-
-
 def test_a_held_ball_comes_along_wherever_it_is_dribbled_to() -> None:
     assert bound("goToBall", "dribbleBall", "dribbleBall", "shoot").keys() == PLACE
 
@@ -48,10 +43,6 @@ def test_the_next_pre_condition_binds_what_decides_on_it() -> None:
     assert bound("goToPose", facing).keys() == {(0, "yaw"), (1, "yaw")}
     standing = top_with(pre=(Term("robot.v", 0.0, 0.1), Term("robot.w", 0.0, 0.1)))
     assert bound("dribbleBall", standing).keys() == {(0, "speed")}
-
-
-def test_a_goal_of_the_same_name_in_another_step_is_another_variable() -> None:
-    assert bound("goToPose", "goToBall").keys() == {(1, "x"), (1, "y")}
 
 
 def test_a_later_step_binds_where_the_ball_was_left() -> None:

@@ -7,7 +7,7 @@ import pytest
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
-from ator_ros.tops.chain import Top, TopCall, projected
+from ator_ros.tops.chain import Top, TopCall
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.objects import fetched, followed, has_left, held_first, held_last, kept, missing_object
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -49,15 +49,6 @@ def test_only_the_followed_object_leaves_a_goal() -> None:
     assert not has_left(there, call, ROBOT)
     assert not has_left(there.with_object("ball", ObjectState(1.0, 0.0, vx=2.0)), call, ROBOT)
     assert has_left(there.with_object("ball", ObjectState(1.0, 0.2)), call, ROBOT)
-
-
-def test_a_region_of_one_coordinate_places_an_object_that_is_known() -> None:
-    top = Top("push", "push", Condition(), Condition((Term("cup.y", "goal.y", 0.1),)))
-    call = TopCall(top, Goal(Pose(1.0, 2.0, 0.0)))
-    after = projected(world(cup=(0.5, 0.0)), call, ROBOT)
-    assert after.objects == {"cup": ObjectState(0.5, 2.0)}
-    assert after.robot == world().robot
-    assert projected(world(), call, ROBOT).objects == {}
 
 
 def test_the_first_unknown_object_is_named() -> None:

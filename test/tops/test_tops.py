@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
-
 import pytest
 
 from ator_ros.actions.base import Action, Goal, Point, Status, Step
 from ator_ros.domains.domain import DomainError
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of, objects_of
-from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import Simulation
-from ator_ros.tops.chain import InvalidChainError, Top, TopCall, TopChain, projected
-from ator_ros.tops.conditions import Condition, Distance, Term
-from ator_ros.tops.library import TopLibrary, driving_top
+from ator_ros.tops.chain import InvalidChainError, Top, TopCall, TopChain
+from ator_ros.tops.conditions import Condition
+from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 ROBOT = load_robot()
@@ -64,22 +60,6 @@ def test_a_valid_chain_has_no_violations() -> None:
 def test_an_invalid_chain_is_refused_in_words(chain: TopChain, told: str) -> None:
     with pytest.raises(InvalidChainError, match=told.replace("(", r"\(").replace(")", r"\)")):
         chain.check(START, ROBOT)
-
-
-def test_conditions_know_what_they_name_and_wrap_angles() -> None:
-    condition = Condition((Term("robot.yaw", "goal.yaw", 0.1), Term("ball.vx", 0.0, 0.2)))
-    assert condition.goal_names() == {"yaw"}
-    state = {"robot.yaw": math.pi - 0.01, "ball.vx": 0.1}
-    assert condition.violations(state, {"yaw": -math.pi + 0.01}) == []
-    assert len(condition.violations(state, {"yaw": 0.0})) == 1
-    assert len(condition.violations({"ball.vx": 0.0}, {"yaw": 0.0})) == 1
-
-
-def test_a_condition_takes_whole_numbers() -> None:
-    condition = Condition((Term("ball.x", 1, 0.2),))
-    assert condition.violations({"ball.x": 1.1}, {}) == []
-    assert condition.apply({"ball.x": 3.0}, {}) == {"ball.x": 1}
-    assert not condition.goal_names()
 
 
 def test_the_chain_of_the_paper_is_executed_to_its_end() -> None:
@@ -141,22 +121,3 @@ def test_what_a_library_lacks_is_told() -> None:
         SOCCER.library(ROBOT, "none")
     with pytest.raises(KeyError, match="goToBall"):
         LIBRARY["fly"]
-
-
-def test_a_step_that_only_turns_leaves_the_robot_turned() -> None:
-    turn = Top("turn", "turn", Condition(), Condition((Term("robot.yaw", "goal.yaw", 0.1),)))
-    shove = Top("shove", "shove", Condition((Term("robot.yaw", "goal.yaw", 0.1),)), LIBRARY["goToPose"].post)
-    calls = TopCall(turn, Goal(Pose(0.0, 0.0, 1.5))), TopCall(shove, Goal(Pose(1.0, 1.0, 1.5)))
-    assert projected(START, calls[0], ROBOT).robot.pose == Pose(-2.0, 0.0, 1.5)
-    assert TopChain(calls).violations(START, ROBOT) == []
-
-
-def test_a_top_drives_anywhere_only_without_any_condition() -> None:
-    drive = LIBRARY["goToPose"]
-    near = dataclasses.replace(drive, pre=Condition(relations=(Distance("robot", "goal", 0.5, 2.0),)))
-    home = [dataclasses.replace(term, target=0.0) for term in drive.post.terms]
-    there = dataclasses.replace(drive, post=Condition(tuple(home)))
-    for tops, found in (((near, there, drive), drive), ((near, there), None)):
-        named = [dataclasses.replace(top, name=f"drive{number}") for number, top in enumerate(tops)]
-        top = driving_top(TopLibrary(ROBOT, "default", tops=named, actions={drive.action: GoToPose}))
-        assert (top and top.name) == (found and "drive2")

@@ -8,8 +8,6 @@ import math
 import pytest
 from outside.delivery import DELIVERY, PARCEL
 
-from ator_ros.domains.domain import DomainError
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.simulation import Simulation
@@ -32,10 +30,6 @@ def drive(simulation: Simulation, seconds: float) -> World:
     return simulation.world()
 
 
-def test_soccer_has_the_scene_of_the_description() -> None:
-    assert SOCCER.equip(ROBOT) == ROBOT
-
-
 def test_another_domain_has_its_own_objects_and_no_goals() -> None:
     scene = DELIVERY.equip(ROBOT).scene
     assert scene == Scene(ROBOT.scene.area, {"parcel": PARCEL})
@@ -44,11 +38,6 @@ def test_another_domain_has_its_own_objects_and_no_goals() -> None:
 def test_a_description_knows_the_size_better_than_the_domain() -> None:
     measured = dataclasses.replace(PARCEL, radius=0.3)
     assert DELIVERY.equip(within(objects={"parcel": measured})).scene.objects == {"parcel": measured}
-
-
-def test_a_body_must_be_that_of_an_object() -> None:
-    with pytest.raises(DomainError, match=r"delivery: bodies: expected some of the objects, got \['cup'\]"):
-        dataclasses.replace(DELIVERY, bodies={"cup": CUP})
 
 
 def test_a_robot_stops_for_no_ball_that_the_domain_does_not_have() -> None:
@@ -68,7 +57,7 @@ def test_objects_of_several_sizes_are_pushed_and_roll_each_in_its_way() -> None:
         assert set(simulation.world().objects) == {"parcel"}
 
 
-@pytest.mark.parametrize("yaw", [0.0, 0.7, math.pi / 2, math.pi, -2.0])
+@pytest.mark.parametrize("yaw", [0.7, math.pi])
 def test_a_bay_is_open_in_front_and_closed_behind_and_beside(yaw: float) -> None:
     front = Pose(0.5, 0.3, yaw)
     bay = Bay(*front, 1.0, 0.6)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ator_ros.geometry import Pose, quaternion_from_yaw, yaw_from_quaternion
-from ator_ros.world.transforms import HERE, MOST_FRAMES, Placement, Transforms
+from ator_ros.world.transforms import HERE, Placement, Transforms
 
 
 def planar(x: float, y: float, yaw: float = 0.0) -> Placement:
@@ -69,16 +69,6 @@ def test_a_frame_is_found_along_a_chain_at_the_time_that_all_links_know() -> Non
     assert same(back.compose(placement), HERE)
 
 
-def test_between_two_stamps_it_is_on_the_way() -> None:
-    known = Transforms()
-    known.add("odom", "base_link", 1.0, planar(0.0, 0.0, 3.0))
-    known.add("odom", "base_link", 2.0, planar(1.0, 0.0, -3.0))
-    known.add("map", "odom", 1.25, HERE)
-    time, placement = known.latest("map", "base_link") or (0.0, HERE)
-    assert time == 1.25
-    assert pose_of(placement) == pytest.approx(Pose(0.25, 0.0, 3.0 + 0.25 * (2.0 * math.pi - 6.0)), abs=1e-3)
-
-
 def test_what_is_not_connected_or_not_at_one_time_is_not_known() -> None:
     known = robot_in_map()
     assert known.latest("map", "moon") is None
@@ -90,16 +80,6 @@ def test_what_is_not_connected_or_not_at_one_time_is_not_known() -> None:
     assert known.latest("map", "a") is None
 
 
-def test_frames_that_never_move_hold_at_the_time_up_to_which_the_others_are_known() -> None:
-    known = robot_in_map()
-    known.add("map", "station", 0.0, planar(4.0, 4.0), fixed=True)
-    assert known.latest("map", "station") == (0.0, planar(4.0, 4.0))
-    known.add("map", "odom", 2.0, HERE)
-    known.add("map", "station", 0.0, planar(5.0, 4.0), fixed=True)
-    assert known.latest("map", "station") == (pytest.approx(1.0), planar(5.0, 4.0))
-    assert Transforms().latest("map", "map") is None
-
-
 def test_a_clock_that_is_reset_and_a_new_parent_begin_anew() -> None:
     known = robot_in_map()
     known.add("odom", "base_link", 0.5, planar(9.0, 0.0))
@@ -108,12 +88,3 @@ def test_a_clock_that_is_reset_and_a_new_parent_begin_anew() -> None:
     assert known.latest("odom", "base_link") == (0.5, planar(8.0, 0.0))
     known.add("lift", "base_link", 0.6, planar(0.0, 0.0))
     assert known.latest("odom", "base_link") is None
-
-
-def test_frames_without_end_are_refused() -> None:
-    known = Transforms()
-    for number in range(MOST_FRAMES):
-        known.add("map", f"frame{number}", 0.0, HERE)
-    with pytest.raises(ValueError, match="expected at most 1000 frames"):
-        known.add("map", "another", 0.0, HERE)
-    known.add("map", "frame7", 1.0, HERE)

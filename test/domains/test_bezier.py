@@ -1,0 +1,97 @@
+"""The paper's action set on Bezier curves."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from action_runs import KINDS, Task, execute, execute_situation, tasks
+
+from ator_ros.actions.base import ActionError, Goal, Point
+from ator_ros.actions.situation import Situation
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL, field_of
+from ator_ros.geometry import Pose
+from ator_ros.resources import resource_path
+from ator_ros.robot.description import Robot, load_robot
+from ator_ros.world.state import ObjectState, RobotState, World
+
+AXLE_GOAL = Goal(Pose(1.0, 0.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot()
+
+
+def test_the_way_is_the_curve_from_the_robot_to_the_goal(robot: Robot) -> None:
+    action = SOCCER.actions("bezier")["goToPose"].factory(robot)
+    start, goal = Pose(-1.0, 0.5, 0.3), Pose(1.0, -0.5, 1.2)
+    world = World(0.0, RobotState(start))
+    action.start(world, Goal(goal))
+    assert action.way() is None
+    action.step(world)
+    way = action.way()
+    assert way is not None
+    assert way[0] == pytest.approx(start, abs=0.1)
+    assert way[-1] == pytest.approx(goal)
+    # Where the curve ends, a straight run-in begins.
+    assert abs(Pose(*way[-2]).relative(goal).y) < 0.01
+    assert way[-2] == pytest.approx(goal, abs=0.4)
+
+
+@pytest.mark.parametrize("name", ["dribbleBall", "shoot"])
+def test_ball_must_be_held_at_the_start(robot: Robot, name: str) -> None:
+    world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(1.0, 0.0)})
+    goal = Goal(Pose(*field_of(robot).goal_centre(), 0.0), point=Point.HOLD)
+    with pytest.raises(ActionError, match="expected the ball within"):
+        SOCCER.actions("bezier")[name].factory(robot).start(world, goal)
+
+
+@pytest.mark.parametrize("goal", [Goal(Pose(math.nan, 0.0, 0.0)), Goal(Pose(0.0, 0.0, 0.0), speed=9.0)])
+def test_impossible_goal_is_refused(robot: Robot, goal: Goal) -> None:
+    with pytest.raises(ActionError, match="expected a"):
+        SOCCER.actions("bezier")["goToPose"].factory(robot).start(
+            World(0.0, RobotState(Pose(0.0, 0.0, 0.0))), goal
+        )
+
+
+def test_shot_at_a_place_without_a_goal_is_refused(robot: Robot) -> None:
+    world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(robot.hold, 0.0)})
+    with pytest.raises(ActionError, match="goal's mouth"):
+        SOCCER.actions("bezier")["shoot"].factory(robot).start(world, AXLE_GOAL)
+
+
+@pytest.mark.parametrize(
+    ("start", "ball"),
+    [
+        ((0.03, 1.51, 1.4), (-2.93, -1.062, 0.4189)),  # round the ball by the side away from the post
+        ((-2.529, 0.99, -3.0556), (-3.0732, -0.7337, 0.1571)),  # both sides hit the post
+    ],
+)
+def test_approach_keeps_clear_of_the_posts(
+    start: tuple[float, float, float], ball: tuple[float, float, float]
+) -> None:
+    situation = Situation(
+        "goToPose",
+        RobotState(Pose(*start)),
+        {BALL: ObjectState(*ball[:2])},
+        Goal(Pose(*ball), point=Point.HOLD),
+    )
+    outcome = execute_situation(situation, Task("approach", "bezier", 0, 0))
+    assert outcome.success
+    assert outcome.duration < 15.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_actions_reach_their_goals_within_the_limits(kind: str) -> None:
+    outcomes = [execute(task) for task in tasks(kind, "bezier", 11, 8)]
+    assert sum(outcome.success for outcome in outcomes) >= 7
+    assert not any(outcome.early for outcome in outcomes)
+    assert max(outcome.excess for outcome in outcomes) <= 1.0 + 1e-9
+
+
+@pytest.mark.parametrize("kind", ["pose", "approach", "dribble"])
+def test_a_base_with_weak_accelerations_does_not_circle_round_its_goal(kind: str) -> None:
+    robot = str(resource_path("config", "pioneer_lx.yaml"))
+    assert all(execute(task).success for task in tasks(kind, "bezier", 77, 4, robot=robot))

@@ -1,0 +1,77 @@
+"""Actions on robots that are not as described: each loses some time, and does not come again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+from changed import CHANGES
+
+from ator_ros.actions.base import Action, Goal, Point, Status
+from ator_ros.domains.soccer.field import BALL
+from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
+from ator_ros.geometry import Pose
+from ator_ros.robot.description import load_robot
+from ator_ros.simulation.run import place
+from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
+from ator_ros.world.state import ObjectState, RobotState, World
+
+PIONEER = load_robot()
+_LONGEST = 30 * CONTROL_RATE
+
+
+@dataclass(frozen=True)
+class Drive:
+    """How an action went: time in s, the plans that it made after the first, the last status."""
+
+    time: float
+    plans: int
+    status: Status
+
+
+def drive(change: str, action: Action, start: World, goal: Goal) -> Drive:
+    """Execute an action of the described robot on one that has changed."""
+    changed, plans = CHANGES[change], 0
+    with Simulation(changed.robot(PIONEER), wheels=changed.wheels) as simulation:
+        place(simulation, start)
+        action.start(simulation.world(), goal)
+        for _ in range(_LONGEST):
+            step = action.step(simulation.world())
+            plans += "anew" in step.message or "; planning" in step.message
+            if step.status is not Status.RUNNING:
+                break
+            assert step.command is not None
+            simulation.command(step.command)
+            simulation.tick()
+        return Drive(simulation.time, plans, step.status)
+
+
+def approach(change: str, bearing: float, yaw: float, speed: float = 0.0) -> Drive:
+    """Approach a ball 3.5 m away, from a start turned by `bearing` (rad), to hold it at `yaw`."""
+    ball = ObjectState(1.8, 0.0)
+    start = World(0.0, RobotState(Pose(-1.7, 0.0, bearing)), {BALL: ball})
+    return drive(change, GoToPose(PIONEER), start, Goal(Pose(ball.x, ball.y, yaw), speed, Point.HOLD))
+
+
+@pytest.mark.parametrize(
+    ("change", "bearing", "yaw"),
+    [
+        ("motors", 2.2, 1.9),
+        ("wheel", 2.2, 1.9),
+    ],
+)
+def test_a_plan_waits_for_a_weaker_robot(change: str, bearing: float, yaw: float) -> None:
+    """Its time passes more slowly: the robot stays on the way, and catches the ball as it comes."""
+    described, changed = approach("none", bearing, yaw), approach(change, bearing, yaw)
+    assert changed.status is Status.SUCCEEDED
+    assert changed.plans == 0
+    assert described.time <= changed.time < 1.3 * described.time
+
+
+@pytest.mark.parametrize(("bearing", "yaw"), [(0.0, 0.0), (2.2, 1.9)])
+def test_a_robot_whose_motors_lag_brakes_in_time(bearing: float, yaw: float) -> None:
+    """It looks ahead by the lag that it has seen, and does not run into the ball."""
+    described, changed = approach("none", bearing, yaw), approach("lag", bearing, yaw)
+    assert changed.status is Status.SUCCEEDED
+    assert changed.plans == 0
+    assert changed.time < 1.2 * described.time

@@ -1,0 +1,109 @@
+"""Situations and chains that a domain's file declares."""
+
+from __future__ import annotations
+
+import itertools
+import pickle
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from ator_ros.actions.base import Point
+from ator_ros.actions.goal_variables import GoalVariable, wrong_values
+from ator_ros.actions.situation import SHORT, NoPlaceError, Situation
+from ator_ros.domains.declared_situations import (
+    ChainsOf,
+    DeclaredChain,
+    DeclaredDrives,
+    DeclaredPlace,
+    DeclaredStep,
+    DrivesOf,
+)
+from ator_ros.domains.domain import find_domain
+
+TOUR = find_domain("tour")
+ROBOT = TOUR.robot()
+LIBRARY = TOUR.library(ROBOT)
+HALL = (DeclaredPlace((-2.0, 2.0), (-1.0, 1.0)),)
+DOCK = DeclaredPlace((3.0,), (0.5,), (1.5,))
+
+
+def long_ones(drives: list[Situation]) -> list[float]:
+    """Return the distances in m from start to goal of drives that are not meant to be short."""
+    ways = [drive.robot.pose.distance(drive.goal.pose) for drive in drives]
+    long = [way for way in ways if way >= SHORT]
+    assert len(long) > 0.7 * len(ways)
+    return long
+
+
+def test_drives_keep_their_distance_and_are_the_same_for_the_same_seed() -> None:
+    sample = DrivesOf("drive_to", DeclaredDrives(HALL, HALL, apart=1.5))
+    first = [sample(ROBOT, np.random.default_rng(seed)) for seed in range(50)]
+    copied = pickle.loads(pickle.dumps(sample))  # noqa: S301 (as a worker process gets it)
+    again = [copied(ROBOT, np.random.default_rng(seed)) for seed in range(50)]
+    assert first == again
+    assert min(long_ones(first)) >= 1.5
+    assert {one.action for one in first} == {"drive_to"}
+
+
+def test_declared_goal_variables_are_drawn_from_their_range_and_the_point_is_that_of_the_top() -> None:
+    force = GoalVariable("force", "N", 2.0, 4.0)
+    sample = DrivesOf("push", DeclaredDrives(HALL, HALL), Point.HOLD, (force,))
+    goals = [sample(ROBOT, np.random.default_rng(seed)).goal for seed in range(50)]
+    assert not any(wrong_values(goal, (force,)) for goal in goals)
+    assert np.ptp([goal.values["force"] for goal in goals]) > 1.5
+    assert {goal.point for goal in goals} == {Point.HOLD}
+
+
+def test_places_that_are_too_near_are_told() -> None:
+    sample = DrivesOf("drive_to", DeclaredDrives((DOCK,), (DOCK,), apart=0.1))
+    with pytest.raises(
+        NoPlaceError, match=r"^drives of drive_to: apart: expected places 0.1 m from the one before: none of"
+    ):
+        sample(ROBOT, np.random.default_rng(0))
+
+
+def test_no_way_is_drawn_that_takes_longer_than_the_time_limit() -> None:
+    most = 4.0 * ROBOT.limits.v
+    rng = np.random.default_rng(0)
+    drive = DrivesOf("drive_to", DeclaredDrives(HALL, HALL), time_limit=4.0)
+    drawn = [drive(ROBOT, rng) for _ in range(200)]
+    assert max(one.robot.pose.distance(one.goal.pose) for one in drawn) <= most
+    steps = (DeclaredStep("visit", HALL, times=(2,)),)
+    for _ in range(50):
+        world, chain = ChainsOf(DeclaredChain("legs", HALL, steps), 4.0)(ROBOT, LIBRARY, rng)
+        places = [world.robot.pose, *(call.goal.pose for call in chain.calls)]
+        assert sum(a.distance(b) for a, b in itertools.pairwise(places)) <= most
+
+
+def test_a_tour_has_four_to_six_stations_of_which_two_are_bound() -> None:
+    rng = np.random.default_rng(3)
+    lengths: Counter[int] = Counter()
+    for _ in range(200):
+        world, chain = TOUR.chains["tour"](ROBOT, LIBRARY, rng)
+        lengths[len(chain)] += 1
+        bound = [call for call in chain.calls if not call.open]
+        assert len(bound) == 2
+        assert chain.calls[-1] is bound[-1]
+        assert all(call.open in ({"yaw"}, frozenset()) for call in chain.calls)
+        assert {(call.goal.pose.x, call.goal.pose.y) for call in bound} <= {(-3.0, 3.2), (3.5, -3.2)}
+        places = [world.robot.pose, *(call.goal.pose for call in chain.calls)]
+        assert min(a.distance(b) for a, b in itertools.pairwise(places)) >= 1.5
+        assert not chain.violations(world, ROBOT)
+    assert set(lengths) == {4, 5, 6}
+
+
+@pytest.mark.parametrize(
+    ("make", "expected"),
+    [
+        (lambda: DeclaredPlace((1.0, 0.0), (0.0,)), "x: expected .*least, greatest"),
+        (lambda: DeclaredPlace((0.0,), (0.0, 2e8)), "y: expected .* none beyond 1e\\+08"),
+        (lambda: DeclaredDrives(HALL, HALL, -1.0), "apart: expected a distance"),
+        (lambda: DeclaredChain("tour", HALL, ()), "steps: expected 1 to 32"),
+        (lambda: DeclaredChain("a tour", HALL, (DeclaredStep("visit", HALL),)), "name: expected a name"),
+    ],
+)
+def test_what_cannot_be_drawn_from_is_refused(make: object, expected: str) -> None:
+    with pytest.raises(ValueError, match=f"^{expected}"):
+        make()  # type: ignore[operator]

@@ -1,0 +1,106 @@
+"""Domains: found by the names of their entry points, complete, or refused in one sentence."""
+
+from __future__ import annotations
+
+import dataclasses
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+from view.in_process import InProcessBackend
+
+from ator_ros.domains import domain as domains
+from ator_ros.domains.domain import DomainError, find_domain
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.trials import possible_actions, possible_chain, random_trial
+from ator_ros.experience.table import read_experience
+from ator_ros.performance.features import GENERAL
+from ator_ros.robot.description import ConfigError, load_robot
+from ator_ros.tools import collect
+from ator_ros.view.editor import Editor
+
+
+def install(monkeypatch: pytest.MonkeyPatch, value: str) -> None:
+    """Let `value` be the entry point of the one domain that is installed."""
+    entry = EntryPoint("other", value, domains.GROUP)
+    monkeypatch.setattr(domains, "entry_points", lambda *, group: [entry] if group == domains.GROUP else [])
+
+
+def test_an_unknown_name_is_refused_with_the_names_there_are() -> None:
+    with pytest.raises(
+        DomainError, match=r"ator_ros.domains, one of \['drive', 'soccer', 'tour'\], got 'chess'"
+    ):
+        find_domain("chess")
+
+
+def test_a_domain_of_another_package_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    install(monkeypatch, "ator_ros.domains.soccer.domain:SOCCER")
+    assert find_domain("other") is SOCCER
+    with pytest.raises(DomainError, match="other"):
+        find_domain("soccer")
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        ("ator_ros.domains.soccer.tops:TOPS", "to be a Domain, got tuple"),
+        ("no_such_package.domain:DOMAIN", "ModuleNotFoundError"),
+        ("ator_ros.domains.soccer.domain:CHESS", "AttributeError"),
+    ],
+)
+def test_what_is_no_domain_is_named(monkeypatch: pytest.MonkeyPatch, value: str, expected: str) -> None:
+    install(monkeypatch, value)
+    with pytest.raises(DomainError, match=f"^domain other: .*{expected}"):
+        find_domain("other")
+
+
+SMALL = dataclasses.replace(
+    SOCCER, action_sets={**SOCCER.action_sets, "small": SOCCER.action_sets["default"][:1]}
+)
+"""With a set of actions that can drive, and nothing else."""
+LACKS = "dribbleBall needs the action dribbleBall; action set small has none of that name"
+
+
+def test_an_incomplete_action_set_leaves_out_what_needs_the_others() -> None:
+    robot = load_robot()
+    assert SMALL.library(robot).incomplete == ""
+    assert dict(SMALL.library(robot)) == dict(SOCCER.library(robot))
+    library = SMALL.library(robot, "small")
+    assert list(library) == ["goToPose", "goToBall"]
+    assert library.incomplete == (
+        "action set small: without dribbleBall, shoot: "
+        "expected also the actions dribbleBall, shoot, it has goToPose"
+    )
+    assert "dribbleBall" not in library
+    with pytest.raises(ConfigError) as refused:
+        library["dribbleBall"]
+    assert str(refused.value) == LACKS
+
+
+def test_a_chain_that_needs_what_is_left_out_is_refused_by_name_and_others_are_drawn() -> None:
+    robot = SMALL.robot()
+    library = SMALL.library(robot, "small")
+    assert len(random_trial(SMALL, "drive", library, seed=1, index=0).chain) == 2
+    with pytest.raises(ConfigError, match=f"^chain dribble of soccer: {LACKS}$"):
+        random_trial(SMALL, "dribble", library, seed=1, index=0)
+    actions, left_out = possible_actions(SMALL, "small", robot)
+    assert actions == ["goToPose"]
+    assert left_out == {"dribbleBall": LACKS, "shoot": LACKS.replace("dribbleBall", "shoot")}
+    assert possible_chain(SMALL, library, "dribble", actions) == "drive"
+    editor = Editor(InProcessBackend(SMALL, robot), SMALL, {"small": library})
+    assert editor.chain_name == "drive"
+
+
+def test_collect_takes_the_actions_that_the_set_has(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    install(monkeypatch, f"{__name__}:SMALL")
+    table = tmp_path / "table.parquet"
+    words = ["--domain", "other", "--action-set", "small", "--episodes", "1", "--jobs", "1"]
+    assert collect.main([*words, "--out", str(table)]) == 0
+    assert set(read_experience(table).frame["action"]) == {"goToPose"}
+
+
+def test_features_that_there_are_not_and_names_that_are_taken_are_refused() -> None:
+    with pytest.raises(DomainError, match=r"'default': goToPose: features: expected .*got \['drive_time'"):
+        dataclasses.replace(SOCCER, features=())
+    with pytest.raises(DomainError, match=r"features: expected each name once, \['dist'\] are repeated"):
+        dataclasses.replace(SOCCER, features=(*SOCCER.features, GENERAL["dist"]))

@@ -1,0 +1,87 @@
+"""Robots unlike the Pioneer: the shipped descriptions, and what their actions and simulation need besides."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from robots import FIFTH, HEAVY, OTHERS, PIONEER, PLAIN, QUICK, SHIPPED
+
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
+from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
+from ator_ros.evaluation.chain_run import run_chain
+from ator_ros.evaluation.trials import random_trial, with_headings
+from ator_ros.geometry import Pose
+from ator_ros.nodes.simulation import robots_of
+from ator_ros.robot.description import Limits, NoHolderError, Robot, load_robot
+from ator_ros.simulation.run import place
+from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
+from ator_ros.world.state import Command, RobotState, World
+
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "robots.md"
+RACER = dataclasses.replace(
+    PIONEER,
+    name="racer",
+    limits=Limits(v=2.5, w=6.0, a=2.0, brake=2.0, aw=12.0),
+    holder=dataclasses.replace(
+        PIONEER.holder_for("a test"), limits=Limits(v=2.0, w=2.0, a=1.5, brake=1.2, aw=6.0)
+    ),
+)
+"""Its limits are more than wheels and ball can do at once."""
+
+
+def test_the_shipped_robots_differ_as_the_documentation_says() -> None:
+    text = DOCS.read_text(encoding="utf-8")
+    assert all(f"config/{file.name}" in text for file in SHIPPED)
+    lags = [robot.motor_time_constant for robot in (QUICK, PIONEER, PLAIN, HEAVY)]
+    assert lags == sorted(lags)
+    assert (lags[0], lags[-1]) == (0.02, 0.15)
+    assert 0.3 <= PLAIN.limits.v <= 0.5
+    assert [robot.holder is None for robot in (PIONEER, PLAIN, HEAVY, QUICK)] == [False, True, False, False]
+    assert len({robot.digest() for robot in (PIONEER, PLAIN, *OTHERS)}) == 6
+
+
+def test_without_a_holder_there_is_a_chain_but_no_dribble() -> None:
+    with pytest.raises(NoHolderError, match="dribbleBall needs a holder; robot turtlebot4 has none"):
+        SOCCER.actions()["dribbleBall"].factory(PLAIN)
+    world, chain = SOCCER.chains["drive"](PLAIN, SOCCER.library(PLAIN), np.random.default_rng(1))
+    assert [call.top.name for call in chain.calls] == ["goToPose", "goToPose"]
+    assert not world.objects
+
+
+@pytest.mark.parametrize("robot", [PIONEER, PLAIN, HEAVY, QUICK, FIFTH], ids=lambda robot: robot.name)
+def test_the_simulated_base_lags_as_it_is_described(robot: Robot) -> None:
+    gain, ticks = 0.9 * robot.limits.a, 10
+    assert gain * ticks / CONTROL_RATE < robot.limits.v
+    with Simulation(robot) as simulation:
+        place(simulation, World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {}))
+        for tick in range(1, ticks + 1):
+            simulation.command(Command(gain * tick / CONTROL_RATE, 0.0))
+            simulation.tick()
+        behind = ticks / CONTROL_RATE - simulation.world().robot.v / gain
+    assert behind == pytest.approx(robot.motor_time_constant, abs=0.015)
+
+
+def test_plans_turn_no_faster_than_wheels_grip() -> None:
+    for robot in (PIONEER, *OTHERS, RACER):
+        for action in (GoToPose(robot), DribbleBall(robot)):
+            limits = action.plan_limits
+            assert limits.v * limits.w <= 4.0 + 1e-9
+    assert GoToPose(PIONEER).plan_limits.w == 0.97 * PIONEER.limits.w
+    assert DribbleBall(RACER).plan_limits.brake == pytest.approx(0.65)
+
+
+@pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.stem)
+def test_nodes_take_each_file_and_a_naive_chain_succeeds(file: Path) -> None:
+    (robot,) = robots_of({"domain": "soccer", "robot": str(file), "robots": [""], "descriptions": [""]})
+    assert robot == load_robot(file)
+    library = SOCCER.library(robot)
+    trial = random_trial(SOCCER, "dribble" if robot.holder else "drive", library, seed=3, index=0)
+    start, first = trial.world.robot.pose, trial.chain.calls[0].goal.pose
+    chain = with_headings(trial.chain, {0: math.atan2(first.y - start.y, first.x - start.x)})
+    done = run_chain(robot, library, trial.world, chain)
+    assert done.success, done.reason

@@ -1,0 +1,168 @@
+"""The default actions, executed in the simulation."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from action_runs import KINDS, Task, execute, execute_situation
+from planned import slices_of
+
+from ator_ros.actions.base import ActionError, Goal, Point, Status
+from ator_ros.actions.situation import Situation
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL, ball_of
+from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
+from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
+from ator_ros.execution.chain_executor import ChainExecutor
+from ator_ros.geometry import Pose
+from ator_ros.motion import planning
+from ator_ros.robot.description import load_robot
+from ator_ros.simulation.simulation import TICK, Simulation
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.world.state import STOP, RobotState, World
+from benchmarks.speed import hard_situations
+
+ROBOT = load_robot()
+AT_ORIGIN = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_actions_reach_their_goals_within_the_limits(kind: str) -> None:
+    outcomes = [execute(Task(kind, "default", 78, index)) for index in range(8)]
+    # A shot may start beside a post, with the robot's nose against it and no room to get away.
+    allowed = 1 if kind == "shoot" else 0
+    assert len([outcome.reason for outcome in outcomes if not outcome.success]) <= allowed
+    assert not any(outcome.early for outcome in outcomes)
+    assert max(outcome.excess for outcome in outcomes) <= 1.0 + 1e-9
+
+
+def test_a_ball_that_rolls_is_followed() -> None:
+    action = GoToPose(ROBOT)
+    with Simulation(ROBOT) as simulation:
+        simulation.place_robot(Pose(-2.0, 0.0, 0.0))
+        simulation.place_object(BALL, 0.0, 0.0)
+        action.start(simulation.world(), Goal(Pose(0.0, 0.0, 0.5), 0.0, Point.HOLD))
+        for tick in range(600):
+            if tick == 20:
+                simulation.place_object(BALL, 0.0, 0.0, vx=0.6, vy=0.4)
+            step = action.step(simulation.world())
+            if step.status is not Status.RUNNING:
+                break
+            simulation.command(step.command)
+            simulation.tick()
+        world = simulation.world()
+    assert step.status is Status.SUCCEEDED
+    assert ball_of(world) is not None
+    assert ball_of(world).x > 0.2
+    hold = ROBOT.hold_point(world.robot.pose)
+    assert math.hypot(hold.x - ball_of(world).x, hold.y - ball_of(world).y) < 0.06
+
+
+def test_a_ball_taken_away_while_dribbling_is_reported() -> None:
+    action = DribbleBall(ROBOT)
+    with Simulation(ROBOT) as simulation:
+        simulation.place_robot(Pose(0.0, 0.0, 0.0))
+        simulation.place_object(BALL, ROBOT.hold, 0.0)
+        action.start(simulation.world(), Goal(Pose(2.0, 0.0, 0.0), 0.0, Point.HOLD))
+        simulation.place_object(BALL, 2.0, 2.0)
+        step = action.step(simulation.world())
+    assert step.status is Status.FAILED
+    assert "lost the ball" in step.message
+
+
+@pytest.mark.parametrize("speed", [-0.1, 5.0, math.nan])
+def test_an_impossible_arrival_speed_is_refused(speed: float) -> None:
+    with pytest.raises(ActionError, match="arrival speed"):
+        GoToPose(ROBOT).start(AT_ORIGIN, Goal(Pose(1.0, 0.0, 0.0), speed))
+
+
+def test_dribbling_without_a_ball_is_refused() -> None:
+    with pytest.raises(ActionError, match="ball in front"):
+        DribbleBall(ROBOT).start(AT_ORIGIN, Goal(Pose(1.0, 0.0, 0.0), 0.0, Point.HOLD))
+
+
+def test_starts_in_motion_are_driven_as_planned() -> None:
+    moving = Situation(
+        "goToPose", RobotState(Pose(0.0, 0.0, 0.3), 0.8, 1.2), {}, Goal(Pose(2.0, 1.0, 1.0), 0.0)
+    )
+    outcome = execute_situation(moving, Task("pose", "default", 0, 0))
+    action = GoToPose(ROBOT)
+    action.start(World(0.0, moving.robot), moving.goal)
+    seconds_to_go = float(action.step(World(0.0, moving.robot)).message.split()[1])
+    assert outcome.success
+    assert outcome.duration == pytest.approx(seconds_to_go, abs=0.1)
+
+
+PLACE = (0.0, 0.0)
+ALLOWANCE = 2 * TICK
+
+
+def approach(late: int, unseen: int = 0) -> tuple[float, float]:
+    """Drive to a ball; give the duration and how far the ball moved.
+
+    The first `late` commands are lost, and then the action does not see the next `unseen` states.
+    """
+    with Simulation(ROBOT) as simulation:
+        simulation.place_robot(Pose(-2.0, 0.0, 0.0))
+        simulation.place_object("ball", *PLACE)
+        action = GoToPose(ROBOT)
+        action.start(simulation.world(), Goal(Pose(*PLACE, 0.0), 0.0, Point.HOLD))
+        for tick in range(400):
+            world = simulation.world()
+            if not 0 < tick - late + 1 <= unseen:
+                step = action.step(world)
+            if step.status is not Status.RUNNING:
+                break
+            simulation.command(STOP if tick < late else step.command)
+            simulation.tick()
+        assert step.status is Status.SUCCEEDED, step.message
+        assert ball_of(world) is not None
+        return world.time, abs(ball_of(world).x) + abs(ball_of(world).y)
+
+
+@pytest.mark.parametrize(("late", "unseen"), [(1, 0), (10, 0), (2, 1)])
+def test_a_late_start_costs_its_delay_and_the_ball_stays(late: int, unseen: int) -> None:
+    punctual, _ = approach(0)
+    duration, moved = approach(late, unseen)
+    assert duration <= punctual + (late + unseen) * TICK + ALLOWANCE
+    assert moved < 0.02
+
+
+def test_a_robot_that_never_starts_does_not_make_the_plan_wait_for_ever() -> None:
+    with Simulation(ROBOT) as simulation:
+        simulation.place_robot(Pose(-2.0, 0.0, 0.0))
+        action = GoToPose(ROBOT)
+        action.start(simulation.world(), Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.AXLE))
+        for _ in range(400):
+            step = action.step(simulation.world())
+            if step.status is not Status.RUNNING:
+                break
+            simulation.tick()
+        assert step.status is Status.FAILED
+        assert "gave up after 20 new plans" in step.message
+
+
+LARGEST_PORTION = 100  # points of planning: less than a third of a slice
+
+
+def test_no_tick_plans_for_more_than_a_slice() -> None:
+    long = 0
+    for name, world, goal in hard_situations(ROBOT, 40, seed=3):
+        slices = slices_of(SOCCER.actions()[name].factory(ROBOT), world, goal)
+        assert max(map(sum, slices)) <= planning.SLICE
+        assert max(map(max, filter(None, slices)), default=0) <= LARGEST_PORTION
+        long += len(slices) > 1
+    assert long > 4, "expected plans that take several ticks"
+
+
+def test_a_tick_begins_one_action_at_most() -> None:
+    library = SOCCER.library(ROBOT)
+    here = Pose(1.0, 0.5, 0.3)
+    call = TopCall(library["goToPose"], Goal(here), frozenset({"x", "y", "yaw", "speed"}))
+    executor = ChainExecutor(library, TopChain((call,) * 5))
+    for tick in range(1, 5):
+        step = executor.step(World(0.05 * tick, RobotState(here)))
+        assert step.status is Status.RUNNING
+        assert len(executor.records) <= tick
+    assert math.isclose(step.elapsed, 0.15)

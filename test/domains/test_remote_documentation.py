@@ -1,0 +1,64 @@
+"""Every YAML file that docs/remote_actions.md prints is a domain, and the one for Nav2 fits its types."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from documentation import ROOT
+from rosidl_parser.definition import BasicType, NamespacedType, UnboundedString
+
+from ator_ros.actions.base import Goal
+from ator_ros.actions.remote import failure_in
+from ator_ros.domains.domain import Domain, find_domain
+from ator_ros.geometry import Pose
+from ator_ros.nodes.remote_messages import GoalWriter, check_result
+
+PAGE = (ROOT / "docs" / "remote_actions.md").read_text(encoding="utf-8")
+FILES = re.findall(r"^```yaml\n(.*?)^```$", PAGE, flags=re.MULTILINE | re.DOTALL)
+SUCCEEDED = 4
+
+
+def domain_in(folder: Path, text: str) -> Domain:
+    file = folder / "printed.yaml"
+    file.write_text(text, encoding="utf-8")
+    return find_domain(str(file))
+
+
+def message(**slots: object) -> type:
+    """Return a message class with these fields, as nav2_msgs has them where it is installed."""
+
+    class Message(SimpleNamespace):
+        SLOT_TYPES = tuple(slots.values())
+
+        @classmethod
+        def get_fields_and_field_types(cls) -> dict[str, str]:
+            return {name: str(slot) for name, slot in slots.items()}
+
+    return Message
+
+
+GOAL = message(pose=NamespacedType(["geometry_msgs", "msg"], "PoseStamped"), behavior_tree=UnboundedString())
+RESULT = message(error_code=BasicType("uint16"))
+
+
+def test_the_example_is_declared_as_printed() -> None:
+    assert (ROOT / "docs" / "shuttle" / "my_domain.yaml").read_text(encoding="utf-8") == FILES[1]
+    assert find_domain(str(ROOT / "docs" / "shuttle" / "my_domain.yaml")).robot(None).name == "my_robot"
+
+
+@pytest.mark.parametrize("text", FILES, ids=["stations", "shuttle", "errands"])
+def test_each_file_is_a_domain(tmp_path: Path, text: str) -> None:
+    domain = domain_in(tmp_path, text)
+    assert {top.action for top in domain.tops} <= set(domain.actions())
+
+
+def test_the_file_for_nav2_fits_its_types(tmp_path: Path) -> None:
+    remote = domain_in(tmp_path, FILES[0]).actions()["navigate_to_pose"].remote
+    sent = GoalWriter(remote, GOAL, "map").written(Goal(Pose(1.0, 2.0, 0.0)))
+    assert (sent.pose.header.frame_id, sent.pose.pose.position.y, sent.behavior_tree) == ("map", 2.0, "")
+    check_result(remote, RESULT)
+    assert failure_in(remote, SUCCEEDED, RESULT(error_code=0)) is None
+    assert failure_in(remote, SUCCEEDED, RESULT(error_code=9003)) == "error_code: expected 0, got 9003"

@@ -1,0 +1,77 @@
+"""The example server's law, and the action that stands in for the server."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from ator_ros.actions.base import Goal, Status
+from ator_ros.domains.domain import find_domain
+from ator_ros.domains.tour.stand_in import DriveToStandIn
+from ator_ros.examples.rotate_drive_rotate import ENDED, Doing, RotateDriveRotate, Seen, Tuning
+from ator_ros.geometry import Pose
+from ator_ros.simulation.run import place, run_action
+from ator_ros.simulation.simulation import Simulation
+from ator_ros.world.state import Command, RobotState, World
+
+ROBOT = find_domain("tour").robot()
+
+
+def phases(start: Pose, goal: Pose, tuning: Tuning | None = None) -> tuple[list[Doing], list[Command], Pose]:
+    """Drive in the simulation; return the phases in their order, the commands, and where it ended."""
+    law, doing, commands = RotateDriveRotate(tuple(goal), tuning), [], []
+    with Simulation(ROBOT) as simulation:
+        place(simulation, World(0.0, RobotState(start)))
+        while law.doing not in ENDED:
+            state = simulation.world()
+            robot = state.robot
+            commands.append(Command(*law.step(Seen(state.time, *robot.pose, robot.v, robot.w))))
+            if not doing or doing[-1] is not law.doing:
+                doing.append(law.doing)
+            simulation.command(commands[-1])
+            simulation.tick()
+        return doing, commands, simulation.world().robot.pose
+
+
+@pytest.mark.parametrize(
+    ("start", "first", "backward"),
+    [
+        (Pose(-2.0, 0.0, 0.5), Doing.FOLLOWING, False),
+        (Pose(-2.0, 0.0, 1.2), Doing.ROTATING_TO_PATH, False),
+        (Pose(-2.0, 0.0, 3.0), Doing.FOLLOWING, True),
+    ],
+)
+def test_it_turns_follows_and_turns(start: Pose, first: Doing, backward: bool) -> None:
+    goal = Pose(1.0, 0.3, 1.0)
+    doing, commands, end = phases(start, goal)
+    assert doing[0] is first
+    assert doing[-4:] == [Doing.FOLLOWING, Doing.ROTATING_TO_GOAL, Doing.SETTLING, Doing.ARRIVED]
+    assert (min(c.v for c in commands) < -0.1) is backward
+    assert (max(c.v for c in commands) > 0.1) is not backward
+    assert end.distance(goal) < 0.1
+    assert abs(end.yaw - goal.yaw) < 0.16
+    assert commands[-1] == Command()
+
+
+def test_it_gives_up_after_its_time() -> None:
+    doing, _, _ = phases(Pose(-2.0, 0.0, 0.0), Pose(2.0, 0.0, 0.0), Tuning(time_limit=1.0))
+    assert doing[-1] is Doing.TOO_LONG
+
+
+def test_the_stand_in_waits_until_the_robot_stands_and_succeeds() -> None:
+    with Simulation(ROBOT) as simulation:
+        place(simulation, World(0.0, RobotState(Pose(-1.0, 0.0, 0.0), 0.4)))
+        goal = Goal(Pose(1.0, 0.5, math.pi / 2))
+        steps = []
+
+        def watched(action: object, world: World) -> object:
+            steps.append(action.step(world))  # type: ignore[attr-defined]
+            return steps[-1]
+
+        done = run_action(simulation, DriveToStandIn(ROBOT), goal, time_limit=60.0, step=watched)
+        assert done.status is Status.SUCCEEDED
+        stopping = [step for step in steps if "stopping" in step.message]
+        assert len(stopping) > 3
+        assert all(step.command == Command() for step in stopping)
+        assert simulation.world().robot.pose.distance(goal.pose) < 0.1

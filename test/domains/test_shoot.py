@@ -1,0 +1,102 @@
+"""The run-ups of shoot: they lead into the goal, as fast from neighbouring starts."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from ator_ros.actions.base import Goal, Point
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL, behind_line, field_of, is_in_goal
+from ator_ros.domains.soccer.planned.shoot import Shoot
+from ator_ros.domains.soccer.tops import SHOOT
+from ator_ros.geometry import Pose
+from ator_ros.motion.manoeuvre import Manoeuvre
+from ator_ros.motion.trajectory import Trajectory
+from ator_ros.robot.description import load_robot
+from ator_ros.tops.outcome import unmet
+from ator_ros.world.state import ObjectState, RobotState, World
+
+ROBOT = load_robot()
+MOUTH = Pose(*field_of(ROBOT).goal_centre(), 0.0)
+
+
+def planned(start: Pose, speed: float = 0.0, mouth: Pose = MOUTH) -> Manoeuvre:
+    action, ball = Shoot(ROBOT), ROBOT.hold_point(start)
+    world = World(0.0, RobotState(start, speed), {BALL: ObjectState(ball.x, ball.y)})
+    action.start(world, Goal(mouth, 0.0, Point.HOLD))
+    planning = action.plan(world)
+    try:
+        while True:
+            next(planning)
+    except StopIteration as done:
+        return done.value
+
+
+def starts(seed: int, count: int) -> list[RobotState]:
+    """Draw starts at least a metre before the goal line, where no post is in the way."""
+    rng = np.random.default_rng(seed)
+    drawn: list[RobotState] = []
+    while len(drawn) < count:
+        state = SOCCER.actions()["shoot"].sample(ROBOT, rng).robot
+        if state.pose.x < MOUTH.x - 1.0:
+            drawn.append(state)
+    return drawn
+
+
+def crossing(plan: Manoeuvre) -> float:
+    """Return where on the line the ball crosses it, in m from the middle of the mouth."""
+    ball = MOUTH.relative(plan.goal).ahead(ROBOT.hold)
+    return ball.y - ball.x * math.tan(ball.yaw)
+
+
+def test_every_run_up_ends_where_the_ball_rolls_between_the_posts() -> None:
+    for state in starts(71, 25):
+        plan = planned(state.pose, max(0.0, state.v))
+        ball = MOUTH.relative(plan.goal).ahead(ROBOT.hold)
+        way = (ROBOT.scene.radius(BALL) - ball.x) / math.cos(ball.yaw)
+        rolled_out = plan.exit.outer_speed**2 / (2.0 * ROBOT.scene.objects[BALL].rolling_deceleration)
+        assert 0.0 <= way < 0.7 * rolled_out
+        assert abs(crossing(plan)) + ROBOT.scene.radius(BALL) < field_of(ROBOT).goal_width / 2.0 - 0.2
+        trajectory = Trajectory(plan)
+        unspread = trajectory.at(trajectory.duration - 1e-9).pose
+        assert unspread.distance(plan.goal) < 1e-3
+        assert plan.is_forward()
+
+
+def test_the_robot_stops_before_the_wall_of_the_goal() -> None:
+    for state in starts(72, 25):
+        plan = planned(state.pose)
+        stop = MOUTH.relative(plan.goal).ahead(plan.exit.outer_speed**2 / (2.0 * ROBOT.limits.brake))
+        assert stop.x + ROBOT.reach < field_of(ROBOT).goal_depth
+        assert abs(stop.y) + ROBOT.reach < field_of(ROBOT).goal_width / 2.0
+
+
+def test_both_goals_are_shot_at_alike() -> None:
+    start = Pose(2.0, 0.7, 1.0)
+    there = planned(start)
+    other = planned(
+        Pose(-start.x, -start.y, start.yaw + math.pi), mouth=Pose(-MOUTH.x, 0.0, 0.0)
+    )  # fmt: skip
+    assert other.duration == pytest.approx(there.duration)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_ball_is_in_the_goal_where_the_post_condition_of_shoot_says_so(side: int) -> None:
+    field, robot = field_of(ROBOT), RobotState(Pose(0.0, 0.0, 0.0))
+    mouth = Pose(*field.goal_centre(side), 0.0)
+    inside = 0
+    for deep in np.linspace(-0.5, field.goal_depth, 23):
+        for y in np.linspace(-1.5, 1.5, 31):
+            ball = ObjectState(mouth.x + side * deep, float(y))
+            assert behind_line(ball, mouth, field) == pytest.approx(deep)
+            scored = not unmet(SHOOT, World(0.0, robot, {BALL: ball}), Goal(mouth), ROBOT)
+            on_an_edge = abs(deep) < 1e-9 or abs(abs(y) - field.goal_width / 2) < 1e-9
+            assert on_an_edge or is_in_goal(ball, mouth, field, 0.0) == scored
+            inside += scored
+    assert inside > 100
+    almost = ObjectState(mouth.x + side * 0.1, 0.0)
+    assert is_in_goal(almost, mouth, field, 0.09)
+    assert not is_in_goal(almost, mouth, field, 0.11)

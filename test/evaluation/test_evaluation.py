@@ -1,0 +1,129 @@
+"""Trials, policies, rulers, and one executed situation."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import shutil
+from pathlib import Path
+
+import pytest
+from refinement_fakes import LIBRARY, ROBOT, models
+
+from ator_ros.actions import TIME_LIMIT
+from ator_ros.domains.soccer.chains import SHOOTING_DISTANCE
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import field_of
+from ator_ros.evaluation.chain_run import run_chain
+from ator_ros.evaluation.policies import POLICIES
+from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
+from ator_ros.evaluation.trials import (
+    Trial,
+    random_trial,
+    with_headings,
+)
+from ator_ros.refinement.gate import OpenGate, ThresholdGate
+from ator_ros.resources import resource_path
+
+
+def trial(index: int = 0, chain: str = "dribble") -> Trial:
+    return random_trial(SOCCER, chain, LIBRARY, seed=403, index=index)
+
+
+@pytest.fixture(scope="module")
+def tools() -> Toolset:
+    return Toolset(SOCCER, ROBOT, models(), ThresholdGate(0.1))
+
+
+class TestTrials:
+    def test_depend_on_seed_and_index_only(self) -> None:
+        assert trial(3) == trial(3)
+        assert trial(3) != trial(4)
+        assert trial(3) != random_trial(SOCCER, "dribble", LIBRARY, seed=404, index=3)
+
+    @pytest.mark.parametrize("chain", list(SOCCER.chains))
+    def test_are_valid_plans_that_leave_only_headings_open(self, chain: str) -> None:
+        for index in range(50):
+            drawn = trial(index, chain)
+            ready = with_headings(drawn.chain, dict.fromkeys(range(len(drawn.chain.calls) - 1), 0.3))
+            assert ready.violations(drawn.world, ROBOT) == []
+            assert [call.open for call in drawn.chain.calls[:-1]] == [frozenset({"yaw"})] * (
+                len(ready.calls) - 1
+            )
+            assert not drawn.chain.calls[-1].open
+
+    def test_shooting_positions_lie_before_the_goal(self) -> None:
+        x, y = field_of(ROBOT).goal_centre()
+        for index in range(100):
+            place = trial(index, "shoot").chain.calls[1].goal.pose
+            low, high = SHOOTING_DISTANCE
+            assert low <= math.hypot(x - place.x, y - place.y) <= high
+
+
+class TestPolicies:
+    @pytest.mark.parametrize("name", list(POLICIES))
+    def test_choose_a_valid_chain_with_the_plans_commitments_kept(self, name: str, tools: Toolset) -> None:
+        for chain in SOCCER.chains:
+            drawn = trial(1, chain)
+            chosen = POLICIES[name](tools, drawn).chain
+            assert chosen.violations(drawn.world, ROBOT) == []
+            for plan, call in zip(drawn.chain.calls, chosen.calls, strict=True):
+                assert call.goal.pose[:2] == plan.goal.pose[:2]
+                if not name.endswith("_speed"):
+                    assert call.goal.speed == 0.0
+
+    def test_face_goal_puts_the_ball_between_robot_and_goal(self, tools: Toolset) -> None:
+        drawn = trial(2)
+        chosen = POLICIES["face_goal"](tools, drawn).chain
+        robot = chosen.calls[0].goal.robot_pose(ROBOT)
+        ball, goal = chosen.calls[0].goal.pose, chosen.calls[1].goal.pose
+        assert robot.distance(ball) + ball.distance(goal) == pytest.approx(robot.distance(goal))
+
+    def test_closed_gate_leaves_the_naive_chain(self, tools: Toolset) -> None:
+        closed = dataclasses.replace(tools, gate=ThresholdGate(1000.0))
+        drawn = trial(4)
+        gated, naive = POLICIES["gated"](closed, drawn).chain, POLICIES["naive"](closed, drawn).chain
+        assert [call.goal for call in gated.calls] == [call.goal for call in naive.calls]
+
+    def test_arrival_speed_is_refined_only_where_asked(self, tools: Toolset) -> None:
+        # The fakes' probability of failure grows with the speed; here a failure costs next to nothing.
+        bold = dataclasses.replace(tools, domain=dataclasses.replace(tools.domain, time_limit=0.1))
+        speeds = [
+            POLICIES["refined_speed"](bold, trial(index)).chain.calls[0].goal.speed for index in range(5)
+        ]
+        assert max(speeds) > 0.2
+
+
+class TestExecution:
+    def test_a_chain_brings_the_ball_to_its_goal_the_same_way_each_time(self) -> None:
+        drawn = trial(5)
+        to_ball = drawn.world.robot.pose.relative(drawn.chain.calls[0].goal.pose)
+        chain = with_headings(drawn.chain, {0: drawn.world.robot.pose.yaw + math.atan2(to_ball.y, to_ball.x)})
+        runs = [run_chain(ROBOT, LIBRARY, drawn.world, chain, keep_path=True) for _ in range(2)]
+        assert runs[0] == runs[1]
+        assert runs[0].success, runs[0].reason
+        assert runs[0].duration == pytest.approx(sum(runs[0].actions))
+        x, y, ball_x, ball_y = runs[0].path[-1]
+        goal = chain.calls[1].goal.pose
+        assert math.hypot(ball_x - goal.x, ball_y - goal.y) < 0.1
+        assert math.hypot(x - ball_x, y - ball_y) < 0.5
+
+    def test_a_failed_chain_counts_at_the_time_limit(self) -> None:
+        drawn = trial(5)
+        without_ball = dataclasses.replace(drawn.world, objects={})
+        run = run_chain(ROBOT, LIBRARY, without_ball, with_headings(drawn.chain, {0: 0.0}))
+        assert not run.success
+        assert run.duration == TIME_LIMIT
+        assert "pre-condition of goToBall" in run.reason
+
+
+def test_a_gate_that_was_learned_meanwhile_is_used(tmp_path: Path) -> None:
+    shipped = resource_path("models")
+    for name in ("goToPose.json", "dribbleBall.json", "shoot.json"):
+        shutil.copy(shipped / name, tmp_path)
+    source = ToolsetSource(models=str(tmp_path))
+    before, _ = tools_of(source)
+    assert isinstance(before.gate, OpenGate)
+    assert tools_of(source)[0] is before
+    shutil.copy(shipped / "gate.json", tmp_path)
+    assert not isinstance(tools_of(source)[0].gate, OpenGate)

@@ -1,0 +1,175 @@
+"""Table 1 and the comparison of gates from records with known outcomes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ator_ros.evaluation.gate_learning import (
+    GateExamples,
+    better_kind,
+    compare_gates,
+    decisions,
+    fit_threshold,
+    fit_to_drawn_errors,
+    fit_tree,
+)
+from ator_ros.evaluation.running import PartialResults, read_result, to_records, write_result
+from ator_ros.evaluation.situation import Settings
+from ator_ros.evaluation.statistics import labels, outcomes, summarise
+from ator_ros.evaluation.trials import EvaluationError
+from ator_ros.refinement.gate import FEATURES
+
+
+def record(index: int, naive: float, refined: float, oracle: float, **more: Any) -> dict[str, Any]:
+    return {
+        "index": index,
+        "policies": {
+            "naive": {"duration": naive, "success": naive < 30.0},
+            "refined": {"duration": refined, "success": refined < 30.0, "predicted": refined - 0.1},
+        },
+        "oracle": {"best": oracle, "success": True},
+        **more,
+    }
+
+
+RECORDS = [record(0, 10.0, 8.0, 7.5), record(1, 10.0, 10.1, 9.5), record(2, 10.0, 11.0, 9.0)]
+
+
+def test_table_of_known_runs() -> None:
+    row = summarise(outcomes(RECORDS))["refined"]
+    assert row["mean_duration_s"] == pytest.approx(29.1 / 3, abs=1e-3)
+    assert row["improvement_percent"] == pytest.approx(3.0)
+    assert (row["higher"], row["equal"], row["lower"]) == (1, 1, 1)
+    assert row["mean_gain_higher_percent"] == pytest.approx(20.0)
+    assert row["mean_loss_lower_percent"] == pytest.approx(10.0)
+    assert row["oracle_captured_percent"] == pytest.approx(100.0 * 0.9 / 4.0)
+    assert row["failures"] == 0
+
+
+def test_percent_of_sums_and_mean_of_ratios_differ() -> None:
+    row = summarise(outcomes([record(0, 20.0, 10.0, 10.0), record(1, 10.0, 10.0, 10.0)]))["refined"]
+    assert row["improvement_percent"] == pytest.approx(100.0 / 3.0, abs=1e-3)
+    assert row["mean_ratio_improvement_percent"] == pytest.approx(25.0)
+
+
+def test_failures_count_at_their_duration() -> None:
+    summary = summarise(outcomes([record(0, 10.0, 30.0, 9.0), record(1, 10.0, 9.0, 9.0)]))
+    assert summary["refined"]["failures"] == 1
+    assert summary["refined"]["improvement_percent"] == pytest.approx(-95.0)
+    assert summary["oracle"]["failures"] == 0
+
+
+def test_labels_need_more_than_two_percent() -> None:
+    assert list(labels(np.array([9.79, 9.81, 10.19, 10.21]), np.full(4, 10.0))) == [
+        "Higher",
+        "Equal",
+        "Equal",
+        "Lower",
+    ]
+
+
+def examples(count: int = 400) -> GateExamples:
+    """Refinement pays where the predicted gain is above 0.3 s, and hurts below that."""
+    rng = np.random.default_rng(1)
+    features = rng.uniform(0.0, 1.0, (count, len(FEATURES)))
+    gain = features[:, list(FEATURES).index("gain")]
+    actual = np.where(gain > 0.3, 1.0, -0.5)
+    return GateExamples(features, np.full(count, 10.0), 10.0 - actual, np.arange(count), np.arange(count) % 2)
+
+
+def test_both_gates_find_where_refinement_pays() -> None:
+    data = examples()
+    pays = data.refined < data.naive
+    assert np.mean(decisions(fit_threshold(data), data) == pays) > 0.99
+    assert np.mean(decisions(fit_tree(data), data) == pays) > 0.99
+
+
+def test_cross_validation_judges_on_other_situations() -> None:
+    compared = compare_gates(examples())
+    assert compared["open"]["kept_gain_percent"] == 100.0
+    assert compared["open"]["lower"] > 100
+    for kind in ("threshold", "tree"):
+        assert compared[kind]["lower"] <= 8
+        assert compared[kind]["kept_gain_percent"] > 110.0
+    assert compared["tree"]["accuracy_percent"] > 95.0
+
+
+def test_threshold_keeps_nearly_all_of_the_gain_of_both_kinds() -> None:
+    rng = np.random.default_rng(3)
+    features = np.zeros((400, len(FEATURES)))
+    kind = np.arange(400) % 2
+    gain = rng.uniform(0.0, 0.3, 400) + kind  # with speeds everything is far above any threshold
+    features[:, list(FEATURES).index("gain")] = gain
+    features[:, list(FEATURES).index("spread")] = 0.1
+    actual = np.where(rng.random(400) < 0.02, -0.5, gain)
+    gate = fit_threshold(GateExamples(features, np.full(400, 10.0), 10.0 - actual, np.arange(400), kind))
+    angle = (kind == 0) & (gain > gate.gain + gate.spread_factor * 0.1)
+    assert actual[angle].sum() >= 0.97 * actual[kind == 0].sum()
+
+
+def test_result_is_written_and_read(tmp_path: Path) -> None:
+    settings = {"seed": 1, "chain": "dribble", "source": {"action_set": "default"}}
+    path = write_result(tmp_path, {"summary": {"situations": 3}, "settings": settings}, RECORDS)
+    data = read_result(path)
+    assert data["summary"] == {"situations": 3}
+    assert to_records(data["runs"], 3) == RECORDS
+
+
+class TestPartialResults:
+    def test_goes_on_where_it_was(self, tmp_path: Path) -> None:
+        PartialResults(tmp_path, Settings(seed=1), "d").append(RECORDS[0])
+        again = PartialResults(tmp_path, Settings(seed=1), "d")
+        assert again.records == {0: RECORDS[0]}
+
+    def test_forgets_a_line_that_was_cut_off(self, tmp_path: Path) -> None:
+        partial = PartialResults(tmp_path, Settings(seed=1), "d")
+        partial.append(RECORDS[0])
+        partial.append(RECORDS[1])
+        text = partial.path.read_text()
+        partial.path.write_text(text[: -len(json.dumps(RECORDS[1])) // 2])
+        again = PartialResults(tmp_path, Settings(seed=1), "d")
+        assert again.records == {0: RECORDS[0]}
+        again.append(RECORDS[1])
+        assert PartialResults(tmp_path, Settings(seed=1), "d").records == {0: RECORDS[0], 1: RECORDS[1]}
+
+    @pytest.mark.parametrize(("seed", "digest"), [(2, "d"), (1, "other")])
+    def test_refuses_results_of_other_settings(self, seed: int, digest: str, tmp_path: Path) -> None:
+        PartialResults(tmp_path, Settings(seed=1), "d").append(RECORDS[0])
+        with pytest.raises(EvaluationError, match="same settings"):
+            PartialResults(tmp_path, Settings(seed=seed), digest)
+
+
+@pytest.mark.parametrize(
+    ("threshold", "tree", "taken"),
+    [
+        ((5.0, 10, 98), (6.0, 10, 98), "tree"),
+        ((5.0, 10, 98), (6.0, 11, 98), "threshold"),
+        ((5.0, 12, 98), (4.0, 10, 98), "tree"),
+        ((5.0, 12, 98), (6.0, 13, 98), "tree"),
+        ((5.0, 12, 98), (0.0, 0, 0), "threshold"),
+    ],
+)
+def test_the_gate_taken_is_the_more_useful_of_those_with_few_slower_runs(
+    threshold: tuple[float, int, int], tree: tuple[float, int, int], taken: str
+) -> None:
+    def judged(utility: float, lower: int, kept: int) -> dict[str, float]:
+        counts = {"higher": 500, "equal": 500 - lower, "lower": lower}
+        return {"utility": utility, "kept_gain_percent": float(kept), **counts}
+
+    assert better_kind({"threshold": judged(*threshold), "tree": judged(*tree)}) == taken
+
+
+def test_gates_from_drawn_errors_are_compared_on_the_chains_as_they_were_executed() -> None:
+    rng = np.random.default_rng(2)
+    gain = rng.uniform(0.1, 3.0, 100)
+    features = np.zeros((100, len(FEATURES)))
+    features[:, list(FEATURES).index("gain")], features[:, list(FEATURES).index("spread")] = gain, 0.3
+    naive = np.full(100, 10.0)
+    examples = GateExamples(features, naive, naive - gain, np.arange(100), np.zeros(100, dtype=int))
+    compared = compare_gates(examples, fit_to_drawn_errors)
+    assert all(sum(row[name] for name in ("higher", "equal", "lower")) == 100 for row in compared.values())

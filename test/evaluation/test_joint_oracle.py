@@ -1,0 +1,96 @@
+"""The oracle that searches all open headings of a chain jointly."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ator_ros.domains.domain import find_domain
+from ator_ros.evaluation.situation import (
+    Tried,
+    best_headings,
+    candidates,
+)
+from ator_ros.evaluation.toolset import Toolset
+from ator_ros.evaluation.trials import Trial, random_trial, with_headings
+from ator_ros.geometry import FloatArray, wrap_angle
+from ator_ros.refinement.gate import OpenGate
+from ator_ros.tops.chain import TopChain
+from ator_ros.world.state import World
+
+DOMAIN = find_domain("tour")
+ROBOT = DOMAIN.robot()
+LIBRARY = DOMAIN.library(ROBOT)
+
+
+def turned(x: float, y: float, yaw: float, xg: float, yg: float, yawg: float) -> float:
+    """Return how long a base takes that turns back faster than it turns away."""
+    way = math.atan2(yg - y, xg - x)
+    return math.hypot(xg - x, yg - y) + abs(wrap_angle(way - yaw)) + 0.4 * abs(wrap_angle(yawg - way)) ** 1.5
+
+
+class Model:
+    """Predicts these times, and adds what it is given to those with a heading on the left."""
+
+    used_variables = frozenset({"x", "y", "yaw", "xg", "yg", "yawg"})
+
+    def predict(self, direct: dict[str, FloatArray], measures: tuple[str, ...] = ()) -> SimpleNamespace:
+        names = ("x", "y", "yaw", "xg", "yg", "yawg")
+        columns = np.broadcast_arrays(*(np.atleast_1d(direct[name]) for name in names))
+        return SimpleNamespace(duration=np.array([turned(*row) for row in zip(*columns, strict=True)]))
+
+
+TOOLS = Toolset(DOMAIN, ROBOT, {"drive_to": Model()}, OpenGate())
+
+
+def trial(index: int) -> Trial:
+    return random_trial(DOMAIN, "tour", LIBRARY, seed=5, index=index)
+
+
+def drive(start: World, chain: TopChain) -> float:
+    return turned(*start.robot.pose, *chain.calls[0].goal.pose)
+
+
+def total(trial: Trial, chain: TopChain) -> float:
+    poses = [trial.world.robot.pose, *(call.goal.pose for call in chain.calls)]
+    return sum(turned(*here, *there) for here, there in itertools.pairwise(poses))
+
+
+@pytest.mark.parametrize("index", range(2))
+def test_it_finds_what_trying_every_chain_finds(index: int) -> None:
+    drawn = trial(index)
+    offered = candidates(drawn, [drawn.chain], 6)
+    chain, _ = best_headings(TOOLS, drawn, [Tried(drawn.chain)], drive, count=6, margin=None)
+    every = [
+        with_headings(drawn.chain, dict(enumerate(map(float, headings))))
+        for headings in itertools.product(*offered)
+    ]
+    assert total(drawn, chain) == pytest.approx(min(total(drawn, each) for each in every))
+    pairs = zip(chain.calls, drawn.chain.calls, strict=True)
+    assert all(call.goal == plan.goal for call, plan in pairs if not plan.open)
+
+
+def test_a_margin_saves_executions_and_keeps_the_best() -> None:
+    drawn = trial(1)
+    all_legs = best_headings(TOOLS, drawn, [], drive, count=12, margin=None)
+    few_legs = best_headings(TOOLS, drawn, [], drive, count=12, margin=0.2)
+    assert few_legs[0] == all_legs[0]
+    assert few_legs[1] < 0.4 * all_legs[1]
+
+
+def test_legs_that_fail_are_no_way() -> None:
+    drawn = trial(0)
+    best, _ = best_headings(TOOLS, drawn, [], drive, count=6, margin=None)
+    opened = next(index for index, call in enumerate(drawn.chain.calls) if call.open)
+    failing = best.calls[opened].goal.pose
+
+    def careful(start: World, chain: TopChain) -> float:
+        return math.inf if chain.calls[0].goal.pose == failing else drive(start, chain)
+
+    other, _ = best_headings(TOOLS, drawn, [], careful, count=6, margin=None)
+    assert other.calls[opened].goal.pose != failing
+    assert total(drawn, other) > total(drawn, best)

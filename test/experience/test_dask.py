@@ -1,0 +1,115 @@
+"""Collection and evaluation on a dask cluster: a LocalCluster here, the same options for a real one."""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import distributed
+import joblib
+import pandas as pd
+import pytest
+from experience_rows import made_up_model
+
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.parallel import BackendError, cluster, run_tasks
+from ator_ros.experience.table import read_experience
+from ator_ros.performance.model_file import save_model
+from ator_ros.robot.description import load_robot
+from ator_ros.tools import collect, evaluate
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as local:
+        yield local.scheduler_address
+
+
+def on(address: str) -> list[str]:
+    return ["--backend", "dask", "--cluster", address]
+
+
+@pytest.mark.long
+def test_collect_gives_the_same_table(address: str, tmp_path: Path) -> None:
+    tables = []
+    for name, words in {"here": ["--jobs", "1"], "there": on(address)}.items():
+        file = tmp_path / f"{name}.parquet"
+        assert collect.main(["--episodes", "1", "--seed", "9", "--out", str(file), *words]) == 0
+        tables.append(read_experience(file).frame)
+    assert set(tables[0]["action"]) == {"goToPose", "dribbleBall", "shoot"}
+    pd.testing.assert_frame_equal(*tables, check_exact=True)
+
+
+@pytest.mark.long
+def test_evaluate_gives_the_same_runs(address: str, tmp_path: Path) -> None:
+    models = tmp_path / "models"
+    for action in SOCCER.actions():
+        save_model(models / f"{action}.json", made_up_model(action, load_robot()))
+    given = ["--situations", "2", "--seed", "405", "--policies", "naive", "refined"]
+    runs = []
+    for name, words in {"here": ["--jobs", "1"], "there": on(address)}.items():
+        folder = tmp_path / name
+        assert evaluate.main([*given, "--models", str(models), "--out", str(folder), *words]) == 0
+        runs.append(json.loads((folder / "evaluation.json").read_text(encoding="utf-8"))["runs"])
+    assert runs[0] == runs[1]
+
+
+def test_an_address_that_is_none_is_refused() -> None:
+    expected = "cluster: expected a dask scheduler as in tcp://host:8786, got 'nowhere'"
+    with pytest.raises(BackendError, match=expected), cluster("nowhere"):
+        pass
+
+
+def test_dask_without_a_cluster_is_refused() -> None:
+    gc.collect()  # dask stumbles over clients of former tests that are collected meanwhile
+    with pytest.raises(BackendError, match="'dask' cannot be used"):
+        list(run_tasks(abs, [1], jobs=2, backend="dask"))
+
+
+PROGRAM = """
+import os, signal, time
+from ator_ros.experience.parallel import run_tasks
+
+before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+results = list(run_tasks(abs, [-1, -2], jobs=-1))
+time.sleep(0.5)
+assert results == [1, 2]
+assert before == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+"""
+
+
+def test_one_core_leaves_the_signals_alone_and_ends_well() -> None:
+    environment = {**os.environ, "LOKY_MAX_CPU_COUNT": "1"}
+    command = [sys.executable, "-c", PROGRAM]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def wait_for(file: Path) -> str:
+    """Return the name of `file` once it is there, as a task that takes a while."""
+    for _ in range(600):
+        if file.exists():
+            return file.name
+        time.sleep(0.05)
+    raise TimeoutError(f"expected {file}")
+
+
+@pytest.mark.long
+def test_results_come_as_they_are_made(address: str, tmp_path: Path) -> None:
+    files = [tmp_path / name for name in ("one", "two", "three")]
+    for file in files if joblib.__version__.startswith("1.3.") else files[:1]:  # 1.3 gives all at once
+        file.touch()
+    with cluster(address):
+        results = run_tasks(wait_for, files, jobs=-1, backend="dask")
+        assert next(results) == "one"  # the others wait for what is made only now
+        for file in files[1:]:
+            file.touch()
+        assert list(results) == ["two", "three"]

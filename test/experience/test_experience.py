@@ -1,0 +1,181 @@
+"""Situations, episodes, parallel collection and the table."""
+
+from __future__ import annotations
+
+import functools
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from planned import planned
+from robots import OTHERS
+from selection import few
+from turning_action import TurnDriveTurn
+
+from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.specification import ActionSpec
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL, ball_of, field_of
+from ator_ros.domains.soccer.planned.clearance import ball_distances
+from ator_ros.domains.soccer.situations import (
+    Situation,
+)
+from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
+from ator_ros.experience.collect import collect
+from ator_ros.experience.columns import ExperienceError
+from ator_ros.experience.episode import run_episode
+from ator_ros.experience.table import (
+    Experience,
+    join,
+    read_experience,
+    write_experience,
+)
+from ator_ros.geometry import Pose
+from ator_ros.robot.description import Robot, load_robot
+from ator_ros.simulation.simulation import Simulation
+from ator_ros.world.state import ObjectState, RobotState, World
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot()
+
+
+PIONEER = load_robot()
+every_robot = pytest.mark.parametrize(
+    "robot", few([PIONEER, *OTHERS], PIONEER, OTHERS[-1]), ids=lambda robot: robot.name
+)
+
+
+@pytest.fixture(scope="module")
+def frame(robot: Robot) -> pd.DataFrame:
+    return join(collect([TURNING], SOCCER.tops, robot, objects=SOCCER.objects, episodes=6, seed=5))
+
+
+TURNING = ActionSpec("goToPose", TurnDriveTurn, SOCCER.actions()["goToPose"].sample)
+
+
+def draw(action: str, robot: Robot, count: int = 300) -> list[Situation]:
+    rng = np.random.default_rng(1)
+    count = min(count, 60) if action == "shoot" else count  # each shot is planned when it is drawn
+    return [SOCCER.actions()[action].sample(robot, rng) for _ in range(count)]
+
+
+@every_robot
+@pytest.mark.parametrize("action", list(SOCCER.actions()))
+def test_situations_lie_on_the_field_and_within_the_limits(action: str, robot: Robot) -> None:
+    for situation in draw(action, robot):
+        for x, y in [situation.goal.pose[:2]] + [(b.x, b.y) for b in [ball_of(situation)] if b]:
+            assert abs(x) <= field_of(robot).length / 2
+            assert abs(y) <= field_of(robot).width / 2
+        assert abs(situation.robot.v) <= robot.limits.v
+        assert abs(situation.robot.w) <= robot.limits.w
+        fastest = robot.holder_for("a test").limits.v
+        assert 0.0 <= situation.goal.speed <= fastest
+        if ball_of(situation) is not None and action != "goToPose":
+            assert situation.robot.v <= fastest
+
+
+@every_robot
+@pytest.mark.parametrize("action", list(SOCCER.actions()))
+def test_no_start_asks_for_what_the_robot_cannot_do(action: str, robot: Robot) -> None:
+    for situation in draw(action, robot, 5):
+        made = SOCCER.actions()[action].factory(robot)
+        planned(robot, made, World(0.0, situation.robot, situation.objects), situation.goal)
+
+
+@every_robot
+def test_approaches_start_clear_of_a_ball_that_lies_at_the_goal(robot: Robot) -> None:
+    situations = draw("goToPose", robot)
+    with_ball = [s for s in situations if s.goal.point is Point.HOLD]
+    assert 0.5 < len(with_ball) / len(situations) < 0.7
+    for s in with_ball:
+        assert (ball_of(s).x, ball_of(s).y) == s.goal.pose[:2]
+        assert ball_distances(np.array([s.robot.pose]), ball_of(s), robot)[0] > 0.05
+    left = [s for s in situations if ball_of(s) is not None and s.goal.point is Point.AXLE]
+    assert 0.0 < len(left) / len(situations) < 0.1
+    for s in left:
+        hold = robot.hold_point(s.robot.pose)
+        assert (ball_of(s).x, ball_of(s).y) == pytest.approx((hold.x, hold.y))
+        assert ball_distances(np.array([s.goal.pose]), ball_of(s), robot)[0] > 0.0
+
+
+def plain(robot: Robot, goal: Pose) -> Situation:
+    return Situation("goToPose", RobotState(Pose(0.0, 0.0, 0.0)), {}, Goal(goal))
+
+
+to_pose = functools.partial(run_episode, top=GO_TO_POSE)
+
+
+def test_episode_logs_at_10_hz_until_the_action_has_ended(robot: Robot) -> None:
+    with Simulation(robot) as simulation:
+        episode = to_pose(simulation, TurnDriveTurn(robot), plain(robot, Pose(1.0, 0.5, 1.0)))
+    assert episode.success
+    assert episode.position_error < 0.06
+    assert episode.heading_error < 0.06
+    assert np.diff(episode.samples[:, 0]) == pytest.approx(0.1)
+    assert episode.duration - 0.1 <= episode.samples[-1, 0] < episode.duration
+
+
+def test_episode_ends_at_the_time_limit_as_a_failure(robot: Robot) -> None:
+    with Simulation(robot) as simulation:
+        episode = to_pose(simulation, TurnDriveTurn(robot), plain(robot, Pose(3.0, 0.0, 0.0)), time_limit=1.0)
+    assert not episode.success
+    assert episode.reason == "time limit of 1 s reached"
+    assert episode.duration == pytest.approx(1.0)
+
+
+def test_a_ball_that_is_lost_makes_a_failure_of_a_good_end(robot: Robot) -> None:
+    goal = Goal(Pose(1.0, 0.0, math.pi), 0.0, Point.HOLD)  # straight through the ball
+    situation = Situation("goToPose", RobotState(Pose(-0.5, 0.0, 0.0)), {BALL: ObjectState(0.9, 0.0)}, goal)
+    with Simulation(robot) as simulation:
+        episode = run_episode(simulation, TurnDriveTurn(robot), situation, top=GO_TO_BALL)
+    assert not episode.success
+    assert "but post-condition of goToBall: expected hold.x within 0.1 of ball.x" in episode.reason
+
+
+def test_same_seed_gives_the_same_table_whatever_the_workers(robot: Robot, frame: pd.DataFrame) -> None:
+    tops, objects = SOCCER.tops, SOCCER.objects
+    parallel = join(collect([TURNING], tops, robot, objects=objects, episodes=6, seed=5, jobs=2))
+    pd.testing.assert_frame_equal(parallel, frame, check_exact=True)
+    other = join(collect([TURNING], tops, robot, objects=objects, episodes=1, seed=6))
+    assert other["x"].iloc[0] != frame["x"].iloc[0]
+
+
+def test_table_survives_the_file(frame: pd.DataFrame, tmp_path: Path) -> None:
+    file = tmp_path / "new" / "experience.parquet"
+    write_experience(file, Experience(frame, {"seed": 5}))
+    experience = read_experience(file)
+    pd.testing.assert_frame_equal(
+        experience.of("goToPose"), frame, check_exact=True, check_dtype=False, check_column_type=False
+    )
+    assert experience.metadata["seed"] == 5
+    assert [path.name for path in file.parent.iterdir()] == ["experience.parquet"]
+    assert len(pd.read_parquet(file)) == len(frame)
+
+
+def test_damaged_foreign_and_newer_files_are_refused(frame: pd.DataFrame, tmp_path: Path) -> None:
+    file = tmp_path / "experience.parquet"
+    with pytest.raises(ExperienceError, match=r"experience\.parquet: expected a Parquet file"):
+        read_experience(file)
+    file.write_bytes(b"no table")
+    with pytest.raises(ExperienceError, match=r"experience\.parquet: expected a Parquet file"):
+        read_experience(file)
+    frame.to_parquet(file)
+    with pytest.raises(ExperienceError, match=r"metadata\.format: expected 'ator_ros experience'"):
+        read_experience(file)
+    write_experience(file, Experience(frame, {"schema_version": 99}))
+    with pytest.raises(ExperienceError, match=r"metadata\.schema_version: expected 1, got 99"):
+        read_experience(file)
+    write_experience(file, Experience(frame.drop(columns="time_to_go"), {}))
+    with pytest.raises(ExperienceError, match="missing: time_to_go"):
+        read_experience(file)
+
+
+def test_missing_pyarrow_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(ExperienceError, match="pip install pyarrow"):
+        read_experience(tmp_path / "experience.parquet")

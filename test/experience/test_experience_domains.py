@@ -1,0 +1,120 @@
+"""Experience of other domains: columns of their objects, records of their actions."""
+
+from __future__ import annotations
+
+import dataclasses
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bags import action_performance, own_types, write_records
+from experience_rows import made_up_experience
+from parcels import CARRY, PARCELS
+
+from ator_ros.domains import domain as domains
+from ator_ros.domains.domain import Domain
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.columns import ExperienceError, columns, object_columns
+from ator_ros.experience.recordings import RecordingError, read_recording
+from ator_ros.experience.records import drive_between
+from ator_ros.experience.sources import read_sources
+from ator_ros.experience.table import Experience, read_experience, write_experience
+from ator_ros.geometry import Pose
+from ator_ros.performance.model_file import load_model
+from ator_ros.robot.description import load_robot
+from ator_ros.tools import collect, train
+
+ROBOT = load_robot()
+BARE = dataclasses.replace(
+    PARCELS, name="bare", objects=(), bodies={}, tops=(dataclasses.replace(CARRY, pre=type(CARRY.pre)()),)
+)
+
+
+@pytest.fixture(params=[PARCELS, BARE], ids=lambda domain: domain.name)
+def installed(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Domain:
+    domain: Domain = request.param
+    value = f"test_experience_domains:{'BARE' if domain is BARE else 'PARCELS'}"
+    entries = [EntryPoint(domain.name, value, domains.GROUP)]
+    monkeypatch.setattr(domains, "entry_points", lambda **_: entries)
+    return domain
+
+
+def test_a_domain_of_any_objects_is_collected_and_learned(installed: Domain, tmp_path: Path) -> None:
+    table = tmp_path / "table.parquet"
+    words = ["--domain", installed.name, "--episodes", "22", "--seed", "3", "--jobs", "1"]
+    assert collect.main([*words, "--out", str(table)]) == 0
+    experience = read_experience(table)
+    assert experience.metadata["domain"] == installed.name
+    assert experience.metadata["objects"] == list(installed.objects)
+    assert list(experience.frame.columns) == list(columns(installed.objects))
+    assert not [name for name in experience.frame.columns if name.startswith("ball")]
+    places = experience.frame[object_columns(installed.objects)]
+    assert np.isfinite(places.to_numpy()).all()
+    assert train.main(["--domain", installed.name, str(table), "--models", str(tmp_path / "models")]) == 0
+    assert (
+        load_model(tmp_path / "models" / "carry.json", installed.robot(), installed.known_features).action
+        == "carry"
+    )
+
+
+def test_a_table_of_another_domain_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "table.parquet"
+    write_experience(file, Experience(made_up_experience("goToPose"), {"domain": "soccer"}))
+    with pytest.raises(ExperienceError, match=r"metadata\.domain: expected 'parcels', got .soccer."):
+        read_sources([file], ROBOT, PARCELS)
+
+
+def dock(store: Any, number: int, **objects: tuple[float, float]) -> Any:
+    """Return the record of an action that no domain of ours has."""
+    goal = Pose(1.0 + 0.05 * number, 0.0, 0.0)
+    message = action_performance(
+        store, goal=goal, speed=0.0, duration=2.0 + 0.1 * number, code=1, action="dock"
+    )
+    message.call.top = "dockAt"
+    (first,) = message.start.objects
+    message.start.objects = [
+        type(first)(name=name, position=type(first.position)(x, y, 0.0), velocity=first.velocity)
+        for name, (x, y) in objects.items()
+    ]
+    return message
+
+
+def test_records_of_any_action_are_learned_under_its_name(tmp_path: Path) -> None:
+    store = own_types()
+    records = [dock(store, number, station=(2.0, 0.5), box=(0.5, 1.0)) for number in range(25)]
+    write_records(tmp_path / "bag", store, records)
+    experience = read_recording(tmp_path / "bag", ROBOT, PARCELS)
+    assert experience.metadata["domain"] == "parcels"
+    assert experience.objects == ("box", "cart", "station")
+    rows = experience.of("dock")
+    assert set(rows["hold"]) == {0}
+    assert rows[["station_x", "station_y", "box_x", "box_y"]].iloc[3].tolist() == [2.0, 0.5, 0.5, 1.0]
+    assert rows["cart_x"].isna().all()
+    assert train.main([str(tmp_path / "bag"), "--models", str(tmp_path / "models")]) == 0
+    model = load_model(tmp_path / "models" / "dock.json", ROBOT, PARCELS.known_features)
+    assert model.action == "dock"
+    assert model.trees["duration"].samples[0] == 25
+
+
+def test_records_with_foreign_names_of_objects_are_left_out(tmp_path: Path) -> None:
+    store = own_types()
+    records = [dock(store, 0), dock(store, 1, **{"../evil": (0.0, 0.0)})]
+    records.append(dock(store, 2, **{f"o{number}": (0.0, 0.0) for number in range(17)}))
+    write_records(tmp_path / "bag", store, records)
+    assert read_recording(tmp_path / "bag", ROBOT, PARCELS).metadata["records_left_out"] == 2
+    many = [dock(store, number, **{f"o{number}": (0.0, 0.0)}) for number in range(17)]
+    write_records(tmp_path / "many", store, many)
+    with pytest.raises(RecordingError, match="many: expected at most 16 objects, got 19"):
+        read_recording(tmp_path / "many", ROBOT, PARCELS)
+
+
+def test_what_was_held_tells_the_top() -> None:
+    tops = [drive_between(SOCCER, *held) for held in ((None, None), (None, "ball"), ("ball", "ball"))]
+    assert [top.name if top else "" for top in tops] == ["goToPose", "goToBall", "dribbleBall"]
+    # A ball that was lost on the way: what remains is a drive.
+    lost = drive_between(SOCCER, "ball", None)
+    assert lost is not None
+    assert lost.name == "goToPose"
+    assert drive_between(dataclasses.replace(SOCCER, tops=SOCCER.tops[-1:]), None, None) is None

@@ -1,0 +1,98 @@
+"""Tables and recordings that anybody may have written: names that lead elsewhere, values without sense."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from bags import action_performance, own_types, write_records
+from experience_rows import made_up_experience
+
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.columns import ExperienceError
+from ator_ros.experience.table import Experience, read_experience, write_experience
+from ator_ros.geometry import Pose
+from ator_ros.performance.model_file import ModelFileError, load_models, save_model
+from ator_ros.performance.training import train
+from ator_ros.robot.description import load_robot
+from ator_ros.tools.train import main
+
+ROBOT = load_robot()
+ELSEWHERE = ["../evil", "a b"]
+
+
+def table(folder: Path, frame: pd.DataFrame, action_set: object = "default") -> Path:
+    """Write a table of experience and give its file."""
+    file = folder / "table.parquet"
+    write_experience(file, Experience(frame, {"robot_digest": ROBOT.digest(), "action_set": action_set}))
+    return file
+
+
+def files_below(folder: Path) -> set[Path]:
+    return {path for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("name", ELSEWHERE)
+@pytest.mark.parametrize("field", ["action", "action_set"])
+def test_a_table_cannot_make_train_write_elsewhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, field: str
+) -> None:
+    frame = made_up_experience("goToPose" if field == "action_set" else name, episodes=40)
+    file = table(tmp_path, frame, name if field == "action_set" else "default")
+    assert main([str(file), "--models", str(tmp_path / "deep" / "models")]) == 1
+    assert f"table.parquet: {field}: expected a name" in capsys.readouterr().err
+    assert files_below(tmp_path) == {file}
+
+
+@pytest.mark.parametrize(
+    ("column", "values"),
+    [
+        ("duration", [np.nan, -1.0, "2"]),
+        ("x", [np.inf, True, [1.0]]),
+        ("ball_x", [1e308, "near"]),
+        ("hold", [2, "yes"]),
+        ("episode", [-1, 0.5]),
+        ("success", [2]),
+        ("action", [None, "a b"]),
+    ],
+)
+def test_values_are_what_their_column_holds(tmp_path: Path, column: str, values: list[object]) -> None:
+    whole = made_up_experience("goToPose", episodes=5)
+    for value in values:
+        with pytest.raises(ExperienceError, match=rf"table\.parquet: {column}: expected "):
+            read_experience(table(tmp_path, whole.assign(**{column: [value] * 5})))
+
+
+def test_a_table_without_rows_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = table(tmp_path, made_up_experience("goToPose", episodes=5).iloc[:0])
+    assert main([str(file), "--models", str(tmp_path)]) == 1
+    assert "table.parquet: expected rows of experience, found none" in capsys.readouterr().err
+
+
+def test_models_are_where_their_names_say(tmp_path: Path) -> None:
+    model = train("goToPose", made_up_experience("goToPose"), ROBOT)
+    save_model(tmp_path / "dribbleBall.json", model)
+    with pytest.raises(
+        ModelFileError, match=r"dribbleBall\.json: action: expected 'dribbleBall' in this place"
+    ):
+        load_models(ROBOT, SOCCER.known_features, folder=tmp_path)
+    save_model(tmp_path / "bezier" / "goToPose.json", model)
+    with pytest.raises(ModelFileError, match=r"goToPose\.json: action_set: expected 'bezier' in this place"):
+        load_models(ROBOT, SOCCER.known_features, action_set="bezier", folder=tmp_path)
+
+
+def test_records_tell_their_action_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    store = own_types()
+    sets = ["bezier", "bezier", "default"]
+    records = [
+        action_performance(store, goal=Pose(1.5, 0.5, 0.7), speed=0.0, duration=3.0, code=1, action_set=name)
+        for name in sets
+    ]
+    write_records(tmp_path / "one", store, records[:2])
+    assert main([str(tmp_path / "one"), "--action-set", "default", "--models", str(tmp_path)]) == 1
+    assert "expected experience of one action set, got bezier, default" in capsys.readouterr().err
+    write_records(tmp_path / "both", store, records)
+    assert main([str(tmp_path / "both"), "--models", str(tmp_path)]) == 1
+    assert "both: expected records of one action set, got bezier, default" in capsys.readouterr().err

@@ -1,0 +1,186 @@
+"""Goal variables that an action declares, from the specification to experience, model and refinement."""
+
+from __future__ import annotations
+
+import dataclasses
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bags import action_performance, own_types, write_records
+from outside.delivery import CRUISE, DELIVERY, PASS, VISIT
+from refinement_fakes import FakeModel
+
+from ator_ros.actions.base import Goal
+from ator_ros.actions.goal_variables import GoalVariable, with_values
+from ator_ros.domains import domain as domains
+from ator_ros.domains.domain import DomainError
+from ator_ros.experience.collect import collect
+from ator_ros.experience.columns import columns, goal_variables_of_columns
+from ator_ros.experience.sources import read_sources
+from ator_ros.experience.table import Experience, join, read_experience, write_experience
+from ator_ros.geometry import Pose
+from ator_ros.performance.model_file import load_model
+from ator_ros.performance.training import direct_of
+from ator_ros.refinement.free_variables import allowed_changes
+from ator_ros.refinement.refiner import Refiner
+from ator_ros.tools import train as train_tool
+from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopCall, TopChain
+from ator_ros.tops.conditions import Condition, Term
+from ator_ros.world.state import RobotState, World
+
+ROBOT = DELIVERY.robot()
+LIBRARY = DELIVERY.library(ROBOT)
+(SPEC,) = DELIVERY.action_sets["default"]
+
+
+def goal(cruise: float, x: float = 1.0) -> Goal:
+    return Goal(Pose(x, 0.0, 0.0), values={"cruise": cruise})
+
+
+def experience(episodes: int = 30) -> Experience:
+    frames = collect([SPEC], DELIVERY.tops, ROBOT, objects=("parcel",), episodes=episodes, seed=4)
+    return Experience(join(frames), {"domain": "delivery"})
+
+
+@pytest.fixture(scope="module")
+def collected() -> Experience:
+    return experience()
+
+
+# Declarations
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"name": "speed"}, "name: expected none of x, y, yaw, speed, which every goal has"),
+        ({"low": 1.0}, "cruise: low, high: expected finite numbers, low below high"),
+        ({"rest": 2.0}, "cruise: rest: expected a number from 0.2 to 1"),
+    ],
+)
+def test_a_declaration_that_makes_no_sense_is_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(CRUISE, **changes)
+
+
+def test_conditions_name_only_what_the_action_declares() -> None:
+    high = dataclasses.replace(VISIT, post=Condition((Term("robot.x", "goal.height", 0.1),)))
+    with pytest.raises(DomainError, match=r"goal_variables: expected all that .* visit name, \['height'\]"):
+        dataclasses.replace(DELIVERY, tops=(high,))
+    height = GoalVariable("height", "m", 0.0, 1.0)
+    spec = dataclasses.replace(SPEC, goal_variables=(CRUISE, height))
+    assert dataclasses.replace(DELIVERY, tops=(high,), action_sets={"default": (spec,)}).ranges["height"]
+
+
+# Experience
+
+
+def test_values_are_columns_of_experience(collected: Experience, tmp_path: Path) -> None:
+    assert list(collected.frame.columns) == list(columns(("parcel",), ("cruise",)))
+    file = tmp_path / "table.parquet"
+    write_experience(file, collected)
+    read = read_experience(file)
+    assert read.metadata["goal_variables"] == ["cruise"]
+    assert read.frame["cruiseg"].tolist() == collected.frame["cruiseg"].tolist()
+    assert read.frame["cruiseg"].between(CRUISE.low, CRUISE.high).all()
+    assert read.frame.groupby("episode")["cruiseg"].nunique().eq(1).all()
+    both = read_sources([file, file], ROBOT, DELIVERY)
+    assert goal_variables_of_columns(both.frame.columns) == ("cruise",)
+
+
+def test_records_of_the_executor_hold_the_values(tmp_path: Path) -> None:
+    store = own_types()
+
+    def record(**values: float) -> Any:
+        message = action_performance(
+            store,
+            goal=Pose(1.0, 0.0, 0.0),
+            speed=0.0,
+            duration=4.0,
+            code=1,
+            action="turnDriveTurn",
+            top="visit",
+        )
+        given = [store.types["ator_interfaces/msg/GoalValue"](name, value) for name, value in values.items()]
+        return dataclasses.replace(message, call=dataclasses.replace(message.call, values=given))
+
+    write_records(tmp_path / "run", store, [record(cruise=0.4), record(cruise=0.8, of_another_domain=1.0)])
+    rows = read_sources([tmp_path / "run"], ROBOT, DELIVERY).frame
+    assert rows["cruiseg"].tolist() == [0.4, 0.8]
+    assert "of_another_domaing" not in rows
+    write_records(tmp_path / "nan", store, [record(cruise=float("nan")), record(cruise=0.8)])
+    assert read_sources([tmp_path / "nan"], ROBOT, DELIVERY).metadata["records_left_out"] == 1
+
+
+# Model
+
+
+def test_a_model_predicts_from_the_value(
+    collected: Experience, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    entry = EntryPoint("delivery", "outside.delivery:DELIVERY", domains.GROUP)
+    monkeypatch.setattr(domains, "entry_points", lambda **_: [entry])
+    file = tmp_path / "table.parquet"
+    write_experience(file, collected)
+    words = ["--domain", "delivery", "--models", str(tmp_path)]
+    assert train_tool.main([*words, str(file)]) == 0
+    model = load_model(tmp_path / "turnDriveTurn.json", ROBOT, DELIVERY.known_features)
+    assert "cruiseg" in model.used_variables
+    ahead = {**dict.fromkeys(direct_of(collected.frame), 0.0), "xg": 2.0}
+    times = model.predict({**ahead, "cruiseg": np.array([0.3, 0.9])}).duration
+    assert times is not None
+    assert times[0] > times[1] + 1.0
+    with pytest.raises(ValueError, match="missing: cruiseg"):
+        model.predict({name: 0.0 for name in direct_of(collected.frame) if name != "cruiseg"})
+    capsys.readouterr()
+    assert train_tool.main([*words, "--rules", "turnDriveTurn", "--situation", "xg=2", "cruiseg=0.5"]) == 0
+    assert "cruised" in capsys.readouterr().out
+
+
+# Refinement
+
+
+def plan(opened: frozenset[str], top: Any = VISIT) -> TopChain:
+    return TopChain((TopCall(top, goal(0.5), opened), TopCall(PASS, goal(0.5, 2.0))))
+
+
+def refined(chain: TopChain) -> Any:
+    model = FakeModel(lambda d: 1.0 + np.square(d["cruiseg"] - 0.8), frozenset({"cruiseg"}))
+    return Refiner(ROBOT, {"turnDriveTurn": model}, ranges=LIBRARY.ranges).refine(
+        World(0.0, RobotState(Pose(0.0, 0.0, 0.0))), chain
+    )
+
+
+def test_an_open_value_is_refined() -> None:
+    for opened in (frozenset({"cruise"}), frozenset({EVERYTHING})):
+        answer = refined(plan(opened))
+        assert [variable.name for variable in answer.free] == ["cruise"]
+        assert answer.chain.calls[0].goal.values["cruise"] == pytest.approx(0.8, abs=0.01)
+        assert answer.chain.calls[1].goal.values == {"cruise": 0.5}
+
+
+def test_a_commitment_and_a_bound_value_stay() -> None:
+    assert not refined(plan(frozenset())).free
+    answer = refined(plan(frozenset({"cruise"}), PASS))
+    assert not answer.free
+    assert answer.not_free[0].reason == (
+        "bound by the pre-condition of step 1 (pass): robot.v near goal.cruise"
+    )
+
+
+@pytest.mark.parametrize(
+    ("opened", "values", "message"),
+    [
+        ({"cruise"}, {"cruise": 1.2}, "expected a number from 0.2 to 1, got 1.2"),
+        ({"yaw"}, {"cruise": 0.7}, "expected 0.5 as planned, got 0.7"),
+        ({"cruise"}, {"cruise": 0.7, "hurry": 1.0}, "expected the goal variables"),
+    ],
+)
+def test_an_answer_changes_only_what_it_may(opened: set[str], values: dict[str, float], message: str) -> None:
+    asked = plan(frozenset(opened))
+    answer = asked.with_goal(0, with_values(asked.calls[0].goal, values))
+    with pytest.raises(InvalidChainError, match=rf"step 1 \(visit\): {message}"):
+        allowed_changes(asked, answer, ROBOT, LIBRARY.ranges)

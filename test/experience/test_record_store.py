@@ -1,0 +1,150 @@
+"""The store of records: bounded, readable whenever its process is killed, and read by `train`."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from stored import INFO, ROBOT, episodes, stored
+
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.columns import ExperienceError
+from ator_ros.experience.sources import read_sources
+from ator_ros.experience.store import PART, RecordStore, parts_of
+from ator_ros.experience.store_reading import NUMBER, convert_closed, read_records, read_store
+
+
+def durations(folder: Path) -> list[float]:
+    return read_records(folder, "default").rows["duration"].tolist()
+
+
+def test_what_is_appended_is_read(tmp_path: Path) -> None:
+    told = list(episodes(5))
+    stored(tmp_path, iter(told))
+    rows = read_store(tmp_path).frame
+    assert rows["duration"].tolist() == [episode.duration for episode in told]
+    assert rows["xg"].tolist() == [episode.situation.goal.pose.x for episode in told]
+    assert rows["ball_x"].tolist() == [0.5] * 5
+    assert rows["heading_error"].isna().all()
+    assert rows["episode"].tolist() == [0, 1, 2, 3, 4]
+
+
+def test_declared_goal_variables_are_kept(tmp_path: Path) -> None:
+    stored(tmp_path, episodes(3, values={"force": 2.5}), episodes(2, action="dribbleBall")).close()
+    rows = read_store(tmp_path).frame
+    assert rows["forceg"].tolist()[:3] == [2.5] * 3
+    assert rows["forceg"].isna().tolist() == [False] * 3 + [True] * 2
+    assert read_store(tmp_path).goal_variables == ("force",)
+
+
+def test_train_reads_it_as_a_source(tmp_path: Path) -> None:
+    stored(tmp_path, episodes(30))
+    experience = read_sources([tmp_path], ROBOT, SOCCER)
+    assert len(experience.frame) == 30
+    assert experience.metadata["action_set"] == "default"
+
+
+def test_it_goes_on_after_the_last_episode(tmp_path: Path) -> None:
+    stored(tmp_path, episodes(3)).close()
+    store = stored(tmp_path, episodes(2, seed=2))
+    assert store.ends == {"default": 5}
+    assert len(durations(tmp_path)) == 5
+
+
+def test_closed_parts_become_parquet_and_the_oldest_are_dropped(tmp_path: Path) -> None:
+    told = list(episodes(50))
+    store = RecordStore(tmp_path, INFO, most=2 * PART)
+    for number in range(4 * PART + 10):
+        store.append("default", told[number % 50])
+        if number % PART == 7:
+            convert_closed(tmp_path)
+    kinds = {number: file.suffix for number, file in parts_of(tmp_path / "default").items()}
+    assert kinds == {2: ".parquet", 3: ".parquet", 4: ".jsonl"}
+    rows = read_records(tmp_path, "default").rows
+    assert rows[NUMBER].tolist() == list(range(2 * PART, 4 * PART + 10))
+    assert np.allclose(rows["duration"], [told[n % 50].duration for n in rows[NUMBER]])
+
+
+def test_a_line_that_was_cut_off_is_dropped(tmp_path: Path) -> None:
+    stored(tmp_path, episodes(3)).close()
+    file = tmp_path / "default" / "000000.jsonl"
+    file.write_bytes(file.read_bytes() + b'{"action": "goTo')
+    assert len(durations(tmp_path)) == 3
+    stored(tmp_path, episodes(1, seed=2))
+    assert len(durations(tmp_path)) == 4
+
+
+GARBAGE = [b"\xff\xfe\x00", b'{"action": 3}', b"[" * 100_000]
+
+
+@pytest.mark.parametrize("line", GARBAGE)
+def test_garbage_costs_no_other_line(tmp_path: Path, line: bytes) -> None:
+    stored(tmp_path, episodes(3)).close()
+    file = tmp_path / "default" / "000000.jsonl"
+    first, *others = file.read_bytes().split(b"\n")
+    file.write_bytes(b"\n".join([first, line, *others]))
+    read = read_records(tmp_path, "default")
+    assert read.rows[NUMBER].tolist() == [0, 2, 3]
+    assert read.damaged == 1
+
+
+def test_a_damaged_part_costs_no_other(tmp_path: Path) -> None:
+    store = stored(tmp_path, episodes(1))
+    for _ in range(2 * PART):
+        store.append("default", next(episodes(1)))
+    convert_closed(tmp_path)
+    (tmp_path / "default" / "000000.parquet").write_bytes(b"PAR1 nothing of the kind")
+    read = read_records(tmp_path, "default")
+    assert read.rows[NUMBER].tolist() == list(range(PART, 2 * PART + 1))
+    assert read.damaged == 1
+
+
+def test_a_store_of_another_robot_is_refused(tmp_path: Path) -> None:
+    stored(tmp_path)
+    with pytest.raises(ExperienceError, match="choose another folder"):
+        RecordStore(tmp_path, dataclasses.replace(INFO, robot_digest="other"), most=100)
+
+
+WRITER = """
+import sys, pathlib
+from stored import episodes, stored
+store = stored(pathlib.Path(sys.argv[1]))
+for episode in episodes(10**6, seed=int(sys.argv[2])):
+    store.append("default", episode)
+    print(store.ends["default"], flush=True)
+"""
+
+
+def test_whoever_is_killed_leaves_a_readable_store(tmp_path: Path) -> None:
+    here = str(Path(__file__).parents[1])
+    for seed in range(3):
+        command = [sys.executable, "-c", WRITER, str(tmp_path), str(seed)]
+        with subprocess.Popen(command, cwd=here, stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout is not None
+            process.stdout.readline()
+            time.sleep(0.05 * seed)
+            process.send_signal(signal.SIGKILL)
+            told = [int(line) for line in process.stdout.read().split("\n")[:-1]]
+        read = read_records(tmp_path, "default")
+        assert read.damaged == 0
+        assert len(read.rows) >= max(told, default=0)
+    assert len(read.rows) > 10
+
+
+@pytest.mark.parametrize(("field", "value"), [("duration", b"1e300"), ("action", b'"../x"')])
+def test_an_episode_with_lies_costs_no_other(tmp_path: Path, field: str, value: bytes) -> None:
+    stored(tmp_path, episodes(3)).close()
+    file = tmp_path / "default" / "000000.jsonl"
+    lines = file.read_bytes().split(b"\n")
+    lines[1] = re.sub(rb'"%s":[^,]+' % field.encode(), b'"%s":%s' % (field.encode(), value), lines[1])
+    file.write_bytes(b"\n".join(lines))
+    read = read_records(tmp_path, "default")
+    assert read.rows[NUMBER].tolist() == [0, 2]
+    assert read.damaged == 1

@@ -1,0 +1,127 @@
+"""Experience from recordings, made here with rosbags' writer."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bags import GOALS, ROBOT, action_performance, own_types, record, write_records
+
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.recordings import RecordingError, read_recording
+from ator_ros.geometry import Pose
+from ator_ros.tools import train
+
+
+def test_drives_are_found_with_their_goals_and_durations(tmp_path: Path) -> None:
+    durations = record(tmp_path / "bag")
+    experience = read_recording(tmp_path / "bag", ROBOT, SOCCER)
+    frame = experience.of("goToPose")
+    starts = frame[frame["t"] == 0.0]
+    assert starts["duration"].to_numpy() == pytest.approx(durations, abs=0.06)
+    assert starts[["xg", "yg"]].to_numpy() == pytest.approx(np.array([goal[:2] for goal in GOALS]), abs=0.07)
+    assert np.allclose(frame["t"] + frame["time_to_go"], frame["duration"])
+    assert set(frame["hold"]) == {0}
+    assert starts["v"].abs().max() < 0.05
+    assert experience.metadata["robot_digest"] == ROBOT.digest()
+
+
+@pytest.mark.parametrize("jump", [-2.0])
+def test_the_robots_clock_may_jump_between_drives(tmp_path: Path, jump: float) -> None:
+    durations = record(tmp_path / "bag", jump=jump)
+    frame = read_recording(tmp_path / "bag", ROBOT, SOCCER).frame
+    assert frame.groupby("episode")["duration"].first().max() < max(durations) + 0.1
+
+
+def test_a_recording_without_the_topics_is_refused(tmp_path: Path) -> None:
+    record(tmp_path / "bag", topics=("/robot/odom",))
+    with pytest.raises(RecordingError, match=r"or odom \(Odometry\) and cmd_vel .*: /robot/odom; name them"):
+        read_recording(tmp_path / "bag", ROBOT, SOCCER)
+
+
+def test_missing_rosbags_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(RecordingError, match="pip install rosbags"):
+        read_recording(tmp_path, ROBOT, SOCCER)
+
+
+def test_records_of_the_executor_are_taken_as_they_are(tmp_path: Path) -> None:
+    store = own_types()
+    record = action_performance(store, goal=Pose(1.5, 0.5, 0.7), speed=0.3, duration=3.25, code=1)
+    failed = action_performance(store, goal=Pose(2.5, 0.5, 0.7), speed=0.0, duration=9.0, code=2)
+    canceled = action_performance(store, goal=Pose(2.5, 0.5, 0.7), speed=0.0, duration=1.0, code=4)
+    write_records(tmp_path / "bag", store, [record, failed, canceled])
+    frame = read_recording(tmp_path / "bag", ROBOT, SOCCER).of("goToPose")
+    assert frame["duration"].tolist() == [3.25, 9.0]
+    assert frame["success"].tolist() == [True, False]
+    assert frame[["x", "y", "v", "xg", "yg", "speedg", "hold"]].iloc[0].tolist() == [
+        -1,
+        0.25,
+        0.1,
+        1.5,
+        0.5,
+        0.3,
+        1,
+    ]
+    assert frame["yawg"].iloc[0] == pytest.approx(0.7)
+    assert frame["position_error"].iloc[0] == 0.01
+
+
+def test_records_with_numbers_that_are_none_are_left_out(tmp_path: Path) -> None:
+    store = own_types()
+    good = action_performance(store, goal=Pose(1.5, 0.5, 0.7), speed=0.3, duration=3.25, code=1)
+    bad = [
+        action_performance(store, goal=Pose(1.5, 0.5, 0.7), speed=0.3, duration=np.nan, code=1),
+        action_performance(store, goal=Pose(np.inf, 0.5, 0.7), speed=0.3, duration=3.0, code=1),
+        action_performance(store, goal=Pose(1.5, 0.5, np.nan), speed=0.3, duration=3.0, code=2),
+    ]
+    for place, error, length in (
+        (np.inf, 0.02, 3.0),
+        (2e8, 0.02, 3.0),
+        (0.0, np.inf, 3.0),
+        (0.0, 0.02, -1.0),
+    ):
+        odd = action_performance(store, goal=Pose(1.5, 0.5, 0.7), speed=0.3, duration=length, code=1)
+        odd.start.objects[0].position.x, odd.heading_error = place, error
+        bad.append(odd)
+    write_records(tmp_path / "bag", store, [*bad, good])
+    experience = read_recording(tmp_path / "bag", ROBOT, SOCCER)
+    assert experience.of("goToPose")["duration"].tolist() == [3.25]
+    assert experience.metadata["records_left_out"] == len(bad)
+
+
+def test_records_that_no_executor_makes_are_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    store = own_types()
+    usual = {"goal": Pose(1.5, 0.5, 0.7), "speed": 0.0, "code": 1}
+    good = [
+        action_performance(store, **usual, duration=2.0 + 0.1 * number, start=(-1.0 + 0.1 * number, 0.0))
+        for number in range(25)
+    ]
+    failed_far = action_performance(store, **{**usual, "code": 2}, duration=3.0, start=(-90.0, 0.0))
+    bad = [
+        action_performance(store, **usual, duration=3.0, action="shoot", top="goToPose"),
+        action_performance(store, **usual, duration=3.0, action="goToPose", top="shoot"),
+        action_performance(store, **usual, duration=3.0, top="visit"),
+        action_performance(store, **usual, duration=3.0, start=(-90.0, 0.0)),  # too far for 3 s
+        action_performance(store, **{**usual, "code": 2}, duration=3.0, start=(0.0, 5000.0)),
+        action_performance(store, **usual, duration=3.0, action="shoot", top="shoot", start=(-900.0, 0.0)),
+    ]
+    long = action_performance(store, **usual, duration=3.0)
+    long.start.objects[0].name = "b" * 1_000
+    far_ball = action_performance(store, **usual, duration=3.0)
+    far_ball.start.objects[0].position.y = -4000.0
+    bad += [long, far_ball]
+    write_records(tmp_path / "bag", store, [*good, failed_far, *bad])
+    experience = read_recording(tmp_path / "bag", ROBOT, SOCCER)
+    assert experience.metadata["records_left_out"] == len(bad)
+    assert len(experience.of("goToPose")) == len(good) + 1
+    assert train.main([str(tmp_path / "bag"), "--models", str(tmp_path / "models")]) == 0
+    said = capsys.readouterr().err
+    assert f"train: left out {len(bad)} records that cannot be used" in said
+    assert (
+        f"train: bag: left out {len(bad)} of {len(good) + 1 + len(bad)} records: call.top: expected" in said
+    )

@@ -1,0 +1,170 @@
+"""A round of learning: better models are taken up, others are not, and worse ones are given up."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from experience_rows import made_up_model
+from stored import ROBOT, episodes, stored
+
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.store import PART
+from ator_ros.experience.store_reading import read_records
+from ator_ros.learning.round import Source, learn
+from ator_ros.learning.sets import RECORDS, current_set, digest_of, publish, read_manifest, sets_in
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.model_file import load_model, save_model
+from ator_ros.performance.training import direct_of
+from ator_ros.refinement.gate import load_gate
+
+NAME = "default/goToPose"
+
+
+def predicted(model: PerformanceModel, rows: pd.DataFrame) -> np.ndarray:
+    durations = model.predict(direct_of(rows)).duration
+    assert durations is not None
+    return durations
+
+
+@pytest.fixture(scope="module")
+def shipped(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the model of what the made-up episodes usually take."""
+    folder = tmp_path_factory.mktemp("shipped")
+    save_model(folder / "goToPose.json", made_up_model("goToPose", ROBOT))
+    shutil.copy(SOCCER.shipped_models / "gate.json", folder)
+    shutil.copy(SOCCER.shipped_models / "calibration.json", folder)
+    return folder
+
+
+def round_of(folder: Path, models: Path) -> dict:
+    told = learn(Source(folder, SOCCER, ROBOT, models), time="2026-01-01T00:00:00Z")
+    if told["made"]:
+        publish(folder, Path(told["made"]))
+    return told
+
+
+def test_a_robot_that_stays_the_same_keeps_its_models(tmp_path: Path, shipped: Path) -> None:
+    switched = 0
+    for seed in range(8):
+        folder = tmp_path / str(seed)
+        stored(folder / RECORDS, episodes(150, seed=seed + 10))
+        told = round_of(folder, shipped)
+        switched += bool(told["actions"][NAME]["kind"])
+        assert told["actions"][NAME]["tested"] == 100
+    assert switched <= 1
+
+
+@pytest.mark.parametrize("before", [0, 500])
+def test_a_robot_that_became_slower_gets_new_models_soon(tmp_path: Path, shipped: Path, before: int) -> None:
+    changed = episodes(45, seed=4, slower=1.3)
+    stored(tmp_path / RECORDS, episodes(before, seed=3), changed)
+    told = round_of(tmp_path, shipped)
+    verdict = told["actions"][NAME]
+    assert verdict["kind"]
+    assert verdict["after"] < 0.5 * verdict["before"]
+    place = current_set(tmp_path)
+    assert place is not None
+    manifest = read_manifest(place)
+    assert manifest.digest == digest_of(place) == told["digest"]
+    assert {change.action for change in manifest.changes} == {"goToPose"}
+    assert manifest.seen[NAME] == before + 45
+    rows = read_records(stored_again(tmp_path / "fresh"), "default").rows
+    model = load_model(place / "goToPose.json", ROBOT, SOCCER.known_features)
+    assert np.mean(np.abs(predicted(model, rows) - rows["duration"])) < 0.25
+    assert load_gate(place / "gate.json").kind == "threshold"
+    assert "goToPose" not in json.loads((place / "calibration.json").read_text())["shortfalls"]
+
+
+def stored_again(folder: Path) -> Path:
+    stored(folder, episodes(100, seed=99, slower=1.3))
+    return folder
+
+
+def test_what_was_learned_from_is_not_tested_on(tmp_path: Path, shipped: Path) -> None:
+    stored(tmp_path / RECORDS, episodes(60, slower=1.3))
+    assert round_of(tmp_path, shipped)["made"]
+    again = round_of(tmp_path, shipped)
+    assert not again["made"]
+    assert again["actions"][NAME]["tested"] == 0
+    assert "too few new records: 0" in again["actions"][NAME]["reason"]
+
+
+def test_a_round_without_enough_records_says_how_many_it_needs(tmp_path: Path) -> None:
+    for count, reason in (
+        (5, "too few new records: 5, expected 12 that succeeded"),
+        (25, "too few records: 16 without those that are predicted, expected 20"),
+    ):
+        stored(tmp_path / str(count) / RECORDS, episodes(count)).close()
+        told = round_of(tmp_path / str(count), tmp_path / "no models")
+        assert told["actions"][NAME]["reason"] == reason
+
+
+def test_a_set_that_turns_out_worse_is_rolled_back(tmp_path: Path, shipped: Path) -> None:
+    stored(tmp_path / RECORDS, episodes(60, slower=1.3)).close()
+    round_of(tmp_path, shipped)
+    stored(tmp_path / RECORDS, episodes(30, seed=5)).close()  # the tyre was changed back
+    told = round_of(tmp_path, shipped)
+    assert told["actions"][NAME]["kind"] == "back to the models of the start"
+    assert [read_manifest(place).parent for place in sets_in(tmp_path)] == ["", sets_in(tmp_path)[0].name]
+    place = current_set(tmp_path)
+    assert place is not None
+    old, new = (
+        load_model(folder / "goToPose.json", ROBOT, SOCCER.known_features) for folder in (shipped, place)
+    )
+    rows = read_records(tmp_path / RECORDS, "default").rows
+    assert np.array_equal(predicted(old, rows), predicted(new, rows))
+
+
+def test_cold_start_waits_until_predictions_are_worth_something(tmp_path: Path) -> None:
+    nothing = tmp_path / "nothing"
+    nothing.mkdir()
+    folder = tmp_path / "learned"
+    stored(folder / RECORDS, episodes(15)).close()
+    first = round_of(folder, nothing)
+    assert not first["made"]
+    stored(folder / RECORDS, episodes(60, seed=2)).close()
+    assert round_of(folder, nothing)["made"]
+    place = current_set(folder)
+    assert place is not None
+    assert load_gate(place / "gate.json").kind == "threshold"
+
+
+def test_a_store_with_garbage_and_a_damaged_part_is_learned_from(tmp_path: Path, shipped: Path) -> None:
+    store = stored(tmp_path / RECORDS)
+    for episode in episodes(2 * PART + 200, slower=1.3):
+        store.append("default", episode)
+    (tmp_path / RECORDS / "default" / "000000.jsonl").write_bytes(b"\xff" * 1000 + b"\n")
+    told = round_of(tmp_path, shipped)
+    assert told["made"]
+    assert told["damaged"] == 1
+
+
+def test_a_new_set_searches_no_farther_than_the_experience_of_the_one_before(
+    tmp_path: Path, shipped: Path
+) -> None:
+    starts = {"speedg": (0.0, 0.5), "braking": (0.0, 0.35)}
+    bounded, action = tmp_path / "bounded", made_up_model("goToPose", ROBOT)
+    shutil.copytree(shipped, bounded)
+    save_model(
+        bounded / "goToPose.json", dataclasses.replace(action, metadata={"training": {"starts": starts}})
+    )
+    for models, expected in ((bounded, starts), (shipped, {})):
+        folder = tmp_path / f"of_{models.name}"
+        for slower in (1.3, 1.7):  # and the set after it
+            stored(folder / RECORDS, episodes(45, seed=4, slower=slower))
+            assert round_of(folder, models)["made"]
+        place = current_set(folder)
+        assert place is not None
+        assert load_model(place / "goToPose.json", ROBOT, SOCCER.known_features).experience == expected
+
+
+def test_lies_that_are_numbers_do_not_matter(tmp_path: Path, shipped: Path) -> None:
+    lying = [dataclasses.replace(e, duration=9e5) if n % 10 == 0 else e for n, e in enumerate(episodes(100))]
+    stored(tmp_path / RECORDS, iter(lying))
+    assert not round_of(tmp_path, shipped)["actions"][NAME]["kind"]

@@ -1,0 +1,91 @@
+"""Failures teach, too: what fails is predicted to fail, and refinement chooses something else."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from stored import ROBOT, episodes, stored
+
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.episode import Episode
+from ator_ros.geometry import wrap_angle
+from ator_ros.learning.round import Source, learn
+from ator_ros.learning.sets import RECORDS, current_set, publish, read_manifest
+from ator_ros.performance.model_file import load_model
+
+SUCCESS = "default/goToPose/success"
+SHARP = math.radians(60.0)
+
+
+def turn_of(episode: Episode) -> float:
+    pose, goal = episode.situation.robot.pose, episode.situation.goal.pose
+    return abs(wrap_angle(math.atan2(goal.y - pose.y, goal.x - pose.x) - pose.yaw))
+
+
+def failing(stream: Iterator[Episode]) -> Iterator[Episode]:
+    """Yield episodes of which those fail, at the time limit, that begin with a sharp turn."""
+    for episode in stream:
+        fails = turn_of(episode) > SHARP
+        yield dataclasses.replace(
+            episode, success=not fails, duration=60.0 if fails else episode.duration, position_error=0.01
+        )
+
+
+def round_of(folder: Path, models: Path = SOCCER.shipped_models) -> dict:
+    told = learn(Source(folder, SOCCER, ROBOT, models), time="2026-01-01T00:00:00Z")
+    if told["made"]:
+        publish(folder, Path(told["made"]))
+    return told
+
+
+def test_what_fails_is_predicted_to_fail_after_some_tens_of_records(tmp_path: Path) -> None:
+    stored(tmp_path / RECORDS, failing(episodes(60)))
+    verdict = round_of(tmp_path)["actions"][SUCCESS]
+    assert "Brier score" in verdict["reason"]
+    assert verdict["after"] < 0.5 * verdict["before"]
+    place = current_set(tmp_path)
+    assert place is not None
+    change = next(c for c in read_manifest(place).changes if c.measure == "success")
+    assert (change.tested, change.before) == (verdict["tested"], verdict["before"])
+    assert read_manifest(place).seen[SUCCESS] == 60
+    model = load_model(place / "goToPose.json", ROBOT, SOCCER.known_features)
+    fresh = list(failing(episodes(200, seed=9)))
+    said = np.array([_success(model, episode) for episode in fresh])
+    fails = np.array([not episode.success for episode in fresh])
+    assert said[fails].mean() < 0.2
+    assert said[~fails].mean() > 0.8
+
+
+def _success(model, episode: Episode) -> float:
+    start, goal = episode.situation.robot, episode.situation.goal
+    direct = {
+        "x": start.pose.x, "y": start.pose.y, "yaw": start.pose.yaw, "v": start.v, "w": start.w,
+        "xg": goal.pose.x, "yg": goal.pose.y, "yawg": goal.pose.yaw, "speedg": goal.speed, "hold": 0.0,
+    }  # fmt: skip
+    return float(model.predict(direct, ("success",)).success[0])
+
+
+def test_a_few_failures_by_chance_are_no_pattern(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    stream = (dataclasses.replace(e, success=bool(rng.random() > 0.1)) for e in episodes(200))
+    stored(tmp_path / RECORDS, stream)
+    verdict = round_of(tmp_path)["actions"][SUCCESS]
+    assert verdict["kind"] in ("", *(f"the rate of {size} episodes" for size in (200, 100)))
+
+
+def test_what_is_not_done_any_more_is_not_forgotten(tmp_path: Path) -> None:
+    stored(tmp_path / RECORDS, failing(episodes(60))).close()
+    assert round_of(tmp_path)["actions"][SUCCESS]["kind"]
+    straight = [episode for episode in episodes(400, seed=4) if turn_of(episode) < 0.8 * SHARP]
+    for begin in range(0, 120, 30):
+        stored(tmp_path / RECORDS, iter(straight[begin : begin + 30])).close()
+        assert "start" not in round_of(tmp_path)["actions"][SUCCESS]["kind"]
+    place = current_set(tmp_path)
+    assert place is not None
+    model = load_model(place / "goToPose.json", ROBOT, SOCCER.known_features)
+    sharp = [episode for episode in episodes(200, seed=9) if turn_of(episode) > 1.2 * SHARP]
+    assert np.mean([_success(model, episode) for episode in sharp]) < 0.3

@@ -1,0 +1,96 @@
+"""The demo's table and picture, its situations, and its processes, without ROS."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import stat
+import time
+from pathlib import Path
+
+import pytest
+
+from ator_ros.domains.declared import DeclaredServer
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.trials import open_speeds, random_trial
+from ator_ros.robot.description import load_robot
+from ator_ros.tools.demo import DemoRun, DemoSituation, explanation, table
+from ator_ros.tools.processes import NodeEndedError, NodeProcesses, NodesError
+from ator_ros.tops.chain import TopChain
+
+ROBOT = load_robot()
+TRIAL = random_trial(SOCCER, "shoot", SOCCER.library(ROBOT), seed=401, index=0)
+
+
+def run(*, total: float, success: bool = True, refined: bool = False) -> DemoRun:
+    actual = (3.0, 4.0, total - 7.0) if success else (3.0,)
+    return DemoRun(
+        success,
+        "lost the ball",
+        "no gain",
+        refined,
+        (3.1, 4.1, math.nan),
+        actual,
+        (math.nan, total),
+        [(0, 0), (1, 1)],
+    )
+
+
+def test_the_table_tells_gains_and_failures() -> None:
+    text = table(
+        [
+            DemoSituation(TRIAL.world, TRIAL.chain, run(total=10.0), run(total=8.0, refined=True)),
+            DemoSituation(TRIAL.world, TRIAL.chain, run(total=10.0), run(total=9.0, success=False)),
+        ]
+    )
+    assert "+2.00 s (+20 %)" in text
+    assert "1 of 2 situations succeeded both ways; refinement saved 2.00 s of 10.00 s (20.0 %)" in text
+    assert "situation 2, refined: lost the ball" in text
+    assert "left alone: no gain" in text
+    assert "3.10 / 3.00" in text
+
+
+def test_it_explains_the_chain_and_what_is_open() -> None:
+    chain, opened, kinds = explanation("shoot", open_speeds(TRIAL.chain)).split("\n")
+    assert chain == "chain shoot: goToBall, dribbleBall, shoot"
+    assert opened.startswith(
+        "open, for refinement to choose: speed and yaw at the end of step 1 (goToBall); "
+    )
+    assert kinds.startswith("naive: ")
+    closed = TopChain(tuple(dataclasses.replace(call, open=frozenset()) for call in TRIAL.chain.calls))
+    assert explanation("mine", closed).split("\n")[:2] == [
+        "chain mine: goToBall, dribbleBall, shoot",
+        "open, for refinement to choose: nothing",
+    ]
+
+
+def script(folder: Path, name: str, text: str) -> None:
+    file = folder / name
+    file.write_text(f"#!/bin/sh\n{text}\n", encoding="utf-8")
+    file.chmod(file.stat().st_mode | stat.S_IXUSR)
+
+
+def test_a_command_runs_in_its_folder_and_one_that_is_missing_is_named(tmp_path: Path) -> None:
+    with NodeProcesses(tmp_path, 1) as nodes:
+        nodes.start_server(DeclaredServer(command="touch 'made here'", folder=str(tmp_path)))
+        end = time.monotonic() + 10.0
+        while not (tmp_path / "made here").exists() and time.monotonic() < end:
+            time.sleep(0.01)
+        assert (tmp_path / "made here").exists()
+        with pytest.raises(
+            NodesError, match=r"servers: command: expected a program, got no_such_server 1: No"
+        ):
+            nodes.start_server(DeclaredServer(command=("no_such_server", "1"), folder=str(tmp_path)))
+
+
+def test_a_node_that_ends_by_itself_is_named_with_its_last_words(tmp_path: Path) -> None:
+    script(tmp_path, "weak", "echo no field here; exit 3")
+    with NodeProcesses(tmp_path, 1) as nodes:
+        nodes.start("weak", {})
+        with pytest.raises(NodeEndedError, match="the node weak ended with exit code 3: no field here"):
+            check_for_ever(nodes)
+
+
+def check_for_ever(nodes: NodeProcesses) -> None:
+    while True:
+        nodes.check()

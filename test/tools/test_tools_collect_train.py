@@ -1,0 +1,285 @@
+"""The command lines of collect and train, from experience to rules."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+from experience_rows import made_up_experience
+from selection import few
+
+from ator_ros.experience.parallel import run_tasks
+from ator_ros.experience.table import Experience, read_experience, write_experience
+from ator_ros.refinement.gate import ThresholdGate, load_gate, save_gate
+from ator_ros.robot.description import load_robot
+from ator_ros.tools import collect, train
+from ator_ros.tools.guard import INTERRUPTED
+
+ROBOT = load_robot()
+
+
+def table(path: Path, seed: int, **metadata: Any) -> Path:
+    frames = [made_up_experience(action, seed=seed) for action in ("goToPose", "dribbleBall")]
+    given = {"seed": seed, "robot_digest": ROBOT.digest(), "action_set": "default", **metadata}
+    write_experience(path, Experience(pd.concat(frames, ignore_index=True), given))
+    return path
+
+
+@pytest.fixture
+def learned(tmp_path: Path) -> Path:
+    experience, fresh = table(tmp_path / "a.parquet", 1), table(tmp_path / "b.parquet", 2)
+    words = [str(experience), "--fresh", str(fresh), "--models", str(tmp_path / "models"), "--no-gate"]
+    assert train.main(words) == 0
+    return tmp_path / "models"
+
+
+def test_collect_writes_the_same_table_for_any_number_of_workers(tmp_path: Path) -> None:
+    files = [tmp_path / "one.parquet", tmp_path / "two.parquet"]
+    for jobs, file in enumerate(files, start=1):
+        words = ["--actions", "goToPose", "dribbleBall", "--episodes", "2", "--seed", "9"]
+        assert collect.main([*words, "--jobs", str(jobs), "--out", str(file)]) == 0
+    one, two = map(read_experience, files)
+    pd.testing.assert_frame_equal(one.frame, two.frame, check_exact=True)
+    assert one.metadata["seed"] == 9
+    assert one.metadata["complete"] is True
+    assert one.metadata["robot_digest"] == ROBOT.digest()
+    assert one.frame.groupby("action")["episode"].nunique().to_dict() == {"dribbleBall": 2, "goToPose": 2}
+
+
+def test_collect_keeps_the_finished_episodes_when_a_worker_is_killed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(*args: Any, **options: Any) -> Iterator[pd.DataFrame]:
+        yield made_up_experience("goToPose", episodes=3)
+        yield from run_tasks(die, [signal.SIGKILL] * 2, jobs=2)
+
+    monkeypatch.setattr(collect.simulated, "collect", broken)
+    file = tmp_path / "part.parquet"
+    assert collect.main(["--actions", "goToPose", "--out", str(file)]) == 1
+    assert read_experience(file).frame["episode"].nunique() == 3
+    assert "a worker process was killed" in capsys.readouterr().out
+
+
+def die(how: signal.Signals) -> None:
+    """Be killed, as a process is that needs too much memory."""
+    os.kill(os.getpid(), how)
+
+
+@pytest.mark.parametrize("number", few([signal.SIGINT, signal.SIGTERM], signal.SIGTERM))
+def test_a_signal_to_all_processes_ends_them_and_keeps_the_finished_episodes(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    file = tmp_path / "part.parquet"
+    words = ["--actions", "goToPose", "--episodes", "2000", "--jobs", "2", "--out", str(file)]
+    with subprocess.Popen(
+        [sys.executable, "-c", WATCHED, *words], start_new_session=True, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        while "3 episodes" not in process.stdout.readline():
+            assert process.poll() is None
+        os.killpg(process.pid, number)  # a terminal, or a supervisor, sends it to all of them
+        assert "interrupted; kept the finished episodes" in process.stdout.read()
+        assert process.wait() == INTERRUPTED
+    assert eventually_gone(process.pid)
+    assert 3 <= read_experience(file).frame["episode"].nunique() < 2000
+
+
+def test_collect_continues_after_a_kill_with_the_same_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole, file = tmp_path / "whole.parquet", tmp_path / "killed.parquet"
+    words = ["--actions", "goToPose", "dribbleBall", "--episodes", "3", "--seed", "9", "--jobs", "1", "--out"]
+    with subprocess.Popen(
+        [sys.executable, "-c", WATCHED, *words, str(file)], stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        while "4 episodes" not in process.stdout.readline():
+            assert process.poll() is None
+        process.kill()
+    assert not file.exists()
+    (kept,) = tmp_path.iterdir()
+    lines = kept.read_bytes()
+    kept.write_bytes(lines + lines[-200:-1])  # as if it was killed while it wrote
+    assert collect.main([*words, str(file)]) == 0
+    assert "collect: 4 episodes of an earlier call are there" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == [file]
+    assert collect.main([*words, str(whole)]) == 0
+    one, two = map(read_experience, (whole, file))
+    pd.testing.assert_frame_equal(one.frame, two.frame, check_exact=True)
+    assert two.metadata["complete"] is True
+
+
+@pytest.mark.parametrize("words", [["--seed", "10"]])
+def test_finished_episodes_of_other_settings_are_not_continued(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: list[str],
+) -> None:
+    def interrupted(*args: Any, **options: Any) -> Iterator[pd.DataFrame]:
+        yield made_up_experience("goToPose", episodes=1)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(collect.simulated, "collect", interrupted)
+    common = ["--actions", "goToPose", "--out", str(tmp_path / "t.parquet")]
+    assert collect.main(common) == INTERRUPTED
+    (kept,) = (file for file in tmp_path.iterdir() if file.suffix == ".jsonl")
+    before = kept.read_bytes()
+    assert collect.main([*common, *words]) == 1
+    told = "expected episodes of the same seed, robot, domain, action set and versions, got others"
+    assert f"{kept}: {told}: choose another --out, or delete that file" in capsys.readouterr().err
+    assert kept.read_bytes() == before
+
+
+def test_two_collections_do_not_share_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    kept = tmp_path / "t.episodes.jsonl"
+    with kept.open("ab") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert collect.main(["--actions", "goToPose", "--out", str(tmp_path / "t.parquet")]) == 1
+    assert "expected a file of its own, another command is writing it" in capsys.readouterr().err
+
+
+def eventually_gone(group: int, seconds: float = 30.0) -> bool:
+    """Return whether no process of a group is left within `seconds`."""
+    for _ in range(round(10 * seconds)):
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.1)
+    return False
+
+
+WATCHED = """
+import signal
+import sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job would ignore Ctrl-C
+from ator_ros.tools import collect
+
+class Bar:
+    def __init__(self, episodes, **options):
+        self.episodes = episodes
+
+    def __iter__(self):
+        for number, frame in enumerate(self.episodes, start=1):
+            yield frame
+            print(f"{number} episodes", flush=True)
+
+    def close(self):
+        self.episodes.close()
+
+collect.tqdm = Bar
+sys.exit(collect.main(sys.argv[1:]))
+"""
+"""Runs `collect` and tells how far it is."""
+
+
+def test_train_writes_models_with_their_accuracy(learned: Path) -> None:
+    assert sorted(path.name for path in learned.iterdir()) == ["dribbleBall.json", "goToPose.json"]
+    data = json.loads((learned / "goToPose.json").read_text())
+    accuracy = data["accuracy"]
+    assert accuracy["seed"] == 2
+    assert 0.0 < accuracy["mae_s"] < 0.2
+    assert accuracy["mae_s_ci95"][0] < accuracy["mae_s"] < accuracy["mae_s_ci95"][1]
+    assert accuracy["rmse_s_ci95"][0] < accuracy["rmse_s"] < accuracy["rmse_s_ci95"][1]
+    assert accuracy["success"]["brier"] > 0.0
+    assert data["training"]["episodes"] == 300
+    assert data["training"]["seed"] == 1
+    assert data["robot_digest"] == ROBOT.digest()
+
+
+def test_train_learns_the_gate_from_the_same_episodes(
+    learned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert not (learned / "gate.json").exists()  # --no-gate
+    capsys.readouterr()
+    models = tmp_path / "gated"
+    assert train.main([str(tmp_path / "a.parquet"), "--models", str(models)]) == 0
+    gate = load_gate(models / "gate.json")
+    assert isinstance(gate, ThresholdGate)
+    told = f"{models}/gate.json: refines where the predicted gain is above {gate.gain:.2f} s"
+    assert told in capsys.readouterr().out
+    assert json.loads((models / "gate.json").read_text())["training"]["command"].startswith("train ")
+
+
+def test_train_says_in_one_line_why_there_is_no_gate(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = {"seed": 1, "robot_digest": ROBOT.digest(), "action_set": "default"}
+    write_experience(tmp_path / "one.parquet", Experience(made_up_experience("dribbleBall", seed=1), given))
+    models = tmp_path / "models"
+    words = [str(tmp_path / "one.parquet"), "--models", str(models)]
+    assert train.main(words) == 0
+    why = f"{models}: no gate: domain soccer has no chain with only dribbleBall; "
+    assert capsys.readouterr().out.endswith(f"{why}refinement accepts every predicted gain\n")
+    assert not (models / "gate.json").exists()
+    save_gate(models / "gate.json", ThresholdGate(0.2), {})
+    assert train.main(words) == 0
+    assert capsys.readouterr().out.endswith(f"{why}{models}/gate.json stays as it is\n")
+    assert load_gate(models / "gate.json") == ThresholdGate(0.2)
+
+
+def test_rules_are_printed_for_the_tree_and_for_one_situation(
+    learned: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    assert train.main(["--rules", "goToPose", "--models", str(learned)]) == 0
+    by_action = capsys.readouterr().out
+    assert "time = " in by_action
+    assert train.main(["--rules", str(learned / "goToPose.json")]) == 0
+    assert capsys.readouterr().out == by_action
+    words = ["--rules", "goToPose", "--models", str(learned), "--situation", "xg=2", "yawg=0.5"]
+    assert train.main(words) == 0
+    assert "here time = " in capsys.readouterr().out
+
+
+def test_report_and_ablation_are_written(learned: Path, tmp_path: Path) -> None:
+    report, ablation = tmp_path / "accuracy.md", tmp_path / "ablation.md"
+    words = [str(tmp_path / "a.parquet"), "--fresh", str(tmp_path / "b.parquet"), "--models", str(learned)]
+    assert train.main([*words, "--report", str(report), "--ablation", str(ablation)]) == 0
+    assert "| goToPose | default | at rest | " in report.read_text()
+    assert "0.31 / 0.75" in report.read_text()
+    assert "| dribbleBall | the paper's 3, starts | " in ablation.read_text()
+
+
+def test_models_are_measured_again_without_learning(learned: Path, tmp_path: Path) -> None:
+    before = json.loads((learned / "goToPose.json").read_text())
+    assert train.main(["--fresh", str(table(tmp_path / "c.parquet", 3)), "--models", str(learned)]) == 0
+    after = json.loads((learned / "goToPose.json").read_text())
+    assert after["accuracy"]["seed"] == 3
+    assert {**after, "accuracy": {}} == {**before, "accuracy": {}}
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["none.parquet"], "none.parquet: expected a Parquet file"),
+        (["--rules", "fly"], "fly.json: expected a model, there is none"),
+        (["--rules", "goToPose", "--situation", "z=1"], "situation: expected NAME=NUMBER"),
+    ],
+)
+def test_errors_are_one_line(
+    learned: Path, capsys: pytest.CaptureFixture[str], words: list[str], message: str
+) -> None:
+    capsys.readouterr()
+    assert train.main([*words, "--models", str(learned)]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("train: ")
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_experience_of_another_robot_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    foreign = table(tmp_path / "foreign.parquet", 1, robot_digest="0123456789abcdef")
+    assert train.main([str(foreign), "--models", str(tmp_path)]) == 1
+    assert "metadata.robot_digest: expected" in capsys.readouterr().err

@@ -1,0 +1,168 @@
+"""The command lines `evaluate` and `gate`, from small made-up models to report and result."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from experience_rows import made_up_model
+from refinement_fakes import ROBOT
+
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.running import PARTIAL, run_situations, to_records
+from ator_ros.evaluation.situation import Settings
+from ator_ros.evaluation.toolset import ToolsetSource
+from ator_ros.performance.model_file import save_model
+from ator_ros.refinement.calibration import CALIBRATION, load_calibration_if_any
+from ator_ros.refinement.gate import GATE, ThresholdGate, load_gate, save_gate
+from ator_ros.tools.calibrate_predictions import main as calibrate_main
+from ator_ros.tools.evaluate import main
+from ator_ros.tools.gate import main as gate_main
+
+ORACLE = ("--oracle", "4", "--oracle-speeds", "0.4")
+POLICIES = ["naive", "face_goal", "refined", "gated"]
+
+
+@pytest.fixture(scope="module")
+def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("models")
+    for action in SOCCER.actions():
+        save_model(folder / f"{action}.json", made_up_model(action, ROBOT))
+    save_gate(folder / GATE, ThresholdGate(0.05), {"situations": 1, "seed": 1})
+    return folder
+
+
+def evaluate(models: Path, out: Path, *words: str, situations: int = 3, workers: int = 1) -> dict[str, Any]:
+    options = ["--situations", str(situations), "--jobs", str(workers), "--seed", "405"]
+    command = [*options, "--models", str(models), "--out", str(out), "--policies", *POLICIES, *words]
+    assert main(command) == 0
+    data: dict[str, Any] = json.loads((out / "evaluation.json").read_text())
+    return data
+
+
+@pytest.fixture(scope="module")
+def finished(models: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    out = tmp_path_factory.mktemp("out")
+    return out, evaluate(models, out, *ORACLE)
+
+
+def test_summary_has_every_field_of_every_policy(finished: tuple[Path, dict[str, Any]]) -> None:
+    summary = finished[1]["summary"]
+    assert (summary["situations"], summary["seed"]) == (3, 405)
+    assert summary["command"].startswith("evaluate --situations 3")
+    for name in (*POLICIES, "oracle", "oracle_speed"):
+        row = summary[name]
+        for field in ("mean_duration_s", "improvement_percent", "mean_gain_higher_percent"):
+            assert isinstance(row[field], float)
+        assert row["higher"] + row["equal"] + row["lower"] == 3
+        low, high = row["improvement_ci95"]
+        assert low <= row["improvement_percent"] <= high
+        assert {"mean_loss_lower_percent", "oracle_captured_percent", "failures"} <= row.keys()
+    assert summary["naive"]["improvement_percent"] == 0.0
+    assert summary["oracle"]["improvement_percent"] >= 0.0
+    assert summary["oracle_speed"]["mean_duration_s"] <= summary["oracle"]["mean_duration_s"]
+
+
+def test_report_is_one_file_without_network_or_scripts(finished: tuple[Path, dict[str, Any]]) -> None:
+    text = (finished[0] / "report.html").read_text()
+    for words in ("Table 1 of the paper", "To repeat this", "533"):
+        assert words in text
+    assert "<script" not in text
+    # SVG names its namespaces by address; nothing else may point outside.
+    outside = re.findall(r'(?:src|href)="(?!#|data:)[^"]*"|url\((?!#)[^)]*\)|@import', text)
+    assert outside == []
+
+
+@pytest.mark.long
+def test_result_is_the_same_for_any_number_of_workers(
+    models: Path, finished: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    again = evaluate(models, tmp_path, *ORACLE, workers=2)
+    assert again["runs"] == finished[1]["runs"]
+    first = {name: row for name, row in finished[1]["summary"].items() if name != "command"}
+    assert {name: row for name, row in again["summary"].items() if name != "command"} == first
+
+
+def test_goes_on_after_an_interruption(models: Path, tmp_path: Path) -> None:
+    settings = Settings(seed=405, policies=("naive", "refined"), source=ToolsetSource(models=str(models)))
+    whole = run_situations(settings, situations=2, folder=tmp_path / "whole")
+    run_situations(settings, situations=1, folder=tmp_path / "parts")
+    partial = tmp_path / "parts" / PARTIAL
+    lines = partial.read_text().splitlines()
+    assert len(lines) == 2
+    partial.write_text("\n".join([*lines, lines[1][:40]]))
+    assert run_situations(settings, situations=2, folder=tmp_path / "parts") == whole
+    assert partial.read_text().splitlines()[1] == lines[1]
+
+
+def test_a_gate_is_learned(models: Path, tmp_path: Path) -> None:
+    work = tmp_path / "work"
+    options = ["--situations", "10", "--seed", "305", "--models", str(models), "--work", str(work)]
+    before = (models / GATE).read_text()
+    try:
+        assert gate_main([*options, "--jobs", "1"]) == 0
+        training = json.loads((models / GATE).read_text())["training"]
+        assert training["seed"] == 305
+        assert set(training["cross_validation"]) == {"open", "threshold", "tree"}
+        assert training["tree_rules"]
+        load_gate(models / GATE)
+    finally:
+        (models / GATE).write_text(before)
+
+
+def test_gate_keeps_room_to_stop_and_learns_a_calibration(tmp_path: Path) -> None:
+    ours, work = tmp_path / "models", tmp_path / "work"
+    ours.mkdir()
+    for action in ("goToPose", "dribbleBall"):
+        shutil.copy(SOCCER.shipped_models / f"{action}.json", ours)
+    sizes = ["--situations", "24", "--seed", "306", "--jobs", "1"]
+    assert gate_main([*sizes, "--models", str(ours), "--work", str(work), "--room", "--calibrate"]) == 0
+    assert load_gate(ours / GATE).room == load_gate(work / "models" / GATE).room > 1.0
+    assert load_gate(ours / GATE).corrected
+    shipped = load_gate(SOCCER.shipped_models / GATE)
+    assert (shipped.room, shipped.corrected) == (0.0, False)
+    assert set(load_calibration_if_any(ours).shortfalls) == {"goToPose", "dribbleBall"}
+
+
+def test_durations_of_actions_add_up_to_the_chains_and_all_of_ours_are_predicted(
+    finished: tuple[Path, dict[str, Any]],
+) -> None:
+    for record in to_records(finished[1]["runs"], 3):
+        for name in ("naive", "refined", "gated"):
+            row = record["policies"][name]
+            assert row["predicted"] > 0.0
+            if row["success"]:
+                assert sum(row["actions"]) == pytest.approx(row["duration"], abs=0.01)
+        assert "predicted" not in record["policies"]["face_goal"]  # no model chose it
+    for name in ("naive", "refined", "gated"):
+        assert finished[1]["summary"][name]["prediction"]["chains"] > 0
+    assert "predicted minus actual" in (finished[0] / "report.html").read_text()
+
+
+def test_errors_of_predictions_are_reported_and_too_few_learn_nothing(
+    finished: tuple[Path, dict[str, Any]],
+    models: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out, data = finished
+    report = tmp_path / "predictions.md"
+    assert calibrate_main([str(out), "--models", str(models), "--report", str(report)]) == 0
+    row = data["summary"]["refined"]["prediction"]
+    told = report.read_text(encoding="utf-8")
+    assert f"| dribble | 405 | refined | {row['chains']} | {row['mean_error_s']:+.3f} |" in told
+    assert data["summary"]["command"] in told
+    assert calibrate_main([str(out), "--models", str(models)]) == 1
+    assert "expected chains of at least 20 situations" in capsys.readouterr().err
+    assert calibrate_main([str(out)]) == 1  # about the shipped models
+    error = capsys.readouterr().err
+    assert f"{out / 'evaluation.json'}: expected chains executed with the robot and the models of" in error
+    assert "got another goToPose, another dribbleBall: evaluate again" in error
+    (tmp_path / "evaluation.json").write_text(json.dumps({**data, "digests": None}))
+    assert calibrate_main([str(tmp_path), "--models", str(models)]) == 1
+    assert "expected the digests of robot and models, got none" in capsys.readouterr().err
+    assert not (models / CALIBRATION).exists()

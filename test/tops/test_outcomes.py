@@ -1,0 +1,183 @@
+"""What a TOP has achieved: its post-condition decides, in the simulator and in the executor."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+
+from ator_ros.actions.base import Action, Goal, Point, Status, Step
+from ator_ros.actions.situation import Situation
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL
+from ator_ros.domains.soccer.tops import DRIBBLE_BALL, GO_TO_BALL, GO_TO_POSE, SHOOT
+from ator_ros.execution.chain_executor import ChainExecutor
+from ator_ros.experience.episode import run_episode
+from ator_ros.geometry import Pose
+from ator_ros.robot.description import load_robot
+from ator_ros.simulation.run import judge, place, run_action
+from ator_ros.simulation.simulation import Simulation
+from ator_ros.tops.bindings import bindings
+from ator_ros.tops.chain import Top, TopCall, TopChain
+from ator_ros.tops.conditions import Condition, Region
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.outcome import shortfall, top_of, unmet
+from ator_ros.world.state import STOP, ObjectState, RobotState, World
+
+ROBOT = load_robot()
+HERE = RobotState(Pose(0.0, 0.0, 0.0))
+MOUTH = Goal(Pose(4.0, 0.0, 0.0), 0.0, Point.HOLD)
+
+
+def with_ball(x: float, y: float = 0.0, vx: float = 0.0) -> World:
+    return World(0.0, HERE, {BALL: ObjectState(x, y, vx)})
+
+
+class TestRegions:
+    def test_a_region_lies_about_its_target(self) -> None:
+        region = Condition((Region("cup.x", "goal.x", 0.5, 2.0),))
+        for x, lacks in ((1.4, 1), (1.5, 0), (3.0, 0), (3.1, 1)):
+            assert len(region.violations({"cup.x": x}, {"x": 1.0})) == lacks
+        (told,) = region.violations({"cup.x": 1.4}, {"x": 1.0})
+        assert told == "expected cup.x 0.5 to 2 of goal.x, it is 0.4"
+        assert "unknown" in region.violations({}, {"x": 1.0})[0]
+
+    def test_outward_is_away_from_the_origin_on_either_side(self) -> None:
+        beyond = Condition((Region("cup.x", "goal.x", 0.0, 0.7, outward=True),))
+        for side in (1.0, -1.0):
+            assert beyond.violations({"cup.x": side * 4.3}, {"x": side * 4.0}) == []
+            assert beyond.violations({"cup.x": side * 3.9}, {"x": side * 4.0})
+            assert beyond.shortfall({"cup.x": side * 3.5}, {"x": side * 4.0}) == 0.5
+            assert beyond.apply({}, {"x": side * 4.0}) == {"cup.x": side * 4.0}
+
+    def test_a_region_binds_the_goal_variable_that_it_names(self) -> None:
+        put = Top("put", "put", Condition((Region("cup.x", "goal.x", -1.0, 1.0),)), Condition())
+        assert bindings((put,)).keys() == {(0, "x")}
+
+
+class TestShot:
+    @pytest.mark.parametrize("side", [1.0, -1.0])
+    def test_the_ball_must_be_beyond_the_line_and_between_the_posts(self, side: float) -> None:
+        goal = Goal(Pose(4.0 * side, 0.0, 0.0), 0.0, Point.HOLD)
+        assert unmet(SHOOT, with_ball(4.05 * side, 0.9), goal, ROBOT) == []
+        assert unmet(SHOOT, with_ball(3.95 * side), goal, ROBOT)
+        assert unmet(SHOOT, with_ball(4.05 * side, 1.1), goal, ROBOT)
+
+    def test_the_shortfall_is_how_far_the_ball_is_from_the_goal(self) -> None:
+        assert shortfall(SHOOT, with_ball(3.5), MOUTH, ROBOT) == 0.5
+        assert shortfall(SHOOT, with_ball(3.5, 1.75), MOUTH, ROBOT) == 0.75
+        assert shortfall(SHOOT, with_ball(4.1), MOUTH, ROBOT) == 0.0
+        assert shortfall(SHOOT, World(0.0, HERE), MOUTH, ROBOT) == math.inf
+
+
+class TestFittedTops:
+    def test_a_ball_is_scored_in_the_goals_that_there_are(self) -> None:
+        bays = tuple(dataclasses.replace(bay, width=1.0, depth=1.2) for bay in ROBOT.scene.bays)
+        robot = dataclasses.replace(ROBOT, scene=dataclasses.replace(ROBOT.scene, bays=bays))
+        shot = SOCCER.library(robot)["shoot"]
+        assert unmet(shot, with_ball(5.0, 0.4), MOUTH, robot) == []
+        assert unmet(shot, with_ball(4.05, 0.6), MOUTH, robot)
+
+
+class TestWhichTop:
+    def test_the_point_and_the_objects_say_what_an_action_is_for(self) -> None:
+        ball = {BALL: ObjectState(1.0, 0.0)}
+        cases = [
+            (GO_TO_POSE, "goToPose", {}, Point.AXLE),
+            (GO_TO_POSE, "goToPose", ball, Point.AXLE),
+            (GO_TO_BALL, "goToPose", ball, Point.HOLD),
+            (DRIBBLE_BALL, "dribbleBall", ball, Point.HOLD),
+            (SHOOT, "shoot", ball, Point.HOLD),
+        ]
+        for top, action, objects, point in cases:
+            situation = Situation(action, HERE, objects, Goal(Pose(1.0, 0.0, 0.0), 0.0, point))
+            assert top_of(situation, SOCCER.tops, ROBOT) is top
+
+
+class Push(Action):
+    """Says at once that it has succeeded."""
+
+    name = "push"
+    ends: int
+
+    def start(self, world: World, goal: Goal) -> None:
+        self.ends = 0
+
+    def step(self, world: World) -> Step:
+        assert self.ends == 0, "an action that has ended is not stepped"
+        return Step(STOP, Status.SUCCEEDED, "pushed")
+
+    def end(self, reason: str) -> None:
+        self.ends += 1
+
+
+def pushing(post: Condition, settles: float) -> Top:
+    return Top("push", "push", Condition(), post, settles=settles)
+
+
+ROLLED = Condition((Region("ball.x", "goal.x", 0.0, 1.0),))
+AHEAD = Goal(Pose(2.0, 0.0, 0.0))
+
+
+class TestJudge:
+    @pytest.mark.parametrize(
+        ("settles", "vx", "success", "end"),
+        [(6.0, 1.0, True, 2.0), (0.0, 1.0, False, 1.5), (0.2, 1.0, False, 1.7), (6.0, 0.1, False, 1.5)],
+    )
+    def test_objects_settle_as_long_as_the_top_allows(
+        self, settles: float, vx: float, success: bool, end: float
+    ) -> None:
+        situation = Situation("push", HERE, {BALL: ObjectState(1.5, 1.0, vx)}, AHEAD)
+        top = pushing(ROLLED, settles)
+        with Simulation(ROBOT) as simulation:
+            episode = run_episode(simulation, Push(ROBOT), situation, top=top)
+            x = simulation.world().objects[BALL].x
+        assert episode.success is success
+        assert episode.duration == 0.0
+        assert x == pytest.approx(end, abs=0.06)
+        assert episode.position_error == pytest.approx(max(0.0, 2.0 - x))
+        assert math.isnan(episode.heading_error)
+
+    def test_an_action_that_lies_is_not_believed_and_one_that_gave_up_stays_a_failure(self) -> None:
+        with Simulation(ROBOT) as simulation:
+            place(simulation, with_ball(1.0, 1.0))
+            done = run_action(simulation, Push(ROBOT), AHEAD)
+            lie = judge(simulation, pushing(ROLLED, 1.0), AHEAD, done.status, done.message)
+            place(simulation, with_ball(2.5, 1.0))
+            luck = judge(simulation, pushing(ROLLED, 1.0), AHEAD, Status.FAILED, "gave up")
+        assert (lie.success, luck.success, luck.reason) == (False, False, "gave up")
+        assert lie.reason == (
+            "pushed; but post-condition of push: expected ball.x 0 to 1 of goal.x, it is -1"
+        )
+
+
+class TestExecutor:
+    def executor(self, settles: float) -> tuple[ChainExecutor, list[Push]]:
+        made: list[Push] = []
+
+        def make(robot: object) -> Push:
+            made.append(Push(ROBOT))
+            return made[-1]
+
+        library = TopLibrary(ROBOT, "push", tops=(pushing(ROLLED, settles),), actions={"push": make})
+        return ChainExecutor(library, TopChain((TopCall(library["push"], AHEAD),))), made
+
+    def world(self, time: float, x: float, vx: float) -> World:
+        return World(time, HERE, {BALL: ObjectState(x, 0.0, vx)})
+
+    def test_it_stops_and_waits_for_what_moves_on(self) -> None:
+        executor, made = self.executor(1.0)
+        step = executor.step(self.world(0.0, 1.5, 1.0))
+        assert (step.status, step.command, made[0].ends) == (Status.RUNNING, STOP, 1)
+        assert executor.step(self.world(0.4, 1.9, 1.0)).status is Status.RUNNING
+        step = executor.step(self.world(0.6, 2.1, 1.0))
+        assert (step.status, step.elapsed, made[0].ends) == (Status.SUCCEEDED, 0.6, 1)
+
+    @pytest.mark.parametrize(("time", "x", "vx"), [(0.5, 1.8, 0.0), (1.1, 1.9, 0.5)])
+    def test_it_fails_once_all_rests_or_the_time_is_over(self, time: float, x: float, vx: float) -> None:
+        executor, made = self.executor(1.0)
+        executor.step(self.world(0.0, 1.5, 1.0))
+        step = executor.step(self.world(time, x, vx))
+        assert (step.status, made[0].ends) == (Status.FAILED, 1)
+        assert "post-condition of push" in step.message
