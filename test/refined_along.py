@@ -8,6 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ator_ros.actions.base import Status
+from ator_ros.evaluation.policies import POLICIES
+from ator_ros.evaluation.toolset import Toolset
+from ator_ros.evaluation.trials import Trial
 from ator_ros.execution.chain_executor import ActionRecord, ChainStep, Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import Predictor
@@ -120,3 +123,11 @@ class RefinedAlong:
             return
         found = choice.refinement
         run.refined_to(found.chain, found.refined, found.reason, chosen=choice.number)
+
+
+def refining_along(tools: Toolset, library: TopLibrary, trial: Trial) -> tuple[TopChain, RefinedAlong]:
+    """Return a refined chain (headings and speeds), and what refines it again behind the gate."""
+    choice = POLICIES["refined_speed"](tools, trial)
+    assert choice.refinement is not None
+    along = Along((choice.refinement.original,), tools.refiner(gated=True))
+    return choice.chain, RefinedAlong(library, choice.chain, along, time_limit=tools.domain.time_limit)
