@@ -25,7 +25,6 @@ from ator_ros.nodes.simulation import parameters_for as of_simulation
 from ator_ros.resources import PACKAGE, share_folder
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.urdf import robot_urdf
-from ator_ros.tools.view import arguments
 
 LAUNCH = ET.parse(share_folder() / "launch" / "ator.launch.xml").getroot()  # noqa: S314 - a file of ours
 OURS = {node.get("exec"): node for node in LAUNCH.iter("node") if node.get("pkg") == PACKAGE}
@@ -66,17 +65,6 @@ def test_its_files_hold_parameters_that_the_nodes_have(name: str) -> None:
     assert set(settings) == set(known)
     named = {param.get("name") for param in OURS[name].iter("param") if param.get("name")}
     assert named <= set(known)
-
-
-def test_the_view_attaches_to_the_nodes_of_its_namespace() -> None:
-    assert "view" in {script.name for script in entry_points(group="console_scripts")}
-    (group,) = LAUNCH.findall("group")
-    assert VIEW in list(group)
-    given = {"domain": "tour", "frame": "map", "robot": str(CONFIG / "pioneer.yaml")}
-    words = re.sub(r"\$\(var (\w+)\)", lambda found: given[found[1]], VIEW.get("args", ""))
-    options = arguments().parse_args(words.split())
-    assert (options.attach, options.domain, options.frame) == (True, "tour", "map")
-    assert Path(options.robot) == CONFIG / "pioneer.yaml"
 
 
 def test_robot_state_publisher_gets_the_description_of_the_robot_that_is_named() -> None:

@@ -9,8 +9,6 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from ator_ros.actions.base import Point
-from ator_ros.actions.goal_variables import GoalVariable, wrong_values
 from ator_ros.actions.situation import SHORT, NoPlaceError, Situation
 from ator_ros.domains.declared_situations import (
     ChainsOf,
@@ -45,15 +43,6 @@ def test_drives_keep_their_distance_and_are_the_same_for_the_same_seed() -> None
     assert first == again
     assert min(long_ones(first)) >= 1.5
     assert {one.action for one in first} == {"drive_to"}
-
-
-def test_declared_goal_variables_are_drawn_from_their_range_and_the_point_is_that_of_the_top() -> None:
-    force = GoalVariable("force", "N", 2.0, 4.0)
-    sample = DrivesOf("push", DeclaredDrives(HALL, HALL), Point.HOLD, (force,))
-    goals = [sample(ROBOT, np.random.default_rng(seed)).goal for seed in range(50)]
-    assert not any(wrong_values(goal, (force,)) for goal in goals)
-    assert np.ptp([goal.values["force"] for goal in goals]) > 1.5
-    assert {goal.point for goal in goals} == {Point.HOLD}
 
 
 def test_places_that_are_too_near_are_told() -> None:

@@ -121,11 +121,6 @@ def test_result_is_written_and_read(tmp_path: Path) -> None:
 
 
 class TestPartialResults:
-    def test_goes_on_where_it_was(self, tmp_path: Path) -> None:
-        PartialResults(tmp_path, Settings(seed=1), "d").append(RECORDS[0])
-        again = PartialResults(tmp_path, Settings(seed=1), "d")
-        assert again.records == {0: RECORDS[0]}
-
     def test_forgets_a_line_that_was_cut_off(self, tmp_path: Path) -> None:
         partial = PartialResults(tmp_path, Settings(seed=1), "d")
         partial.append(RECORDS[0])

@@ -80,17 +80,3 @@ def test_a_margin_saves_executions_and_keeps_the_best() -> None:
     few_legs = best_headings(TOOLS, drawn, [], drive, count=12, margin=0.2)
     assert few_legs[0] == all_legs[0]
     assert few_legs[1] < 0.4 * all_legs[1]
-
-
-def test_legs_that_fail_are_no_way() -> None:
-    drawn = trial(0)
-    best, _ = best_headings(TOOLS, drawn, [], drive, count=6, margin=None)
-    opened = next(index for index, call in enumerate(drawn.chain.calls) if call.open)
-    failing = best.calls[opened].goal.pose
-
-    def careful(start: World, chain: TopChain) -> float:
-        return math.inf if chain.calls[0].goal.pose == failing else drive(start, chain)
-
-    other, _ = best_headings(TOOLS, drawn, [], careful, count=6, margin=None)
-    assert other.calls[opened].goal.pose != failing
-    assert total(drawn, other) > total(drawn, best)

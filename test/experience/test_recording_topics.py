@@ -13,7 +13,7 @@ import pytest
 
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.recordings import RecordingError, read_recording
+from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import Experience
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.tools import train
@@ -186,17 +186,6 @@ def test_a_twist_that_contradicts_the_poses_is_named_in_one_line(tmp_path: Path)
     (line,) = read(recorded(tmp_path, slip=0.1)).remarks
     assert line.startswith("bag: odom: pose and twist.linear contradict each other: expected about 0.40 m/s")
     assert "\n" not in line
-
-
-def test_stamps_that_do_not_advance_are_named(tmp_path: Path) -> None:
-    def stopped(order: list[Tick]) -> list[Tick]:
-        return [tick._replace(time=3.5) for tick in order]
-
-    with pytest.raises(RecordingError) as refused:
-        read(recorded(tmp_path, order=stopped))
-    (line,) = str(refused.value).splitlines()
-    count = len(list(ticks()))
-    assert f"stamp: expected stamps that advance, got 3.50 s in all {count} messages" in line
 
 
 def test_some_messages_without_direction_are_left_out_and_counted(

@@ -10,14 +10,12 @@ from robots import OTHERS, PIONEER, PLAIN
 
 from ator_ros.domains.soccer.features import (
     PushedTurns,
-    approach_family,
     chosen_dribbles,
     chosen_drives,
     dribble_family,
     drive_family,
     free_grid,
     pushed_grid,
-    shot_family,
     turns_of,
 )
 from ator_ros.domains.soccer.planned.holding import MARGIN, keeps_ball, push
@@ -68,27 +66,10 @@ def test_drives_are_nearly_as_fast_as_those_of_the_grid(robot: Robot) -> None:
 
 
 @every_robot
-def test_approaches_are_nearly_as_fast_as_those_of_the_grid(robot: Robot) -> None:
-    rows, grid = turns_of(drives_of(robot), "approach", FreeTurns), approach_family(robot, free_grid())
-    assert len(rows) <= MOST
-    assert excess(approach_family(robot, rows), grid, robot) < 0.004
-
-
-@every_robot
 def test_dribbles_are_nearly_as_fast_as_those_of_the_grid(robot: Robot) -> None:
     rows, grid = dribbles_of(robot), dribble_family(robot, pushed_grid(robot))
     assert len(rows) <= MOST
     assert excess(dribble_family(robot, rows), grid, robot) < 0.02
-
-
-@every_robot
-def test_the_destination_that_is_reached_first_counts(robot: Robot) -> None:
-    family = shot_family(robot)
-    drawn = ends(family.limits).reshape(5, 3, -1)
-    drawn[3] = drawn[3, 0]  # one start, and three destinations
-    drawn[:2, 2, :10] *= 0.01  # some of them too near
-    each = [fastest_motions(drawn[:, [choice]], family, hold=robot.hold).time for choice in range(3)]
-    assert fastest_motions(drawn, family, hold=robot.hold).time.tolist() == np.min(each, axis=0).tolist()
 
 
 @every_robot

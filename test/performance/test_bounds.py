@@ -22,7 +22,7 @@ CHECKED = (
     "performance",
     "test_compiled.py",
     "refinement/test_refinement_search.py",
-    "domains/test_run_up_times.py",
+    "domains/test_shoot.py",
 )
 """The tests that run compiled code."""
 

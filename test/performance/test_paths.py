@@ -28,12 +28,6 @@ def time_to(x: float, y: float, turn: float, driving: DrivingStyle, *, speed: fl
     return float(path_times(ends, driving, hold=0.31, holding=False).time[0])
 
 
-def test_straight_ahead_is_a_drive_at_the_limits() -> None:
-    ramps = 0.5 * 0.5**2 * (1 / 0.4 + 1 / 0.3)
-    expected = 0.5 / 0.4 + 0.5 / 0.3 + (2.0 - ramps) / 0.5
-    assert time_to(2.0, 0.0, 0.0, SLOW) == pytest.approx(expected, abs=0.02)
-
-
 @pytest.mark.parametrize(("x", "y", "turn"), [(1.5, 0.8, 0.7), (-0.6, 1.1, 2.0), (0.9, -0.9, -2.4)])
 def test_no_path_is_slower_than_turning_on_the_spot_or_faster_than_the_crow(
     x: float, y: float, turn: float

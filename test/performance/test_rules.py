@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ator_ros.performance.tree.model_tree import ModelTreeRegressor
-from ator_ros.performance.tree.nodes import ModelTree, RuleWriter, rule_for, rules
+from ator_ros.performance.tree.nodes import ModelTree, RuleWriter, rule_for
 
 WRITER = RuleWriter({"dist": "m", "angle_to_dest": "rad"})
 
@@ -45,21 +44,6 @@ def test_the_whole_tree_is_one_line_per_leaf_with_redundant_bounds_joined():
     assert lines[2].startswith("if (1.86m < dist <= 2.3m) & (angle_to_dest > 49.7°) then time = 1*dist + 3")
     assert lines[3].startswith("if (dist > 2.3m) then time = 1*dist + 4")
     assert len(lines) == 4
-
-
-def test_exactly_one_rule_holds_anywhere_and_it_is_the_one_that_predicts():
-    rng = np.random.default_rng(1)
-    X = rng.uniform(-1, 1, size=(2000, 3))
-    y = np.abs(X[:, 0]) + np.maximum(X[:, 1], 0.3) + rng.normal(0, 0.01, 2000)
-    tree = ModelTreeRegressor(extrapolation=None).fit(X, y).tree_
-    every = list(rules(tree))
-    assert len(every) == tree.n_leaves > 2
-    for situation in rng.uniform(-1, 1, size=(100, 3)):
-        value = dict(zip(tree.names, situation, strict=True))
-        holding = [r for r in every if all(lo < value[n] <= up for n, (lo, up) in r.bounds.items())]
-        assert holding == [rule_for(tree, situation)]
-        linear = holding[0].intercept + sum(slope * value[n] for n, slope in holding[0].slopes.items())
-        assert tree.predict(situation[None, :])[0] == pytest.approx(linear, rel=1e-9)
 
 
 def test_an_explanation_adds_up_and_tells_when_the_rule_is_held_back():

@@ -13,7 +13,6 @@ from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose
 from ator_ros.planning.goals import GoalStatement, PlanningError, statement_from
 from ator_ros.planning.planner import chains_for
-from ator_ros.planning.search import Operator, SymbolicProblem
 from ator_ros.robot.description import Robot
 from ator_ros.tools.plan import main as plan_main
 from ator_ros.tops.chain import TopChain
@@ -72,10 +71,6 @@ def test_a_ball_near_the_goal_can_be_shot_from_there_or_from_elsewhere_or_from_t
     assert via.calls[0].goal.pose.x < 2.4  # the goal is at x = 4
 
 
-def test_a_robot_behind_the_ball_need_not_go_to_the_other_side() -> None:
-    assert tops(planned(IN_GOAL, situation(ball=(2.4, 0.5)))) == {FROM_HERE, ANYWHERE}
-
-
 def test_a_ball_that_is_held_is_not_fetched() -> None:
     ball = ROBOT.hold_point(Pose(2.0, 0.0, 0.0))
     world = situation(robot=Pose(2.0, 0.0, 0.0), ball=(ball.x, ball.y))
@@ -106,8 +101,6 @@ def test_statements_are_brought_about(statements: tuple[str, ...], steps: set[tu
             ("ball.x=1:-0.01:0.01",),
             "no TOP achieves ball.x -0.01 to 0.01 of 1 (dribbleBall brings it to -0.16",
         ),
-        (("ball.vx=1:0:1",), "no TOP achieves ball.vx 0 to 1 of 1"),
-        (("robot.v=0.5:0:0.1",), "no TOP achieves robot.v 0 to 0.1 of 0.5"),
         (("cup.x=1",), "expected one of robot.x, "),
         (
             ("ball.x=99",),
@@ -160,27 +153,6 @@ def test_a_precondition_that_no_top_achieves_is_named() -> None:
     with pytest.raises(PlanningError) as told:
         planned(IN_GOAL, situation(ball=(2.4, 0.0)), domain=one)
     assert "no TOP achieves hold.x within 0.12 of ball.x, which shoot needs" in str(told.value)
-
-
-def test_a_domain_of_one_top_visits_what_is_wanted() -> None:
-    robot = TOURS.robot()
-    (chain,) = planned(said("robot.x=1", "robot.y=2"), situation(ball=None), domain=TOURS, robot=robot)
-    assert tops([chain]) == {("visit",)}
-    assert chain.calls[0].goal.pose[:2] == (1.0, 2.0)
-    assert chain.calls[0].open == {"yaw"}
-
-
-def test_all_plans_are_found_of_which_none_needs_the_steps_of_another() -> None:
-    """Two ways to fact 1, two ways from it to fact 2, and a shortcut that no other plan contains."""
-    operators = [
-        Operator(frozenset({have}), frozenset({make}), frozenset()) for have, make in
-        [(0, 1), (0, 1), (1, 2), (1, 2), (0, 2)]
-    ]  # fmt: skip
-    problem = SymbolicProblem(tuple(operators), frozenset({0}), frozenset({2}))
-    plans = problem.plans(20)
-    assert plans[0] == (4,)
-    assert set(plans) == {(4,), (0, 2), (0, 3), (1, 2), (1, 3)}
-    assert len(problem.plans(3)) == 3
 
 
 def test_the_tool_prints_chains_and_predictions(capsys: pytest.CaptureFixture[str]) -> None:

@@ -53,23 +53,6 @@ def test_same_commands_give_bit_identical_trajectories(robot: Robot) -> None:
     assert trajectories[0] == trajectories[1]
 
 
-def test_worlds_of_one_process_do_not_disturb_each_other(robot: Robot) -> None:
-    with Simulation(robot) as alone:
-        place(alone, robot)
-        expected = dribble(alone, 60)
-    with Simulation(robot) as first, Simulation(robot) as second:
-        place(first, robot)
-        place(second, robot, x=-2.0)
-        seen = []
-        for tick in range(60):
-            second.command(Command(-0.3, 1.0))
-            second.tick()
-            first.command(Command(0.6, 0.5 * math.sin(0.1 * tick)))
-            first.tick()
-            seen.append(first.world())
-    assert seen == expected
-
-
 @pytest.mark.parametrize(
     "command", [Command(9.0, 0.0), Command(-9.0, 0.0), Command(9.0, -9.0), Command(0.0, 9.0)]
 )
@@ -122,14 +105,6 @@ def test_rolling_ball_decelerates_as_configured(simulation: Simulation, robot: R
 def test_command_that_is_not_finite_is_refused(simulation: Simulation, command: Command) -> None:
     with pytest.raises(ValueError, match="finite"):
         simulation.command(command)
-
-
-@pytest.mark.parametrize("pose", [Pose(1.5, -1.0, 2.0)])
-def test_poses_are_those_of_the_axle(simulation: Simulation, pose: Pose) -> None:
-    simulation.place_robot(pose, v=0.4, w=0.2)
-    state = simulation.world().robot
-    assert state.pose == pytest.approx(pose, abs=1e-9)
-    assert (state.v, state.w) == pytest.approx((0.4, 0.2), abs=1e-9)
 
 
 def test_robots_of_one_world_drive_on_their_own_and_see_the_same_ball(robot: Robot) -> None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import pytest
-
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import Top, TopCall
 from ator_ros.tops.conditions import Condition, Term
-from ator_ros.tops.objects import fetched, followed, has_left, held_first, held_last, kept, missing_object
+from ator_ros.tops.objects import fetched, followed, has_left
 from ator_ros.world.state import ObjectState, RobotState, World
 
 ROBOT = load_robot()
@@ -34,13 +32,6 @@ def test_a_role_that_two_objects_could_have_goes_to_the_first_by_name() -> None:
     assert followed(top) == fetched(top) == "ball"
 
 
-@pytest.mark.parametrize("condition", [near("cup", "hold"), near("hold", "cup")])
-def test_an_object_is_held_whichever_side_of_a_term_it_is_on(condition: Condition) -> None:
-    top = Top("carry", "carry", condition, near("hold", "cup"))
-    assert held_first(top) == held_last(top) == kept(top) == "cup"
-    assert followed(top) is None
-
-
 def test_only_the_followed_object_leaves_a_goal() -> None:
     # "ball" is part of the name of another object; what moves it is no matter of the goal.
     pre = both(near("ball", "goal"), near("football", "box"), Condition((Term("ball.vx", 0.0, 0.1),)))
@@ -49,9 +40,3 @@ def test_only_the_followed_object_leaves_a_goal() -> None:
     assert not has_left(there, call, ROBOT)
     assert not has_left(there.with_object("ball", ObjectState(1.0, 0.0, vx=2.0)), call, ROBOT)
     assert has_left(there.with_object("ball", ObjectState(1.0, 0.2)), call, ROBOT)
-
-
-def test_the_first_unknown_object_is_named() -> None:
-    top = Top("carry", "carry", near("cup", "hold"), near("cup", "tray"))
-    assert missing_object(top, world(cup=(0.0, 0.0))) == "tray"
-    assert missing_object(top, world(cup=(0.0, 0.0), tray=(1.0, 1.0))) is None

@@ -173,11 +173,3 @@ class TestExecutor:
         assert executor.step(self.world(0.4, 1.9, 1.0)).status is Status.RUNNING
         step = executor.step(self.world(0.6, 2.1, 1.0))
         assert (step.status, step.elapsed, made[0].ends) == (Status.SUCCEEDED, 0.6, 1)
-
-    @pytest.mark.parametrize(("time", "x", "vx"), [(0.5, 1.8, 0.0), (1.1, 1.9, 0.5)])
-    def test_it_fails_once_all_rests_or_the_time_is_over(self, time: float, x: float, vx: float) -> None:
-        executor, made = self.executor(1.0)
-        executor.step(self.world(0.0, 1.5, 1.0))
-        step = executor.step(self.world(time, x, vx))
-        assert (step.status, made[0].ends) == (Status.FAILED, 1)
-        assert "post-condition of push" in step.message

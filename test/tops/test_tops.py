@@ -72,17 +72,6 @@ def test_the_chain_of_the_paper_is_executed_to_its_end() -> None:
     assert ball_of(world).x > 4.0
 
 
-def test_an_arrival_speed_hands_over_without_a_stop() -> None:
-    chain = TopChain((call("goToBall", 0.0, 0.0, 0.0, 0.5), call("dribbleBall", 2.0, 0.0)))
-    executor, steps, _ = execute(chain)
-    assert steps[-1].status is Status.SUCCEEDED
-    assert executor.records[1].start.robot.v > 0.4
-    stopping = sum(
-        r.duration for r in execute(TopChain((call("goToBall", 0.0, 0.0), *chain.calls[1:])))[0].records
-    )
-    assert steps[-1].elapsed < stopping
-
-
 def test_an_action_that_takes_too_long_fails_the_chain() -> None:
     executor, steps, _ = execute(PLAN, time_limit=0.5)
     assert steps[-1].status is Status.FAILED

@@ -86,20 +86,6 @@ def test_a_ball_that_rolls_is_believed_to_do_as_it_is_seen(told: float) -> None:
     assert believed[10:] == pytest.approx([2.0] * 30)
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.015])
-def test_a_kick_is_believed(noise: float) -> None:
-    def speed(time: float) -> float:
-        return max(0.0, 3.0 - 0.7 * (time - 0.5)) if time >= 0.5 else 0.0
-
-    def place(time: float) -> float:
-        rolled = max(0.0, time - 0.5)
-        return 3.0 * rolled - 0.35 * rolled**2
-
-    believed, said = checked(place, speed, noise=noise)
-    assert said == []
-    assert believed == pytest.approx([speed(tick * TICK) for tick in range(40)], abs=0.25 if noise else 1e-9)
-
-
 def straight(times: list[float], vx: float, vy: float, noise: float = 0.0) -> tuple[float, float]:
     """Return the velocity after positions of straight motion at these times."""
     estimate, rng = VelocityEstimate(), np.random.default_rng(3)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 
 from ator_ros.geometry import Pose, quaternion_from_yaw, yaw_from_quaternion
@@ -19,28 +18,9 @@ def pose_of(placement: Placement) -> Pose:
     return Pose(*placement.origin[:2], yaw_from_quaternion(*placement.turn))
 
 
-def random_placement(rng: np.random.Generator) -> Placement:
-    turn = rng.normal(size=4)
-    i, j, k, w = (turn / np.linalg.norm(turn)).tolist()
-    x, y, z = rng.uniform(-3.0, 3.0, 3).tolist()
-    return Placement((x, y, z), (i, j, k, w))
-
-
 def same(one: Placement, other: Placement) -> bool:
     near = abs(sum(a * b for a, b in zip(one.turn, other.turn, strict=True)))
     return math.dist(one.origin, other.origin) < 1e-9 and near > 1.0 - 1e-9
-
-
-def test_placements_compose_as_poses_do_and_go_back_in_space() -> None:
-    a, b = Pose(1.0, -2.0, 2.5), Pose(0.3, 0.7, -1.2)
-    assert pose_of(planar(*a).compose(planar(*b))) == pytest.approx(a.compose(b))
-    rng = np.random.default_rng(5)
-    for _ in range(20):
-        one, other = random_placement(rng), random_placement(rng)
-        assert same(one.compose(one.inverse()), HERE)
-        assert same(one.inverse().compose(one.compose(other)), other)
-        assert same(one.between(other, 0.0), one)
-        assert same(one.between(other, 1.0), other)
 
 
 def robot_in_map() -> Transforms:
