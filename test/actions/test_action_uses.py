@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import pytest
-from carried import ROBOT
 
 from ator_ros.actions.base import Action, Goal, Status, Step, started
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.geometry import Pose
+from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import STOP, RobotState, World
 
+ROBOT = load_robot()
 START = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)))
 AHEAD = Goal(Pose(1.0, 0.0, 0.0))
 

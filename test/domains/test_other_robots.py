@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from pathlib import Path
 
@@ -11,27 +10,16 @@ import pytest
 from robots import FIFTH, HEAVY, OTHERS, PIONEER, PLAIN, QUICK, SHIPPED
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
-from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.trials import random_trial, with_headings
 from ator_ros.geometry import Pose
 from ator_ros.nodes.simulation import robots_of
-from ator_ros.robot.description import Limits, NoHolderError, Robot, load_robot
+from ator_ros.robot.description import NoHolderError, Robot, load_robot
 from ator_ros.simulation.run import place
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.world.state import Command, RobotState, World
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "robots.md"
-RACER = dataclasses.replace(
-    PIONEER,
-    name="racer",
-    limits=Limits(v=2.5, w=6.0, a=2.0, brake=2.0, aw=12.0),
-    holder=dataclasses.replace(
-        PIONEER.holder_for("a test"), limits=Limits(v=2.0, w=2.0, a=1.5, brake=1.2, aw=6.0)
-    ),
-)
-"""Its limits are more than wheels and ball can do at once."""
 
 
 def test_the_shipped_robots_differ_as_the_documentation_says() -> None:
@@ -64,15 +52,6 @@ def test_the_simulated_base_lags_as_it_is_described(robot: Robot) -> None:
             simulation.tick()
         behind = ticks / CONTROL_RATE - simulation.world().robot.v / gain
     assert behind == pytest.approx(robot.motor_time_constant, abs=0.015)
-
-
-def test_plans_turn_no_faster_than_wheels_grip() -> None:
-    for robot in (PIONEER, *OTHERS, RACER):
-        for action in (GoToPose(robot), DribbleBall(robot)):
-            limits = action.plan_limits
-            assert limits.v * limits.w <= 4.0 + 1e-9
-    assert GoToPose(PIONEER).plan_limits.w == 0.97 * PIONEER.limits.w
-    assert DribbleBall(RACER).plan_limits.brake == pytest.approx(0.65)
 
 
 @pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.stem)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import pandas as pd
 import pytest
 from experience_rows import made_up_experience
 
-from ator_ros.performance.accuracy import accuracy, brier, kinds
+from ator_ros.performance.accuracy import accuracy, brier
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import (
     TrainingError,
     direct_of,
-    observed_starts,
     train,
 )
 from ator_ros.robot.description import load_robot
@@ -66,30 +64,3 @@ def test_an_unknown_action_is_learned_with_the_general_features() -> None:
 def test_too_little_experience_is_refused() -> None:
     with pytest.raises(TrainingError, match=r"expected at least 20 episodes that succeeded, got \d+ of 10"):
         train("goToPose", ROWS.head(10), ROBOT)
-
-
-def test_kinds_of_starts_are_told_apart() -> None:
-    far = FRESH.assign(xg=FRESH["x"] + 2.0)
-    near = FRESH[:10].assign(xg=FRESH["x"] + 0.2, yg=FRESH["y"])
-    rows = pd.concat([far, far.assign(v=0.5), far.assign(hold=1, speedg=0.4), near], ignore_index=True)
-    parts = dict(kinds(rows, ROBOT))
-    assert len(parts["at rest"]) == 600
-    assert len(parts["turns, and drives below 0.5 m"]) == 10
-    assert len(parts["in motion"]) == len(parts["at rest, pose"]) == 300
-    assert len(parts["at rest, object, arriving at speed"]) == 300
-    assert "at rest, object, arriving at rest" not in parts
-
-
-def braking_of(count: int, goal_speed: float = 0.0) -> float:
-    """Return the known deceleration of `count` episodes over 2 m whose speeds rise evenly up to 1 m/s."""
-    row = dict.fromkeys(ROWS.columns, 0.0) | {"success": True, "xg": 2.0, "speedg": goal_speed}
-    rows = pd.DataFrame([row | {"v": (number + 1) / count} for number in range(count)])
-    failed = pd.DataFrame([row | {"v": 1.0, "xg": 0.2, "success": False}])
-    return observed_starts(pd.concat([rows, failed]), ROBOT)["braking"][1]
-
-
-@pytest.mark.parametrize(("count", "beyond"), [(40, 2), (1000, 15)])
-def test_decelerations_are_known_that_enough_episodes_asked_for(count: int, beyond: int) -> None:
-    speed = (count - beyond + 1) / count
-    assert braking_of(count) == pytest.approx(speed**2 / 4.0)
-    assert braking_of(count, 0.5) == pytest.approx((speed**2 - 0.25) / 4.0)

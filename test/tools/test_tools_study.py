@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from pathlib import Path
 
 import pytest
 
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.report import evaluation_table
 from ator_ros.evaluation.study import KIND, MeasuredAction, OpenVariable, StudyResult, study_page
-from ator_ros.evaluation.trials import possible_actions, possible_chain
 from ator_ros.files import load, save
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import load_robot
@@ -112,16 +109,3 @@ def test_a_share_above_the_oracles_gain_has_a_footnote(share: float) -> None:
     }  # fmt: skip
     table = evaluation_table({"gated_speed": row})
     assert ("* more than 100 %: the oracle" in table) is (f"{share:.1f}*" in table) is (share > 100.0)
-
-
-def test_a_robot_without_a_holder_is_studied_as_far_as_it_goes() -> None:
-    plain = dataclasses.replace(SOCCER.robot(), holder=None)
-    actions, left_out = possible_actions(SOCCER, "default", plain)
-    assert "dribbleBall" not in actions
-    assert "goToPose" in actions
-    assert "holder" in left_out["dribbleBall"]
-    assert possible_chain(SOCCER, SOCCER.library(plain), "dribble", actions) == "drive"
-    assert possible_chain(SOCCER, SOCCER.library(plain), "dribble", ["shoot"]) is None
-    assert (
-        possible_chain(SOCCER, SOCCER.library(SOCCER.robot()), "dribble", list(SOCCER.actions())) == "dribble"
-    )
