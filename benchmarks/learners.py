@@ -13,6 +13,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,11 @@ def examples(
     return X, frame["time_to_go"].to_numpy(dtype=float), frame["episode"].to_numpy()
 
 
+def _predicted(tree: ModelTreeRegressor, rows: FloatArray) -> FloatArray:
+    """Return predictions as the refiner makes them, from flat arrays."""
+    return tree.tree_.predict(rows)
+
+
 def measured(learner: Any, predict: Callable[[Any], Any], fit: Callable[[], Any], test: Any, y: Any) -> str:
     """Fit a learner; return its times and errors as cells of a table."""
     began = time.perf_counter()
@@ -78,17 +84,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"\n{action}, {len(features)} features {kind}, {len(y)} rows, {len(test_y)} fresh ones\n")
             print("| learner | fit (s) | predict 360 (ms) | RMSE (s) | MAE (s) |\n|---|---|---|---|---|")
             tree = ModelTreeRegressor()
-            # Predicted as the refiner does, from flat arrays; rows of one episode stay together.
-            row = measured(
-                tree, lambda rows, tree=tree: tree.tree_.predict(rows),
-                lambda tree=tree, X=X, y=y, episodes=episodes: tree.fit(X, y, groups=episodes), test, test_y,
-            )  # fmt: skip
+            # Rows of one episode stay together.
+            fit = partial(tree.fit, X, y, groups=episodes)
+            row = measured(tree, partial(_predicted, tree), fit, test, test_y)
             print(f"| ator_ros | {row} |")
             for name, make in OTHERS.items():
                 other = make()
-                row = measured(
-                    other, other.predict, lambda other=other, X=X, y=y: other.fit(X, y), test, test_y
-                )
+                row = measured(other, other.predict, partial(other.fit, X, y), test, test_y)
                 print(f"| {name} | {row} |", flush=True)
     return 0
 

@@ -138,7 +138,7 @@ def _commands() -> Iterator[list[Command]]:
         sent.append(command)
         original(self, command)
 
-    Simulation.command = command  # type: ignore[method-assign]
+    Simulation.command = command  # type: ignore[method-assign, assignment]
     try:
         yield sent
     finally:
@@ -203,7 +203,7 @@ def planned(count: int) -> list[Json]:
     domain, robot = find_domain(source.domain), source.described()
     library, named = make_library(robot, source), domain.goals(robot)
     rng = np.random.default_rng(4003)
-    found = []
+    found: list[Json] = []
     for index in range(count):
         words = GOALS[index % len(GOALS)]
         wishes = (
@@ -235,7 +235,7 @@ def trained(episodes: int) -> list[Json]:
         starts = own[own["t"] == 0.0]
         for kind, features in (("described", domain.candidates(str(action))), ("observed", OBSERVED)):
             model = train(str(action), own, robot, features=features)
-            durations = [float(duration) for duration in model.predict(direct_of(starts)).duration]
+            durations = np.asarray(model.predict(direct_of(starts)).duration).tolist()
             found.append({"model": f"{action}_{kind}", "rules": model.rules(), "durations": durations})
     return found
 
