@@ -13,7 +13,7 @@ import os
 import resource
 import shlex
 import tempfile
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -69,43 +69,6 @@ def write_text(path: Path | str, text: str) -> None:
     """Write `text` as UTF-8 to `path`, whole or not at all."""
     with replaced(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
-
-
-@contextlib.contextmanager
-def reserved(folder: Path | str, size: int) -> Iterator[Callable[[], None]]:
-    """Keep room in `folder`, made when missing, for what a long work will write there.
-
-    Parameters
-    ----------
-    folder : Path or str
-        Where the work's results go.
-    size : int
-        Bytes that they need.
-
-    Yields
-    ------
-    callable
-        Frees the room before the block ends.
-
-    Raises
-    ------
-    OSError
-        There is not so much room, or the folder cannot be written; one line that names it.
-    """
-    place = Path(folder)
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-        # It has no name, so that nothing remains of a process that is killed.
-        ballast = tempfile.TemporaryFile(dir=place)  # noqa: SIM115 (the block below closes it)
-    except OSError as error:
-        raise OSError(f"{place}: expected a folder that can be written: {error.strerror}") from error
-    with ballast:
-        try:
-            os.posix_fallocate(ballast.fileno(), 0, size)
-        except OSError as error:
-            needed = f"{size / 1e6:.1f} MB"
-            raise OSError(f"{place}: expected room for {needed} of results: {error.strerror}") from error
-        yield ballast.close
 
 
 @contextlib.contextmanager

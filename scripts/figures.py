@@ -6,6 +6,7 @@ scripts/run python scripts/figures.py --action-set bezier    # figure4_bezier.sv
 from __future__ import annotations
 
 import argparse
+import io
 import math
 import sys
 import textwrap
@@ -19,7 +20,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import objects_of
-from ator_ros.evaluation.charts import BLUE, GREY, ORANGE, draw_robot, new_figure, save_svg
+from ator_ros.files import write_text
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.performance.features import feature_table
 from ator_ros.performance.model import PerformanceModel
@@ -28,6 +29,7 @@ from ator_ros.refinement.chain_prediction import ChainModel
 from ator_ros.refinement.free_variables import analyse, names_of
 from ator_ros.refinement.objective import Objective
 from ator_ros.robot.description import Robot
+from ator_ros.tools.demo import BLUE, GREY, ORANGE, draw_robot, new_figure
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -134,6 +136,14 @@ def figure6(robot: Robot, models: Mapping[str, Any], library: TopLibrary) -> Any
         axes.set_aspect("equal")
         axes.axis("off")
     return figure
+
+
+def save_svg(figure: Any, path: Path) -> None:
+    """Write the figure as an SVG file; the same figure gives the same text."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    text = buffer.getvalue()
+    write_text(path, '<?xml version="1.0" encoding="utf-8"?>\n' + text[text.index("<svg") :])
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import hashlib
 import json
-import os
 import platform
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
@@ -20,8 +17,8 @@ from ator_ros.evaluation.statistics import outcomes, prediction_errors, summaris
 from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.experience.parallel import cluster, run_tasks
 from ator_ros.experience.table import library_versions
-from ator_ros.files import FileError, alone_in, content_of, read_json, read_text, reserved, save, write_text
-from ator_ros.schema import SchemaError, Within, structured
+from ator_ros.files import FileError, content_of, read_json, read_text, save, write_text
+from ator_ros.schema import SchemaError, structured
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -31,16 +28,12 @@ RESULT = "evaluation.json"
 KIND = "evaluation"
 LARGEST = 1_000_000_000
 """Bytes of a file of results that is read."""
-RESUMES = "the same command goes on from here"
-_RECORD_BYTES = 5000  # of a situation with every policy and 24 headings of the oracle; most have a fifth
-_SPARE = 500_000  # bytes
 
 
 class PartialResults:
     """Records of single situations, appended one by one, so that an interrupted evaluation can resume.
 
-    The first line holds what the records depend on, every other line a digest of it and of its record. A line
-    that was cut off by a crash is forgotten.
+    The first line holds what the records depend on. A last line that a crash cut off is forgotten.
 
     Parameters
     ----------
@@ -54,72 +47,31 @@ class PartialResults:
     Raises
     ------
     EvaluationError
-        The folder holds results of other settings, or cannot be written.
+        The folder holds results of other settings, a line is damaged, or the file cannot be written.
     """
 
     def __init__(self, folder: Path, settings: DataclassInstance, digest: str) -> None:
         self.path = folder / PARTIAL
-        identity = {"settings": dataclasses.asdict(settings), "digest": digest}
-        self._header = json.dumps(identity, sort_keys=True)
-        self.records: dict[int, Record] = {}
+        header = json.dumps({"settings": dataclasses.asdict(settings), "digest": digest}, sort_keys=True)
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            lines = read_text(self.path, LARGEST).split("\n") if self.path.exists() else []
-        except (OSError, ValueError) as error:
-            raise EvaluationError(f"{folder}: expected a folder for results: {error}") from error
-        if len(lines) > 1 and lines[0] != self._header:
+            lines = read_text(self.path, LARGEST).split("\n")[:-1] if self.path.exists() else []
+            found = [json.loads(line) for line in lines[1:]]
+            self.records: dict[int, Record] = {record["index"]: record for record in found}
+        except (OSError, ValueError, TypeError, KeyError) as error:
+            raise EvaluationError(f"{self.path}: expected partial results, got {error}") from error
+        if lines and lines[0] != header:
             raise EvaluationError(
                 f"{self.path}: expected partial results of the same settings, models and gate, got others: "
                 "choose another --out, or delete that file"
             )
-        for number, line in enumerate(lines[1:-1], start=2):
-            record = self._record(line, number)
-            self.records[record["index"]] = record
-        # Rewritten, which removes a line that was cut off.
-        write_text(self.path, "\n".join([self._header, *lines[1:-1], ""]))
-
-    def _record(self, line: str, number: int) -> Record:
-        """Read a line that `append` wrote with the same settings and models."""
-        try:
-            data = json.loads(line)
-            record: Record = data["record"]
-            genuine = data["of"] == self._identity(record)
-        except (ValueError, RecursionError, KeyError, TypeError):
-            genuine = False
-        if not genuine:
-            raise EvaluationError(
-                f"{self.path}: line {number}: expected a situation's record of these settings and models, "
-                f"got a damaged or foreign line {line[:60]!r}: delete the line"
-            )
-        return record
-
-    def _identity(self, record: Record) -> str:
-        """Digest a record with the settings and models that it was made with."""
-        text = self._header + json.dumps(record, separators=(",", ":"))
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        write_text(self.path, "\n".join([header, *lines[1:], ""]))  # without a line that was cut off
 
     def append(self, record: Record) -> None:
-        """Keep the record of one more situation, whole or not at all.
-
-        Raises
-        ------
-        OSError
-            The file cannot be written.
-        """
-        line = json.dumps({"of": self._identity(record), "record": record}, separators=(",", ":"))
-        size = self.path.stat().st_size
-        try:
-            with self.path.open("a", encoding="utf-8") as file:
-                file.write(line + "\n")
-        except OSError:
-            os.truncate(self.path, size)
-            raise
+        """Keep the record of one more situation; OSError if the file cannot be written."""
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(record, separators=(",", ":")) + "\n")
         self.records[record["index"]] = record
-
-    @staticmethod
-    def remove(folder: Path) -> None:
-        """Delete the partial results in `folder`, once the finished ones are written."""
-        (folder / PARTIAL).unlink(missing_ok=True)
 
 
 def write_result(folder: Path, result: Mapping[str, Any], records: Sequence[Record]) -> Path:
@@ -152,28 +104,11 @@ def to_records(columns: Mapping[str, Any], count: int) -> list[Record]:
 
 
 @dataclass(frozen=True)
-class _Source:
-    action_set: str
-
-
-@dataclass(frozen=True)
-class _Settings:
-    seed: int
-    chain: str
-    source: _Source
-
-
-@dataclass(frozen=True)
-class _Summary:
-    situations: Annotated[int, Within(0)]
-
-
-@dataclass(frozen=True)
 class _ResultFile:
     """The fields of `evaluation.json` that are used again; runs: records by columns."""
 
-    summary: _Summary
-    settings: _Settings
+    summary: dict[str, Any]
+    settings: dict[str, Any]
     runs: dict[str, Any]
     digests: dict[str, str] | None = None
 
@@ -216,7 +151,7 @@ def run_situations(
     situations : int
         Number of situations.
     folder : Path
-        Folder of partial results, which should be this process's alone; see `results_in`.
+        Folder of partial results, which should be this process's alone; see `ator_ros.files.alone_in`.
     jobs, backend
         As for `ator_ros.experience.parallel.run_tasks`.
     scheduler : str, optional
@@ -225,9 +160,9 @@ def run_situations(
     Raises
     ------
     EvaluationError
-        The folder contains results of other settings, or the disk is full; finished situations are kept.
+        The folder contains results of other settings.
     OSError
-        The folder cannot be written, or has no room for the results.
+        The folder cannot be written; finished situations are kept.
     BackendError
         The parallel backend cannot be used.
     """
@@ -236,45 +171,9 @@ def run_situations(
     done = situations - len(tasks)
     with cluster(scheduler):
         results = run_tasks(evaluate_trial, tasks, jobs=jobs, backend=backend)
-        bar = tqdm(results, initial=done, total=situations, unit="situation", smoothing=0.05, disable=None)
-        _keep(bar, partial, folder, situations)
+        for record in tqdm(results, initial=done, total=situations, unit="situation", disable=None):
+            partial.append(record)
     return [partial.records[index] for index in range(situations)]
-
-
-@contextlib.contextmanager
-def results_in(folder: Path, situations: int) -> Iterator[None]:
-    """Keep a folder of results, made when missing, from other processes; check its room before it is made.
-
-    Raises
-    ------
-    OSError
-        The folder cannot be written, has no room for the results, or another process writes there.
-    """
-    if not folder.exists():
-        there = next(parent for parent in folder.absolute().parents if parent.exists())
-        with reserved(there, _room_for(situations)):
-            pass
-    with alone_in(folder):
-        yield
-
-
-def _keep(results: Iterable[Record], partial: PartialResults, folder: Path, situations: int) -> None:
-    """Keep each record as it comes; raises EvaluationError where the disk is full."""
-    with reserved(folder, _room_for(situations - len(partial.records))) as release:
-        for record in results:
-            try:
-                partial.append(record)
-            except OSError as error:
-                release()
-                with contextlib.suppress(OSError):  # then this situation is executed again
-                    partial.append(record)
-                kept = f"{len(partial.records)} of {situations} situations are kept"
-                raise EvaluationError(f"{partial.path}: {error.strerror}; {kept}, {RESUMES}") from error
-
-
-def _room_for(situations: int) -> int:
-    """Return the size of the results in bytes: the final report takes as much as the partial results."""
-    return _SPARE + 2 * _RECORD_BYTES * situations
 
 
 def describe(settings: Settings, records: Sequence[Record], command: str) -> dict[str, Any]:
@@ -302,11 +201,4 @@ def describe(settings: Settings, records: Sequence[Record], command: str) -> dic
 def portable(settings: dict[str, Any]) -> dict[str, Any]:
     """Return settings without the folders of this machine."""
     source = settings["source"]
-    source["robot"] = Path(source["robot"]).name
-    source["models"] = Path(source["models"]).name
-    return settings
-
-
-def has_predictions(row: Any) -> bool:
-    """Return whether a row of the summary contains errors of predictions."""
-    return isinstance(row, Mapping) and row.get("prediction", {}).get("chains", 0) > 0
+    return {**settings, "source": {**source, **{key: Path(source[key]).name for key in ("robot", "models")}}}

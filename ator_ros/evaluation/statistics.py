@@ -17,8 +17,6 @@ _WORTH_SHARING = 0.0005
 """Least share of the naive durations that the oracle saves, below which no share of that is told."""
 RESAMPLES = 5000
 LABELS = ("Higher", "Equal", "Lower")
-OURS = ("refined", "gated", "refined_speed", "gated_speed")
-"""Policies to which the others are compared in paired runs."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +66,7 @@ def summarise(results: Outcomes) -> dict[str, dict[str, Any]]:
         By policy: mean_duration_s, improvement_percent (of the sums, against naive), improvement_ci95,
         mean_ratio_improvement_percent (mean of the runs' own percentages) and its interval, higher, equal,
         lower (runs), mean_gain_higher_percent, mean_loss_lower_percent, oracle_captured_percent and its
-        interval, failures, worst_loss_percent, and behind_P_s and its interval for each policy P of OURS
-        (mean of the duration less that of P).
+        interval, failures, worst_loss_percent.
     """
     names = list(results.duration)
     table = np.stack([results.duration[name] for name in names])
@@ -111,10 +108,6 @@ def _policy_summary(
         "oracle_captured_percent": None,
         "oracle_captured_ci95": None,
     }
-    for ours in OURS:
-        if ours in row:
-            summary[f"behind_{ours}_s"] = _rounded((duration - table[row[ours]]).mean())
-            summary[f"behind_{ours}_ci95"] = _interval(resampled[index] - resampled[row[ours]])
     if "oracle" in row:
         best = row["oracle"]
         possible = reference.sum() - table[best].sum()

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from ator_ros.evaluation.report import cards, code, evaluation_table, page, paragraph, section, table
+import pandas as pd
+
+from ator_ros.evaluation.report import Part, page, policy_table
 from ator_ros.evaluation.toolset import Toolset
 from ator_ros.evaluation.trials import Trial, open_speeds
 from ator_ros.refinement.free_variables import Cause, NotFree
@@ -196,71 +198,47 @@ class StudyResult:
 
 def study_page(result: StudyResult) -> str:
     """Return the page of what `study` has found out."""
-    title = f"{result.robot}: actions and their refinement"
-    body = [
-        f"<h1>{title}</h1>",
-        paragraph(f"Domain {result.domain}, action set {result.action_set}.", "lead"),
-        _gains(result.evaluation),
-        section("Actions", _actions(result.actions)),
-        _left_out(result.left_out),
-        _evaluation(result),
-        _variables(result.variables),
-        section("To repeat this", code(result.command)),
+    parts: list[Part] = [
+        ("p", f"Domain {result.domain}, action set {result.action_set}."),
+        ("h2", "Actions"),
+        pd.DataFrame(_action_row(name, row) for name, row in result.actions.items()),
     ]
-    return page(title, body)
-
-
-def _gains(evaluation: Mapping[str, Any] | None) -> str:
-    names = {
-        "gated": "headings, behind the gate",
-        "gated_speed": "with arrival speeds",
-        "oracle": "oracle of headings",
-    }
-    rows = evaluation or {}
-    return cards(
-        [(f"{rows[name]['improvement_percent']:.1f} %", text) for name, text in names.items() if name in rows]
-    )
-
-
-def _actions(actions: Mapping[str, MeasuredAction]) -> str:
-    head = ("action", "episodes", "success", "mean duration, s", "model's MAE, s", "RMSE, s")
-    rows = []
-    for name, row in actions.items():
-        accuracy = row.accuracy
-        errors = [f"{accuracy[key]:.3f}" if key in accuracy else "-" for key in ("mae_s", "rmse_s")]
-        mean = "-" if row.mean_duration_s is None else f"{row.mean_duration_s:.2f}"
-        rows.append((name, str(row.episodes), f"{100 * row.success:.2f} %", mean, *errors))
-    return table(head, rows)
-
-
-def _left_out(left_out: Mapping[str, str]) -> str:
-    if not left_out:
-        return ""
-    return section("What this robot cannot do", table(("action", "why"), list(left_out.items())))
-
-
-def _variables(variables: Sequence[OpenVariable]) -> str:
-    if not variables:
-        return ""
-    rows = [
-        (
-            f"{each.step} ({each.top})",
-            each.name,
-            f"{100 * each.free:.0f} %",
-            f"{each.gain_s:.2f}",
-            each.explanation,
-        )
-        for each in variables
-    ]
-    head = ("step", "open variable", "free in", "predicted gain alone, s", "explanation")
-    return section("Open variables", table(head, rows))
-
-
-def _evaluation(result: StudyResult) -> str:
+    if result.left_out:
+        parts += [
+            ("h2", "What this robot cannot do"),
+            pd.DataFrame(result.left_out.items(), columns=["action", "why"]),
+        ]
     if result.evaluation is None:
-        return section("Refinement", paragraph("No chain of the domain can be executed by this robot."))
-    return section(
-        f"Refinement of the chain {result.chain}",
-        code(evaluation_table(result.evaluation)),
-        '<p><a href="evaluation/report.html">The evaluation in full</a></p>',
-    )
+        parts.append(("p", "No chain of the domain can be executed by this robot."))
+    else:
+        parts += [
+            ("h2", f"Refinement of the chain {result.chain}"),
+            policy_table(result.evaluation),
+            ("p", "The evaluation in full: evaluation/report.html"),
+        ]
+    if result.variables:
+        parts += [("h2", "Open variables"), pd.DataFrame(map(_variable_row, result.variables))]
+    parts += [("h2", "To repeat this"), ("pre", result.command)]
+    return page(f"{result.robot}: actions and their refinement", parts)
+
+
+def _action_row(name: str, row: MeasuredAction) -> dict[str, Any]:
+    errors = [f"{row.accuracy[key]:.3f}" if key in row.accuracy else "-" for key in ("mae_s", "rmse_s")]
+    return {
+        "action": name,
+        "episodes": row.episodes,
+        "success": f"{100 * row.success:.2f} %",
+        "mean duration, s": "-" if row.mean_duration_s is None else f"{row.mean_duration_s:.2f}",
+        "model's MAE, s": errors[0],
+        "RMSE, s": errors[1],
+    }
+
+
+def _variable_row(each: OpenVariable) -> dict[str, Any]:
+    return {
+        "step": f"{each.step} ({each.top})",
+        "open variable": each.name,
+        "free in": f"{100 * each.free:.0f} %",
+        "predicted gain alone, s": f"{each.gain_s:.2f}",
+        "explanation": each.explanation,
+    }

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 import zlib
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -206,7 +206,7 @@ def collect(
     backend: str = "loky",
     time_limit: float = TIME_LIMIT,
     finished: Container[tuple[str, int]] = (),
-) -> Iterator[pd.DataFrame]:
+) -> Generator[pd.DataFrame, None, None]:
     """Yield the rows of episode after episode: `episodes` of each action, without those that are finished.
 
     Parameters

@@ -18,11 +18,10 @@ from ator_ros.files import head, portable_command, write_text
 from ator_ros.robot.description import KIND, Limits, Robot, least_torque, load_robot
 from ator_ros.robot.identification import BaseEstimate, identify
 from ator_ros.robot.probe_drive import ProbeDrive
-from ator_ros.tools.command_line import destination, frame
-from ator_ros.tools.guard import guarded
+from ator_ros.tools.command_line import destination, frame, guarded, number
 
 _FASTER = 1.5  # commands beyond the described limits, so that the limits of the base show
-_GREATEST = 1000.0  # m, m/s or rad/s; a sprint to 15 m/s needs some hundred m
+_LEAST, _GREATEST = 0.001, 1000.0  # m, m/s or rad/s; a sprint to 15 m/s needs some hundred m
 
 
 def calibrate(
@@ -127,13 +126,20 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=destination, required=True, help="description to write")
     parser.add_argument("--name", help="name of the robot (default: that of --robot)")
     parser.add_argument(
-        "--space", type=_positive, default=3.0, help="free way ahead of the robot in m (default: %(default)s)"
+        "--space",
+        type=number(_LEAST, _GREATEST),
+        default=3.0,
+        help="free way ahead of the robot in m (default: %(default)s)",
     )
     parser.add_argument(
-        "--v", type=_positive, help="greatest command in m/s (default: 1.5 times the limit of --robot)"
+        "--v",
+        type=number(_LEAST, _GREATEST),
+        help="greatest command in m/s (default: 1.5 times the limit of --robot)",
     )
     parser.add_argument(
-        "--w", type=_positive, help="greatest command in rad/s (default: 1.5 times the limit of --robot)"
+        "--w",
+        type=number(_LEAST, _GREATEST),
+        help="greatest command in rad/s (default: 1.5 times the limit of --robot)",
     )
     parser.add_argument(
         "--stamped",
@@ -145,13 +151,6 @@ def arguments() -> argparse.ArgumentParser:
         "--frame", type=frame, default="odom", help="frame of the odometry (default: %(default)s)"
     )
     return parser
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not 0.0 < value <= _GREATEST:
-        raise argparse.ArgumentTypeError(f"expected a number above 0, at most {_GREATEST:g}, got {text!r}")
-    return value
 
 
 def main(argv: Sequence[str] | None = None) -> int:

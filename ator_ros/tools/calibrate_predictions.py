@@ -9,15 +9,17 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from ator_ros.evaluation.calibration_learning import (
     StepExample,
     cross_validated,
     fit_calibration,
     step_examples,
 )
-from ator_ros.evaluation.running import RESULT, has_predictions, read_result, to_records
+from ator_ros.evaluation.policies import POLICIES
+from ator_ros.evaluation.running import RESULT, read_result, to_records
 from ator_ros.evaluation.situation import Settings
-from ator_ros.evaluation.statistics import OURS
 from ator_ros.evaluation.toolset import Models, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.files import portable_command, read_json, write_text
@@ -28,8 +30,7 @@ from ator_ros.refinement.calibration import (
     load_calibration_if_any,
     save_calibration,
 )
-from ator_ros.tools.command_line import add_models, add_setting, destination, settled, source_of
-from ator_ros.tools.guard import guarded
+from ator_ros.tools.command_line import add_models, add_setting, destination, guarded, settled, source_of
 
 HEAD = "| chain | seed | policy | chains | predicted - actual (s) | 95 % | MAE (s) |"
 
@@ -110,7 +111,7 @@ def _learn(
     calibration = finish(fit_calibration(examples, models))
     checked = cross_validated(examples, models, finish)
     save_calibration(path, calibration, {**training, "cross_validation": checked})
-    _report(checked)
+    print(pd.DataFrame(checked).T.to_string())
     print(f"wrote {path}: {', '.join(calibration.shortfalls)}")
 
 
@@ -140,16 +141,6 @@ def _check(file: Path, result: Mapping[str, Any], source: ToolsetSource) -> None
         raise EvaluationError(
             f"{file}: expected chains executed with the robot and the models of {source.folder()}, "
             f"got another {', another '.join(others)}: evaluate again"
-        )
-
-
-def _report(checked: dict[str, dict[str, Any]]) -> None:
-    print(f"{'predicted - actual, s':24}{'chains':>8}{'raw':>9}{'corrected':>11}{'95 %':>18}{'MAE':>15}")
-    for name, row in checked.items():
-        low, high = row["corrected_ci95"]
-        print(
-            f"{name:24}{row['chains']:8}{row['raw_s']:+9.3f}{row['corrected_s']:+11.3f}"
-            f"{f'{low:+.3f} to {high:+.3f}':>18}{row['raw_mae_s']:8.3f}{row['corrected_mae_s']:7.3f}"
         )
 
 
@@ -188,8 +179,8 @@ def _rows(result: Mapping[str, Any]) -> list[str]:
     chain, summary = result["settings"]["chain"], result["summary"]
     return [
         _row(f"{chain} | {summary['seed']} | {name}", summary[name]["prediction"])
-        for name in ("naive", *OURS)
-        if has_predictions(summary.get(name)) and "mean_error_s" in summary[name]["prediction"]
+        for name in POLICIES
+        if summary.get(name, {}).get("prediction", {}).get("chains")
     ]
 
 

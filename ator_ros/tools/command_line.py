@@ -1,41 +1,143 @@
-"""The options that commands have in common, their types for argparse, and the names that a domain checks."""
+"""What commands have in common: their options, the names that a domain checks, and how they end."""
 
 from __future__ import annotations
 
 import argparse
+import codecs
+import contextlib
+import io
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+import signal
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
-from ator_ros.experience.parallel import BACKENDS
-from ator_ros.files import reserved
+from ator_ros.evaluation.trials import EvaluationError
+from ator_ros.experience.columns import ExperienceError
+from ator_ros.experience.parallel import BACKENDS, BackendError
+from ator_ros.files import FileError
+from ator_ros.performance.model_file import ModelFileError
+from ator_ros.performance.training import TrainingError
+from ator_ros.planning.goals import PlanningError
 from ator_ros.printable import printable
-from ator_ros.world.messages import plain_frame
+from ator_ros.refinement import RefinementError
+from ator_ros.robot.description import ConfigError
+from ator_ros.robot.probe_drive import DriveError
+from ator_ros.schema import SchemaError
+from ator_ros.world.messages import MessageError, plain_frame
 
 _NAMESPACE = re.compile(r"(?!__)[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 _FRAME = re.compile(r"[A-Za-z0-9_][\w.-]*(/[\w.-]+)*", re.ASCII)
 _LONGEST_NAME = 100  # characters; names become names of files, which may have 255 bytes
-_ROOM = 100_000  # bytes of a result whose size is not known beforehand
+INTERRUPTED = 130
+"""Exit code after Ctrl-C or SIGTERM."""
+RESUMES = "the same command goes on from here"
+_LONGEST_LINE = 1000
+_SPELLED = {"±": "+-", "°": " deg", "…": "...", "²": "^2", "→": "->"}
 
 
-def add_setting(parser: argparse.ArgumentParser, *, robot: bool = True, action_set: bool = True) -> None:
+class NodesError(RuntimeError):
+    """Nodes did not do what a tool needs of them; the message says what is missing."""
+
+
+EXPECTED_ERRORS: tuple[type[Exception], ...] = (
+    *(BackendError, ConfigError, DomainError, DriveError, EvaluationError, ExperienceError, FileError),
+    *(MessageError, ModelFileError, NodesError, OSError, PlanningError, RefinementError, SchemaError),
+    *(TrainingError,),
+)
+"""Errors that are reported in one line instead of a traceback."""
+
+
+def guarded(
+    program: str,
+    work: Callable[[], int | None],
+    *,
+    interrupted: str = "nothing was written",
+    expected: tuple[type[Exception], ...] = EXPECTED_ERRORS,
+) -> int:
+    """Run a command; report an expected error in one line instead of a traceback.
+
+    SIGTERM and SIGHUP stop it as Ctrl-C does; what nohup ignores stays ignored. Characters that the
+    terminal lacks are replaced.
+
+    Parameters
+    ----------
+    program : str
+        Its name, for the message.
+    work : callable
+        Returns the exit code; None: 0.
+    interrupted : str
+        What to report after Ctrl-C, SIGTERM or the end of the terminal.
+    expected : tuple of type
+        The expected errors.
+    """
+    codecs.register_error("ator_ros.in_ascii", _in_ascii)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="ator_ros.in_ascii")
+    try:
+        with _stopped_by_signals(), _warning_once(program):
+            return work() or 0
+    except KeyboardInterrupt:
+        print(f"{program}: interrupted; {interrupted}", file=sys.stderr)
+        return INTERRUPTED
+    except expected as error:
+        lines = filter(None, (line.strip() for line in str(error).splitlines()))
+        print(f"{program}: {printable('; '.join(lines), _LONGEST_LINE)}", file=sys.stderr)
+        return 1
+
+
+def _in_ascii(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end]
+    return "".join(_SPELLED.get(c, ascii(c)[1:-1]) for c in text), error.end
+
+
+@contextlib.contextmanager
+def _warning_once(program: str) -> Iterator[None]:
+    """Report each kind of warning once, in one line."""
+    kinds: set[type[Warning]] = set()
+
+    def report(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+        if category not in kinds:
+            kinds.add(category)
+            print(f"{program}: {message}", file=sys.stderr)
+
+    with warnings.catch_warnings():
+        warnings.showwarning = report
+        yield
+
+
+@contextlib.contextmanager
+def _stopped_by_signals() -> Iterator[None]:
+    """Make SIGTERM and SIGHUP raise KeyboardInterrupt as Ctrl-C does."""
+    numbers = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) is signal.SIG_DFL]
+    for number in numbers:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number in numbers:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def add_setting(parser: argparse.ArgumentParser, *, action_set: bool = True) -> None:
     """Add the options that select robot, domain and set of actions."""
-    if robot:
-        parser.add_argument(
-            "--robot", default="", metavar="FILE", help="robot description (default: the shipped one)"
-        )
     parser.add_argument(
-        "--domain",
-        default="",
-        metavar="NAME|FILE",
+        "--robot", default="", metavar="FILE", help="robot description (default: the shipped one)"
+    )
+    parser.add_argument(
+        "--domain", default="", metavar="NAME|FILE",
         help="an installed domain, or the YAML file of one (default: soccer for a robot with a holder and a "
         "ball in its scene, drive for any other)",
-    )
+    )  # fmt: skip
     if action_set:
         parser.add_argument(
             "--action-set", default=DEFAULT_SET, metavar="NAME", help="of the domain (default: %(default)s)"
@@ -52,12 +154,28 @@ def add_models(parser: argparse.ArgumentParser) -> None:
 def add_factor(parser: argparse.ArgumentParser, default: float) -> None:
     """Add the option for the speed of the simulation."""
     parser.add_argument(
-        "--real-time-factor",
-        type=number,
-        default=default,
-        metavar="F",
+        "--real-time-factor", type=number(0.0), default=default, metavar="F",
         help="simulated per real seconds (default: %(default)s); 0: as fast as the robot is steered",
+    )  # fmt: skip
+
+
+def add_jobs(parser: argparse.ArgumentParser) -> None:
+    """Add the option for the number of worker processes."""
+    parser.add_argument(
+        "--jobs", type=jobs, default=-1, metavar="N", help="worker processes (default: -1, one per core)"
     )
+
+
+def add_parallel_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for parallel work: jobs, backend, cluster."""
+    add_jobs(parser)
+    parser.add_argument("--backend", choices=BACKENDS, default="loky", help="default: %(default)s")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, as in tcp://host:8786")
+
+
+def workers(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of `add_parallel_options` as arguments of what runs in parallel."""
+    return {"jobs": options.jobs, "backend": options.backend, "scheduler": options.cluster}
 
 
 def settled(
@@ -88,29 +206,23 @@ def settled(
     """
     options = parser.parse_args(words)
     try:
-        domain = domain_for(options.domain, options.__dict__.get("robot"))
+        domain = domain_for(options.domain, options.robot)
     except DomainError as error:
-        parser.error(printable(error, 1000))
+        parser.error(printable(error, _LONGEST_LINE))
     options.domain = options.domain or domain.name
-    if options.__dict__.get("action_set") is not None:
+    if getattr(options, "action_set", None) is not None:
         check_names(parser, "action_set", [options.action_set], domain.action_sets)
     for name, allowed in names.items():
         there, given = list(allowed(domain)), getattr(options, name)
         several = any(action.dest == name and action.nargs for action in parser._actions)
-        if needed:
-            check_any(parser, name, there, domain)
+        if needed and not there:
+            kind = f"{name.removesuffix('s')}s"
+            parser.error(f"argument --domain: expected one with {kind}, got {domain.name}, which has none")
         if given is None:
             setattr(options, name, there if several else next(iter(there), None))
         else:
             check_names(parser, name, given if several else [given], there)
     return options, domain
-
-
-def check_any(parser: argparse.ArgumentParser, option: str, there: Iterable[str], domain: Domain) -> None:
-    """End the program as argparse does if a domain has nothing that an option could name."""
-    if not list(there):
-        kind = f"{option.removesuffix('s')}s"
-        parser.error(f"argument --domain: expected one with {kind}, got {domain.name}, which has none")
 
 
 def check_names(
@@ -126,50 +238,38 @@ def check_names(
 
 def source_of(options: argparse.Namespace) -> ToolsetSource:
     """Return the source of robot, actions and models that the options of `add_setting` name."""
-    given = {name: getattr(options, name) for name in ("domain", "robot", "action_set", "models")
-             if name in options}  # fmt: skip
-    return ToolsetSource(**given)
+    given = vars(options)
+    names = ("domain", "robot", "action_set", "models")
+    return ToolsetSource(**{name: given[name] for name in names if name in given})
 
 
-def add_parallel_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for parallel work: jobs, backend, cluster."""
-    add_jobs(parser)
-    parser.add_argument("--backend", choices=BACKENDS, default="loky", help="default: %(default)s")
-    parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, as in tcp://host:8786")
+def number(least: float = -math.inf, most: float = math.inf) -> Callable[[str], float]:
+    """Return a type for argparse: a finite number from `least` to `most`."""
+    bounds = [f" {word} {value:g}" for word, value in (("from", least), ("to", most)) if math.isfinite(value)]
+
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (math.isfinite(value) and least <= value <= most):
+            raise argparse.ArgumentTypeError(f"expected a finite number{''.join(bounds)}, got {text!r}")
+        return value
+
+    return read
 
 
-def add_jobs(parser: argparse.ArgumentParser) -> None:
-    """Add the option for the number of worker processes."""
-    parser.add_argument(
-        "--jobs", type=jobs, default=-1, metavar="N", help="worker processes (default: -1, one per core)"
-    )
+def whole(least: int = 0, most: int | None = None) -> Callable[[str], int]:
+    """Return a type for argparse: a whole number from `least`, and up to `most` if that is given."""
+    expected = f"a whole number from {least}" + (f" to {most}" if most is not None else "")
 
+    def read(text: str) -> int:
+        number = int(text) if text.isdecimal() else least - 1
+        if number < least or (most is not None and number > most):
+            raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
+        return number
 
-def workers(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of `add_parallel_options` as arguments of what runs in parallel."""
-    return {"jobs": options.jobs, "backend": options.backend, "scheduler": options.cluster}
-
-
-def finite(text: str) -> float:
-    """Read a finite number; a type for argparse."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"expected a finite number, got {text!r}")
-    return value
-
-
-def number(text: str) -> float:
-    """Read a finite number from 0; a type for argparse."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 <= value < math.inf:
-        raise argparse.ArgumentTypeError(f"expected a finite number from 0, got {text!r}")
-    return value
+    return read
 
 
 def jobs(text: str) -> int:
@@ -186,50 +286,29 @@ def destination(text: str) -> Path:
     """Read the path of a file that, as far as known beforehand, can be written; a type for argparse."""
     path = Path(text)
     folder = next(parent for parent in path.absolute().parents if parent.exists())
-    wanted = f"expected a file that can be written, got {text!r}"
     if path.is_dir() or not folder.is_dir():
-        raise argparse.ArgumentTypeError(wanted)
-    try:
-        with reserved(folder, _ROOM):
-            return path
-    except OSError as error:
-        raise argparse.ArgumentTypeError(f"{wanted}: {error}") from error
-
-
-def whole(least: int = 0, most: int | None = None) -> Callable[[str], int]:
-    """Return a type for argparse: a whole number from `least`, and up to `most` if that is given."""
-    expected = f"a whole number from {least}" + (f" to {most}" if most is not None else "")
-
-    def read(text: str) -> int:
-        number = int(text) if text.isdecimal() else least - 1
-        if number < least or (most is not None and number > most):
-            raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
-        return number
-
-    return read
+        raise argparse.ArgumentTypeError(f"expected a file that can be written, got {text!r}")
+    return path
 
 
 def namespace(text: str) -> str:
     """Read a ROS namespace, with or without the / before it, which is left out; a type for argparse."""
-    name = text.removeprefix("/")
-    if len(name) > _LONGEST_NAME or not _NAMESPACE.fullmatch(name):
-        raise argparse.ArgumentTypeError(
-            f"expected a namespace of at most {_LONGEST_NAME} letters, digits, _ and /, got {text[:80]!r}"
-        )
-    return name
+    return _named(text.removeprefix("/"), _NAMESPACE, "a namespace", text)
 
 
 def topic(text: str) -> str:
     """Read the name of a topic, with or without the / before it, as an absolute one; a type for argparse."""
-    name = text.removeprefix("/")
-    if len(name) > _LONGEST_NAME or not _NAMESPACE.fullmatch(name):
-        raise argparse.ArgumentTypeError(f"expected the name of a topic, got {text[:80]!r}")
-    return f"/{name}"
+    return f"/{_named(text.removeprefix('/'), _NAMESPACE, 'the name of a topic', text)}"
 
 
 def frame(text: str) -> str:
     """Read the name of a frame, with or without a / before it, which is left out; a type for argparse."""
-    name = plain_frame(text)
-    if len(name) > _LONGEST_NAME or not _FRAME.fullmatch(name):
-        raise argparse.ArgumentTypeError(f"expected the name of a frame, got {text[:80]!r}")
+    return _named(plain_frame(text), _FRAME, "the name of a frame", text)
+
+
+def _named(name: str, pattern: re.Pattern[str], kind: str, text: str) -> str:
+    if len(name) > _LONGEST_NAME or not pattern.fullmatch(name):
+        raise argparse.ArgumentTypeError(
+            f"expected {kind} of at most {_LONGEST_NAME} letters, digits, _ and /, got {text[:80]!r}"
+        )
     return name

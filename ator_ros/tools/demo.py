@@ -4,30 +4,41 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import itertools
 import math
-import signal
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import matplotlib as mpl
 import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
 
-from ator_ros.domains.domain import Domain, domain_for
-from ator_ros.evaluation.charts import BLUE, GREEN, GREY, ORANGE, draw_robot, new_figure
+from ator_ros.domains.domain import Domain, find_domain
+from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.files import replaced
+from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
-from ator_ros.tools.command_line import add_factor, add_models, add_setting, destination, settled, whole
-from ator_ros.tools.guard import EXPECTED_ERRORS, INTERRUPTED, ending_signals, handled, report, write_plainly
-from ator_ros.tools.processes import all_nodes
+from ator_ros.tools.command_line import (
+    add_factor,
+    add_models,
+    add_setting,
+    destination,
+    guarded,
+    settled,
+    source_of,
+    whole,
+)
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 
 if TYPE_CHECKING:  # ROS may be missing
     from ator_interfaces.msg import ChainPerformance, Performance
-    from ator_ros.tools.client import Client
+    from ator_ros.tools.own_nodes import Client
 
 PICTURE = (
     "the robot's path in each situation, naive (orange) and refined (blue); "
@@ -36,6 +47,38 @@ PICTURE = (
 """What `save_picture` draws."""
 _COLUMNS = 3
 _LONGEST_DEMO = 200  # situations of which one page shows all pictures
+
+
+BLUE, ORANGE, GREY, RED, GREEN = "#1f5fa8", "#d9791a", "#8a8f98", "#b3261e", "#2e7d4f"
+_STYLE: Any = {
+    "font.family": "DejaVu Sans",
+    "svg.fonttype": "none",
+    "svg.hashsalt": "ator_ros",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e3e5e8",
+    "axes.axisbelow": True,
+    "font.size": 9,
+}
+
+
+def new_figure(width: float, height: float) -> Any:
+    """Return an empty figure of this size in inches."""
+    mpl.rcParams.update(_STYLE)
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def draw_robot(axes: Any, robot: Robot, pose: Pose, colour: str, *, alpha: float = 0.85) -> None:
+    """Draw the robot's outline at `pose`, with a line that shows its front."""
+    front, rear, half = robot.front, -robot.rear, robot.half_width
+    corners = np.array([[front, half], [front, -half], [rear, -half], [rear, half]])
+    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+    outline = corners @ np.array([[c, s], [-s, c]]) + [pose.x, pose.y]
+    axes.fill(outline[:, 0], outline[:, 1], facecolor=colour, edgecolor="none", alpha=0.25 * alpha)
+    axes.plot(*np.append(outline, outline[:1], axis=0).T, color=colour, lw=1.0, alpha=alpha)
+    tip = pose.ahead(robot.front)
+    axes.plot([pose.x, tip.x], [pose.y, tip.y], color=colour, lw=1.6, alpha=alpha)
 
 
 @dataclass(frozen=True)
@@ -105,28 +148,24 @@ def table(situations: Sequence[DemoSituation]) -> str:
     """Return predicted / actual times in s of each action and chain, a line for each run."""
     if not situations:
         return "no situation was finished"
-    longest = max((situation.chain for situation in situations), key=len)
-    tops = [call.top.name for call in longest.calls]
-    head = ["", "", *tops, "chain", "gain"]
-    rows = [head]
+    rows = []
     for number, situation in enumerate(situations, start=1):
-        rows.append([str(number), "naive", *_cells(situation.naive, len(tops)), ""])
         gain = situation.gain
         percent = 100.0 * gain / (situation.naive.total[1] or math.inf)  # a run may end before it began
-        gain, percent = round(gain, 2) + 0.0, round(percent) + 0.0 if math.isfinite(percent) else percent
         saved = "-" if math.isnan(gain) else f"{gain:+.2f} s ({percent:+.0f} %)"
         kind = "refined" if situation.refined.refined else "left alone"
-        rows.append(["", kind, *_cells(situation.refined, len(tops)), saved])
-    widths = [max(len(row[column]) for row in rows) for column in range(len(head))]
-    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
-    lines.insert(1, "-" * len(lines[0]))
-    return "\n".join(["predicted / actual time in s", *lines, "", summary(situations)])
+        for name, run, change in (("naive", situation.naive, ""), (kind, situation.refined, saved)):
+            rows.append({"": f"{number} {name}", **_times(run, situation.chain), "gain": change})
+    text = pd.DataFrame(rows).fillna("").to_string(index=False)
+    return "\n".join(["predicted / actual time in s", text, "", summary(situations)])
 
 
-def _cells(run: DemoRun, steps: int) -> list[str]:
-    actual = [*run.actual, *[math.nan] * (len(run.predicted) - len(run.actual))]
-    cells = [_pair(p, a) for p, a in zip(run.predicted, actual, strict=True)]
-    return [*cells, *[""] * (steps - len(cells)), _pair(*run.total) if run.success else "failed"]
+def _times(run: DemoRun, chain: TopChain) -> dict[str, str]:
+    """Return predicted and actual time of each step and of the chain."""
+    actual = itertools.chain(run.actual, itertools.repeat(math.nan))  # as far as it came
+    steps = enumerate(zip(chain.calls, run.predicted, actual, strict=False), start=1)
+    cells = {f"{number} {call.top.name}": _pair(*times) for number, (call, *times) in steps}
+    return {**cells, "chain": _pair(*run.total) if run.success else "failed"}
 
 
 def _pair(predicted: float, actual: float) -> str:
@@ -189,17 +228,11 @@ def _panel(axes: Any, robot: Robot, situation: DemoSituation) -> None:
 
 
 def demo(
-    situations: int,
-    seed: int,
-    chain: str,
-    out: Path,
-    *,
-    domain: str = "",
-    robot: str = "",
-    models: str = "",
-    real_time_factor: float = 0.0,
-) -> int:
+    situations: int, seed: int, chain: str, out: Path, source: ToolsetSource, real_time_factor: float = 0.0
+) -> None:
     """Play situations naive and refined on nodes of its own; print a table and write a picture.
+
+    Both are of the situations that were finished where it ends early.
 
     Parameters
     ----------
@@ -209,44 +242,27 @@ def demo(
         Name of the domain's chain.
     out : Path
         The picture, a PNG file.
-    domain, robot, models : str
-        Name or file of the domain, file of the robot's description, folder of the models; empty: the
-        default ones.
+    source : ToolsetSource
+        Domain, robot and models.
     real_time_factor : float
         Simulated per real seconds; 0: as fast as the robot is steered.
-
-    Returns
-    -------
-    int
-        The exit code.
     """
-    played: list[DemoSituation] = []
-    code = 0
-    try:
-        of_domain = domain_for(domain, robot)
-        described = of_domain.robot(robot or None)
-        with (
-            handled(dict.fromkeys(ending_signals(), signal.default_int_handler)),
-            all_nodes(real_time_factor, models=models, robot=robot, domain=domain) as nodes,
-        ):
-            names = " and ".join(("three nodes", *(server.name for server in of_domain.servers)))
-            print(f"{names} start on ROS domain {nodes.domain} …", flush=True)
-            from ator_ros.tools.client import Client
+    from ator_ros.tools.own_nodes import Client, all_nodes
 
-            with Client(nodes.domain, nodes.check, of_domain.objects) as client:
-                client.ready(of_domain.remote_servers(), len(of_domain.servers))
-                played.extend(_play(client, of_domain, described, chain, situations, seed))
-    except KeyboardInterrupt:
-        print("interrupted")
-        code = INTERRUPTED
-    except EXPECTED_ERRORS as error:
-        report("demo", error)
-        code = 1
-    if played:
-        print(f"\n{table(played)}")
-        save_picture(out, described, played)
-        print(f"\n{out.resolve()}: {PICTURE}\nmake view shows it live, in the browser")
-    return code
+    domain, robot = find_domain(source.domain), source.described()
+    played: list[DemoSituation] = []
+    try:
+        with all_nodes(real_time_factor, source) as nodes:
+            names = " and ".join(("three nodes", *(server.name for server in domain.servers)))
+            print(f"{names} start on ROS domain {nodes.domain} …", flush=True)
+            with Client(nodes.domain, nodes.check, domain.objects) as client:
+                client.ready(domain.remote_servers(), len(domain.servers))
+                played.extend(_play(client, domain, robot, chain, situations, seed))
+    finally:
+        if played:
+            print(f"\n{table(played)}")
+            save_picture(out, robot, played)
+            print(f"\n{out.resolve()}: {PICTURE}\nmake view shows it live, in the browser")
 
 
 def _play(
@@ -266,7 +282,7 @@ def _play(
 def _both(client: Client, trial: Trial, name: str) -> DemoSituation:
     """Play one situation naive and refined."""
     from ator_ros.nodes.messages import chain_of
-    from ator_ros.tools.client import FRAME
+    from ator_ros.tools.own_nodes import FRAME
 
     message = chain_of(trial.chain, action_set="", frame=FRAME)
     answer = client.refine(trial.world, message)
@@ -331,22 +347,19 @@ def arguments() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     options, _ = settled(arguments(), argv, chain=lambda domain: reversed(list(domain.chains)))
-    write_plainly()
     try:
         import rclpy  # noqa: F401
     except ImportError as error:
         print(f"demo: {error}: source your ROS 2 workspace, or use make demo", file=sys.stderr)
         return 1
-    return demo(
-        options.situations,
-        options.seed,
-        options.chain,
-        options.out,
-        domain=options.domain,
-        robot=options.robot,
-        models=options.models,
-        real_time_factor=options.real_time_factor,
-    )
+
+    def run() -> None:
+        demo(
+            options.situations, options.seed, options.chain, options.out, source_of(options),
+            options.real_time_factor,
+        )  # fmt: skip
+
+    return guarded("demo", run, interrupted="what was played is shown")
 
 
 if __name__ == "__main__":

@@ -8,23 +8,25 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ator_ros.evaluation.policies import POLICIES, unavailable
-from ator_ros.evaluation.report import evaluation_table, prediction_table, write_report
-from ator_ros.evaluation.running import PartialResults, describe, results_in, run_situations, write_result
+from ator_ros.evaluation.report import policy_table, prediction_table, write_report
+from ator_ros.evaluation.running import PARTIAL, describe, run_situations, write_result
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import make_toolset
 from ator_ros.evaluation.trials import EvaluationError
-from ator_ros.files import portable_command
+from ator_ros.files import alone_in, portable_command
 from ator_ros.tools.command_line import (
+    RESUMES,
     add_models,
     add_parallel_options,
     add_setting,
     check_names,
+    guarded,
+    number,
     settled,
     source_of,
     whole,
     workers,
 )
-from ator_ros.tools.guard import RESUMES, guarded
 
 
 def evaluate(
@@ -52,29 +54,25 @@ def evaluate(
     jobs, backend, scheduler
         As for `run_situations`.
     """
-    if situations < 1:
-        raise EvaluationError(f"--situations: expected at least 1, got {situations}")
-    source = settings.source
-    source.require_executable(settings.chain)
-    tools = make_toolset(source)  # before anything is executed: a damaged file is reported at once
-    source.digests(settings.chain)
-    with results_in(out, situations):
+    make_toolset(settings.source)  # before anything is executed: a damaged file is reported at once
+    with alone_in(out):
         records = run_situations(
             settings, situations=situations, folder=out, jobs=jobs, backend=backend, scheduler=scheduler
         )
         result = describe(settings, records, command)
         path = write_result(out, result, records)
-        print(evaluation_table(result["summary"]))
-        print(prediction_table(result["summary"]))
-        report = write_report(out, result, records, settings, tools)
-        PartialResults.remove(out)
+        for table in (policy_table(result["summary"]), prediction_table(result["summary"])):
+            if len(table):
+                print(table.to_string(index=False), end="\n\n")
+        report = write_report(out, result)
+        (out / PARTIAL).unlink()
     print(f"wrote {path} and {report}")
 
 
 def arguments() -> argparse.ArgumentParser:
     """Return the command line of `evaluate`."""
     parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
-    parser.add_argument("--situations", type=whole(), default=100, metavar="N", help="default: %(default)s")
+    parser.add_argument("--situations", type=whole(1), default=100, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=whole(), default=401, help="of the situations (default: %(default)s)")
     parser.add_argument(
         "--oracle", type=whole(), metavar="K", help="also execute K approach headings each time"
@@ -86,7 +84,7 @@ def arguments() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--oracle-speeds",
-        type=_speed,
+        type=number(0.0, 10.0),
         nargs="+",
         default=[],
         metavar="V",
@@ -94,7 +92,7 @@ def arguments() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--oracle-margin",
-        type=float,
+        type=number(0.0),
         metavar="S",
         help="leave out what is predicted to take S s longer than the best (default: execute all)",
     )
@@ -118,13 +116,6 @@ def _refuse_idle(parser: argparse.ArgumentParser, options: argparse.Namespace) -
         parser.error("--oracle-speeds: expected none beside --oracle-jointly")
 
 
-def _speed(text: str) -> float:
-    value = float(text)
-    if not 0.0 <= value <= 10.0:
-        raise argparse.ArgumentTypeError(f"expected a speed from 0 to 10 m/s, got {text}")
-    return value
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
@@ -134,7 +125,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         check_names(parser, "policies", options.policies, POLICIES)
     _refuse_idle(parser, options)
 
-    def run() -> int:
+    def run() -> None:
         source = source_of(options)
         source.require_executable(options.chain)
         source.digests(options.chain)  # a missing model is reported before a missing gate
@@ -162,7 +153,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             situations=options.situations,
             **workers(options),
         )
-        return 0
 
     return guarded("evaluate", run, interrupted=RESUMES)
 

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.calibration_learning import StepExample, step_examples
 from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
@@ -20,25 +22,25 @@ from ator_ros.evaluation.gate_learning import (
     learn_gates,
     with_corrected_gains,
 )
-from ator_ros.evaluation.running import results_in, run_situations
+from ator_ros.evaluation.running import run_situations
 from ator_ros.evaluation.situation import Record, Settings
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, read_rows, tools_of
 from ator_ros.evaluation.trials import EvaluationError
-from ator_ros.files import portable_command, reserved, write_text
+from ator_ros.files import alone_in, portable_command, write_text
 from ator_ros.refinement.gate import GATE, Gate, OpenGate, gate_in, opened, save_gate
 from ator_ros.tools.calibrate_predictions import save_learned
 from ator_ros.tools.command_line import (
+    RESUMES,
     add_models,
     add_parallel_options,
     add_setting,
+    guarded,
     settled,
     source_of,
     whole,
     workers,
 )
-from ator_ros.tools.guard import RESUMES, guarded
 
-_GATE_BYTES = 100_000
 POLICIES = ("naive", "refined", "refined_speed")
 ROOM = 1.5
 """Multiple of the way to stop that `room` keeps free ahead of an arrival."""
@@ -87,7 +89,7 @@ def learn_gate(
     source.digests(chain)  # before anything is executed: a missing model is reported at once
     executed = _with_room(settings, work / "models") if room else settings
     gate = tools_of(executed.source)[0].gate
-    with reserved(source.folder(), _GATE_BYTES), results_in(work, situations):
+    with alone_in(work):
         records = run_situations(
             executed, situations=situations, folder=work, jobs=jobs, backend=backend, scheduler=scheduler
         )
@@ -163,13 +165,8 @@ def _save(
     }
     path = source.folder() / GATE
     save_gate(path, gate, training, source.action_set)
-    names = ("mean_gain_s", "kept_gain_percent", "higher", "equal", "lower", "refined_percent", "utility")
-    print(f"{'cross-validated':16}" + "".join(f"{name:>19}" for name in names))
-    for kind, row in learned.comparison.items():
-        print(f"{kind:16}" + "".join(f"{row[name]:>19}" for name in names))
-    print(f"the tree labels {learned.comparison['tree']['accuracy_percent']} % correctly; its rules:")
-    for rule in training["tree_rules"]:
-        print(f"  {rule}")
+    print(pd.DataFrame(learned.comparison).T.to_string())
+    print("rules of the tree:", *training["tree_rules"], sep="\n  ")
     print(f"threshold: {training['threshold']}")
     never = "" if learned.comparison[gate.kind]["refined_percent"] else ", which refines nothing here"
     print(f"chosen: the {gate.kind}{never}; wrote {path}")
@@ -225,7 +222,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "room": options.room, "calibrate": options.calibrate, "draw_errors": options.draw_errors
     }  # fmt: skip
 
-    def run() -> int:
+    def run() -> None:
         source, command = source_of(options), portable_command("gate", words)
         sizes = {"situations": options.situations, "seed": options.seed}
         if not options.episodes:
@@ -233,13 +230,12 @@ def main(argv: Sequence[str] | None = None) -> int:
                 source, options.chain, options.work, command=command, **sizes, **executed_only,
                 **workers(options),
             )  # fmt: skip
-            return 0
+            return
         for name, given in executed_only.items():
             if given:
                 option = name.replace("_", "-")
                 raise EvaluationError(f"--{option}: expected without --episodes, as it takes executed chains")
         learn_gate_from_episodes(source, options.chain, options.episodes, command=command, **sizes)
-        return 0
 
     return guarded("gate", run, interrupted=RESUMES)
 

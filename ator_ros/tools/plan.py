@@ -20,8 +20,7 @@ from ator_ros.planning.planner import chains_for
 from ator_ros.refinement.gate import gate_in, opened
 from ator_ros.refinement.refiner import Judged, Refiner, choose
 from ator_ros.robot.description import Robot
-from ator_ros.tools.command_line import add_models, add_setting, finite, settled
-from ator_ros.tools.guard import guarded
+from ator_ros.tools.command_line import add_models, add_setting, guarded, number, settled
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import ObjectState, RobotState, World
 
@@ -75,7 +74,7 @@ def _situation(options: argparse.Namespace, domain: Domain) -> World:
                 f"object: expected one of {', '.join(domain.objects) or 'none'}, got {name!r}"
             )
         try:
-            x, y = map(finite, place)
+            x, y = map(number(), place)
         except argparse.ArgumentTypeError as error:
             raise PlanningError(f"object {name}: {error}") from error
         objects[name] = ObjectState(x, y)
@@ -101,7 +100,7 @@ def arguments() -> argparse.ArgumentParser:
         "goal", nargs="*", metavar="GOAL", help="a name, or statements; none: print the names"
     )
     parser.add_argument(
-        "--at", nargs=3, type=finite, default=[0.0, 0.0, 0.0], metavar=("X", "Y", "YAW"),
+        "--at", nargs=3, type=number(), default=[0.0, 0.0, 0.0], metavar=("X", "Y", "YAW"),
         help="where the robot stands, in m and rad (default: the origin)",
     )  # fmt: skip
     parser.add_argument(
@@ -117,15 +116,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; the exit code is 1 where there is no plan."""
     options, domain = settled(arguments(), argv)
 
-    def run() -> int:
+    def run() -> None:
         robot = domain.robot(options.robot or None)
         if not options.goal:
             named = ", ".join(sorted(domain.goals(robot))) or "none with a name"
             print(f"goals of {domain.name}: {named}")
-            return 0
+            return
         world = _situation(options, domain)
         plan(domain, robot, options.goal, world, action_set=options.action_set, models=options.models)
-        return 0
 
     return guarded("plan", run)
 

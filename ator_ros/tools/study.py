@@ -13,7 +13,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from ator_ros.domains.domain import domain_for
+from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.running import RESULT, read_result
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.study import (
@@ -34,10 +34,9 @@ from ator_ros.performance.model_file import load_model
 from ator_ros.refinement.gate import GATE
 from ator_ros.robot.description import Robot
 from ator_ros.tools.collect import collect
-from ator_ros.tools.command_line import add_jobs, add_setting, settled, whole
+from ator_ros.tools.command_line import RESUMES, add_jobs, add_setting, guarded, settled, whole
 from ator_ros.tools.evaluate import evaluate
 from ator_ros.tools.gate import learn_gate
-from ator_ros.tools.guard import INTERRUPTED, RESUMES, guarded
 from ator_ros.tools.train import train
 
 POLICIES = ("naive", "refined", "gated", "refined_speed", "gated_speed")
@@ -49,11 +48,9 @@ MARGIN = 1.0
 
 def study(
     out: Path,
+    source: ToolsetSource,
     *,
     command: str,
-    domain: str = "",
-    robot: str = "",
-    action_set: str,
     episodes: int,
     situations: int,
     seed: int,
@@ -67,12 +64,10 @@ def study(
     ----------
     out : Path
         Folder of the study.
+    source : ToolsetSource
+        Domain, robot, set of actions, and the folder of the models that are learned.
     command : str
         The command that asks for it, for the result.
-    domain, robot : str
-        Name or file of the domain and file of the robot's description; empty: the default ones.
-    action_set : str
-        Name of the set of actions.
     episodes : int
         Of each action.
     situations : int
@@ -86,11 +81,7 @@ def study(
     jobs : int
         Worker processes; -1: one per core.
     """
-    of_domain = domain_for(domain, robot)
-    source = ToolsetSource(
-        domain=domain or of_domain.name, robot=robot, action_set=action_set, models=str(out / "models")
-    )
-    described = source.described()
+    of_domain, described, action_set = find_domain(source.domain), source.described(), source.action_set
     settings = StudySettings(
         described.description_digest(), source.domain, action_set, episodes, situations, seed, chain, oracle
     )
@@ -111,8 +102,8 @@ def study(
             Path(source.models),
             command="train of study",
             fresh=list(tables["fresh"].values()),
-            domain=source.domain,
-            robot=robot,
+            domain=of_domain,
+            robot=described,
             gate=False,
         )
     learned = [name for name in actions if (source.folder() / f"{name}.json").exists()]
@@ -172,26 +163,13 @@ def _collected(
     tables = {}
     for action in actions:
         tables[action] = table = folder / f"{action}.parquet"
-        if table.exists() and read_experience(table).metadata.get("complete", False):
+        if table.exists():
             continue
         print(f"study: {folder.name} of {action}", flush=True)
-        code = collect(
-            [action],
-            table,
-            command=f"collect of study, seed {seed}",
-            domain=source.domain,
-            robot=source.robot,
-            action_set=source.action_set,
-            episodes=settings.episodes,
-            seed=seed,
-            jobs=jobs,
-        )
-        if code == INTERRUPTED:
-            raise KeyboardInterrupt
-        if code:
-            raise EvaluationError(
-                f"{table}: expected a whole table of experience, the collection has ended early"
-            )
+        collect(
+            [action], source, table, command=f"collect of study, seed {seed}", episodes=settings.episodes,
+            seed=seed, jobs=jobs,
+        )  # fmt: skip
     return tables
 
 
@@ -234,7 +212,7 @@ def _measured(out: Path, action: str, source: ToolsetSource, robot: Robot) -> Me
     tables = [read_experience(out / kind / f"{action}.parquet").frame for kind in ("experience", "fresh")]
     ends = join(table.drop_duplicates("episode", keep="last") for table in tables)
     done = ends[ends["success"]]
-    file, features = source.folder() / f"{action}.json", domain_for(source.domain, None).known_features
+    file, features = source.folder() / f"{action}.json", find_domain(source.domain).known_features
     failures = ends.loc[~ends["success"], "reason"].value_counts()
     return MeasuredAction(
         episodes=len(ends),
@@ -277,13 +255,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     options, _ = settled(arguments(), words, needed=False, chain=lambda domain: domain.chains)
 
-    def run() -> int:
+    source = ToolsetSource(
+        domain=options.domain, robot=options.robot, action_set=options.action_set,
+        models=str(options.out / "models"),
+    )  # fmt: skip
+
+    def run() -> None:
         study(
             options.out,
+            source,
             command=portable_command("study", words),
-            domain=options.domain,
-            robot=options.robot,
-            action_set=options.action_set,
             episodes=options.episodes,
             situations=options.situations,
             seed=options.seed,
@@ -291,7 +272,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             oracle=options.oracle,
             jobs=options.jobs,
         )
-        return 0
 
     return guarded("study", run, interrupted=RESUMES)
 

@@ -7,7 +7,6 @@ import dataclasses
 import math
 import sys
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +14,14 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.domains.domain import Domain, domain_for, installed_domains
-from ator_ros.evaluation.accuracy_tables import ablation_table, accuracy_table, success_table
+from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
-from ator_ros.evaluation.report import PAPER_ERRORS
 from ator_ros.evaluation.trials import possible_chain
 from ator_ros.experience.columns import LARGEST
 from ator_ros.experience.recordings import USUAL, TopicNames
 from ator_ros.experience.sources import read_sources
 from ator_ros.experience.table import Experience, library_versions
-from ator_ros.files import portable_command, reserved, write_text
+from ator_ros.files import portable_command
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.features import OBSERVED, Feature, chosen_for
@@ -40,10 +37,8 @@ from ator_ros.performance.training import (
 from ator_ros.performance.training import train as train_model
 from ator_ros.refinement.gate import save_gate
 from ator_ros.robot.description import ConfigError, Robot
-from ator_ros.tools.command_line import add_setting, destination, settled, topic
-from ator_ros.tools.guard import guarded
+from ator_ros.tools.command_line import add_setting, guarded, settled, topic
 
-_MODELS_BYTES = 1_000_000
 _GATE_SEED, _GATE_SITUATIONS = 1, 60
 """Of the situations in which the gate is learned."""
 
@@ -54,13 +49,12 @@ def train(
     *,
     command: str,
     fresh: Sequence[Path] = (),
-    domain: str = "",
-    robot: str = "",
+    domain: Domain,
+    robot: Robot,
     action_set: str | None = None,
     topics: TopicNames = USUAL,
     observed: bool = False,
     gate: bool = True,
-    ablation: Path | None = None,
 ) -> None:
     """Learn a model of each action in the experience, and the gate, and write them.
 
@@ -72,8 +66,8 @@ def train(
         Of the models.
     command : str
         The command that asks for it, for the files.
-    domain, robot : str
-        Name or file of the domain and file of the robot's description; empty: the default ones.
+    domain, robot
+        The domain and its robot.
     action_set : str, optional
         Of odometry and commands that were recorded; tables and records know their own.
     topics : TopicNames
@@ -82,43 +76,37 @@ def train(
         Learn from odometry, goals and results alone.
     gate : bool
         Learn the gate from the same episodes.
-    ablation : Path, optional
-        Where to write the feature ablation as Markdown.
     """
-    of_domain = domain_for(domain, robot)
-    described = of_domain.robot(robot or None)
-    with reserved(folder, _MODELS_BYTES):
-        pass  # a full disk is reported before the work
-    read = _read(of_domain, experience, described, action_set, topics)
+    read = _read(domain, experience, robot, action_set, topics)
     rows, source = read.frame, read.metadata
     tests = Experience(rows[:0], {})
     if fresh:
-        tests = _read(of_domain, fresh, described, source["action_set"], topics)
+        tests = _read(domain, fresh, robot, source["action_set"], topics)
     by_action = dict(iter(rows.groupby("action", sort=False)))
     errors: list[str] = []
     used: dict[str, tuple[Feature, ...]] = {}
     for action, examples in by_action.items():
         if observed:
-            features = (*OBSERVED, *of_domain.goal_features(action, source["action_set"]))
+            features = (*OBSERVED, *domain.goal_features(action, source["action_set"]))
         else:
-            features = _suited(of_domain.candidates(action, source["action_set"]), described, of_domain)
+            features = _suited(domain.candidates(action, source["action_set"]), robot, domain)
         # A recording rarely holds enough of every action. What is learned is saved before the next is begun.
         try:
-            model = train_model(action, examples, described, features=features)
+            model = train_model(action, examples, robot, features=features)
         except TrainingError as error:
             errors.append(str(error))
             continue
         used[action] = features
         own = tests.frame[tests.frame["action"] == action]
         measured = _measure(model, own, tests.seed) if len(own) else {}
-        found = _summary(model, measured) if measured else _validated(model, examples, described, features)
+        found = _summary(model, measured) if measured else _validated(model, examples, robot, features)
         training = {
             "seed": source.get("seed"),
             "command": source.get("command"),
             "digest": digest(examples),
             "episodes": int(examples["episode"].nunique()),
             "examples": len(examples),
-            "starts": (observed_starts if observed else start_ranges)(examples, described),
+            "starts": (observed_starts if observed else start_ranges)(examples, robot),
             "train_command": command,
         }
         metadata = {
@@ -136,19 +124,14 @@ def train(
         print(f"train: {missing}; the other actions are learned", file=sys.stderr)
     if gate:
         _learn_gate(
-            of_domain,
-            described,
+            domain,
+            robot,
             folder / model_path("gate", source["action_set"]),
             action_set=source["action_set"],
             rows={name: by_action[name] for name in used},
             features=used,
             command=command,
         )
-    if ablation and len(tests.frame):
-        others = dict(iter(tests.frame.groupby("action")))
-        suited = partial(_suited, robot=described, domain=of_domain)
-        lines = ablation_table(by_action, others, described, of_domain, seed=tests.seed, suited=suited)
-        write_text(ablation, _document("Feature ablation", command, "\n".join(lines)))
 
 
 def _learn_gate(
@@ -208,26 +191,6 @@ def _read(
     if left_out := experience.metadata["records_left_out"]:
         print(f"train: left out {left_out} records that cannot be used", file=sys.stderr)
     return experience
-
-
-def measure_again(
-    fresh: Sequence[Path],
-    folder: Path,
-    domain: Domain,
-    robot: Robot,
-    action_set: str | None,
-    topics: TopicNames,
-) -> None:
-    """Measure the existing models on fresh episodes; their trees do not change."""
-    with reserved(folder, _MODELS_BYTES):
-        pass
-    experience = _read(domain, fresh, robot, action_set, topics)
-    for action, tests in experience.frame.groupby("action", sort=False):
-        file = folder / model_path(action, experience.metadata["action_set"])
-        model = load_model(file, robot, domain.known_features)
-        measured = _measure(model, tests, experience.seed)
-        save_model(file, dataclasses.replace(model, metadata={**model.metadata, "accuracy": measured}))
-        print(f"{file}: {_summary(model, measured)}")
 
 
 def _measure(model: PerformanceModel, fresh: pd.DataFrame, seed: int) -> dict[str, Any]:
@@ -298,22 +261,6 @@ def _situation(words: Sequence[str], names: Sequence[str]) -> dict[str, float]:
     return situation
 
 
-def _report(domain: Domain, file: Path, robot: Robot, folder: Path) -> None:
-    others = set(installed_domains()) - {domain.name}  # their models lie in folders of their names
-    files = (path for path in folder.rglob("*.json") if path.relative_to(folder).parts[0] not in others)
-    found = sorted(filter(is_model, files))
-    models = [load_model(path, robot, domain.known_features) for path in found]
-    models = [model for model in models if model.metadata["accuracy"]]
-    table = accuracy_table(models, PAPER_ERRORS)
-    lines = [*table, "", "## Success", "", *success_table(models)]
-    command = portable_command("train", ["--report", str(file)])
-    write_text(file, _document("Accuracy of the performance models", command, "\n".join(lines)))
-
-
-def _document(title: str, command: str, text: str) -> str:
-    return f"# {title}\n\nMade by `{command}`. Times in s, with 95 % bootstrap intervals.\n\n{text}\n"
-
-
 def arguments() -> argparse.ArgumentParser:
     """Return the command line of `train`."""
     parser = argparse.ArgumentParser(prog="train", description=__doc__)
@@ -325,7 +272,7 @@ def arguments() -> argparse.ArgumentParser:
         nargs="+",
         type=Path,
         default=[],
-        help="other episodes, on which accuracy is measured (alone: of the models there are)",
+        help="other episodes, on which accuracy is measured",
     )
     add_setting(parser, action_set=False)
     parser.add_argument("--models", type=Path, help="folder of the models (default: the shipped models/)")
@@ -347,12 +294,6 @@ def arguments() -> argparse.ArgumentParser:
         "--cmd-vel", type=topic, metavar="TOPIC",
         help="of velocity commands in recordings (default: cmd_vel in any namespace)",
     )  # fmt: skip
-    parser.add_argument(
-        "--ablation", type=destination, metavar="FILE", help="write the feature ablation as Markdown"
-    )
-    parser.add_argument(
-        "--report", type=destination, metavar="FILE", help="write the accuracy of all models there are"
-    )
     parser.add_argument(
         "--rules",
         metavar="MODEL",
@@ -377,39 +318,31 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     parser = arguments()
     options, domain = settled(parser, words)
-    if not (options.experience or options.fresh or options.rules or options.report):
-        parser.error("expected experience to learn from, --fresh, --rules or --report")
+    if not (options.experience or options.rules):
+        parser.error("expected experience to learn from, or --rules")
 
-    def run() -> int:
+    def run() -> None:
         robot = domain.robot(options.robot or None)
         folder = options.models if options.models is not None else domain.shipped_models
-        topics = TopicNames(options.odom or USUAL.odom, options.cmd_vel or USUAL.cmd_vel)
         if options.rules:
             print(_rules(domain, options, robot, folder))
-            return 0
-        if options.models is None and options.experience and not _is_own(robot, domain):
+            return
+        if options.models is None and not _is_own(robot, domain):
             raise TrainingError(
                 f"--models: expected a folder for models of {robot.name}; those that ship are another robot's"
             )
-        if options.experience:
-            train(
-                options.experience,
-                folder,
-                command=portable_command("train", words),
-                fresh=options.fresh,
-                domain=options.domain,
-                robot=options.robot,
-                action_set=options.action_set,
-                topics=topics,
-                observed=options.observed,
-                gate=not options.no_gate,
-                ablation=options.ablation,
-            )
-        elif options.fresh:
-            measure_again(options.fresh, folder, domain, robot, options.action_set, topics)
-        if options.report:
-            _report(domain, options.report, robot, folder)
-        return 0
+        train(
+            options.experience,
+            folder,
+            command=portable_command("train", words),
+            fresh=options.fresh,
+            domain=domain,
+            robot=robot,
+            action_set=options.action_set,
+            topics=TopicNames(options.odom or USUAL.odom, options.cmd_vel or USUAL.cmd_vel),
+            observed=options.observed,
+            gate=not options.no_gate,
+        )
 
     return guarded("train", run, interrupted="models whose lines were printed are written, no others")
 

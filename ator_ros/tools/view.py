@@ -9,13 +9,21 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ator_ros.domains.domain import Domain, DomainError, domain_for
-from ator_ros.tools.command_line import add_factor, add_models, add_setting, frame, namespace, whole
-from ator_ros.tools.guard import EXPECTED_ERRORS, until_stopped
+from ator_ros.evaluation.toolset import ToolsetSource
+from ator_ros.tools.command_line import (
+    EXPECTED_ERRORS,
+    add_factor,
+    add_models,
+    add_setting,
+    frame,
+    guarded,
+    namespace,
+    whole,
+)
 
 if TYPE_CHECKING:  # help and errors of the command line need neither ROS nor viser
     from ator_ros.performance.model import PerformanceModel
@@ -35,7 +43,6 @@ _EXECUTED = {"odom_timeout": 60.0}
 
 
 def serve(
-    going_on: Callable[[], None],
     *,
     domain: str = "",
     robot: str = "",
@@ -48,12 +55,10 @@ def serve(
     real_time_factor: float = 1.0,
     words: Sequence[str] = (),
 ) -> None:
-    """Serve the page until `going_on` raises.
+    """Serve the page until KeyboardInterrupt.
 
     Parameters
     ----------
-    going_on : callable
-        Called in each round of the loop and while something is waited for.
     domain, robot, models : str
         As of the command line.
     host, port : str, int
@@ -87,13 +92,8 @@ def serve(
     if not found.chains:
         raise DomainError(f"domain: expected one with chains, got {found.name}, which has none")
     body = found.robot(robot or None)
-    files = {"models": models, "robot": robot, "domain": domain}
-    with _nodes(attach, real_time_factor, files) as (number, check), contextlib.ExitStack() as closing:
-
-        def checked() -> None:
-            going_on()
-            check()
-
+    source = ToolsetSource(domain=domain or found.name, robot=robot, models=models)
+    with _nodes(attach, real_time_factor, source) as (number, check), contextlib.ExitStack() as closing:
         backends: dict[str, RosBackend] = {}
         for name in robots or [""]:
             space = ["--ros-args", "-r", f"__ns:=/{name}"] if name else []
@@ -103,7 +103,7 @@ def serve(
                 frame=frame or (f"{name}/odom" if name else "odom"),
                 ros_domain=number,
                 words=[*words, *space],
-                check=checked,
+                check=check,
             )
             closing.callback(backends[name].close)
         for backend in backends.values():
@@ -119,22 +119,22 @@ def serve(
         closing.callback(page.close)
         address = f"http://{host}:{page.server.get_port()}"
         print(f"view: open {address} in a browser; Ctrl-C ends it", flush=True)
-        _loop(editor, page, Wheels(body), checked)
+        _loop(editor, page, Wheels(body), check)
 
 
 @contextlib.contextmanager
 def _nodes(
-    attach: bool, real_time_factor: float, files: Mapping[str, str]
+    attach: bool, real_time_factor: float, source: ToolsetSource
 ) -> Iterator[tuple[int | None, Callable[[], None]]]:
     """Yield the ROS domain, None for that of the environment, and what raises if a node has ended."""
     from ator_ros.nodes.network import stay_on_this_machine
-    from ator_ros.tools.processes import all_nodes
+    from ator_ros.tools.own_nodes import all_nodes
 
     if attach:
         stay_on_this_machine(os.environ)
         yield None, lambda: None
         return
-    with all_nodes(real_time_factor, _SIMULATED, _EXECUTED, **files) as nodes:
+    with all_nodes(real_time_factor, source, _SIMULATED, _EXECUTED) as nodes:
         print(f"view: three nodes start on ROS domain {nodes.domain} …", flush=True)
         yield nodes.domain, nodes.check
 
@@ -151,12 +151,12 @@ def _models(folder: str, domain: Domain, robot: Robot) -> Mapping[str, Mapping[s
     return found
 
 
-def _loop(editor: Editor, page: Page, wheels: Wheels, going_on: Callable[[], None]) -> None:
+def _loop(editor: Editor, page: Page, wheels: Wheels, check: Callable[[], None]) -> None:
     from ator_ros.simulation.urdf import WHEEL_NAMES
 
     due = time.monotonic()
     for number in itertools.count():
-        going_on()
+        check()
         editor.step(() if number % _ROUNDS else page.commands.take())
         world = editor.backend.world()
         if world is not None:
@@ -205,11 +205,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error("--robots: expected --attach, too: what it names must run")
     if len(set(options.robots)) < len(options.robots):
         parser.error(f"--robots: expected different names, got {' '.join(options.robots)}")
-    from ator_ros.nodes.parameters import SetupError
-    from ator_ros.view.backend import BackendError
+    try:
+        from ator_ros.nodes.parameters import SetupError
+        from ator_ros.view.backend import BackendError
+        from ator_ros.view.page import Page  # noqa: F401 (needs viser)
+    except ImportError as error:
+        print(f"view: {error}: docs/install.md says how to install it", file=sys.stderr)
+        return 1
 
-    run = partial(serve, **vars(options), words=words[len(own) :])
-    return until_stopped("view", run, (*EXPECTED_ERRORS, BackendError, SetupError))
+    def run() -> None:
+        with contextlib.suppress(KeyboardInterrupt):  # its usual end
+            serve(**vars(options), words=words[len(own) :])
+
+    return guarded("view", run, expected=(*EXPECTED_ERRORS, BackendError, SetupError))
 
 
 if __name__ == "__main__":

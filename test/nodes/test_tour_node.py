@@ -20,8 +20,7 @@ from ator_ros.experience.episode import run_episode
 from ator_ros.experience.table import episode_frame, join, library_versions, read_experience
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tools import collect as collect_tool
-from ator_ros.tools.client import ClientError
-from ator_ros.tools.command_line import settled
+from ator_ros.tools.command_line import NodesError, settled
 from ator_ros.tops.outcome import top_of
 
 BIN = Path(get_package_prefix("ator_ros"), "lib", "ator_ros")
@@ -110,10 +109,10 @@ def test_nodes_that_do_not_do_what_is_expected_are_told_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def without_servers(*_: object, **__: object) -> Iterator[NoReturn]:
-        raise ClientError("expected the action servers, got none")
+        raise NodesError("expected the action servers, got none")
         yield
 
-    monkeypatch.setattr("ator_ros.tools.client.drives", without_servers)
+    monkeypatch.setattr("ator_ros.tools.own_nodes.drives", without_servers)
     words = ["--domain", "tour", "--over-ros", "--episodes", "1", "--out", str(tmp_path / "drives.parquet")]
     assert collect_tool.main(words) == 1
     assert capsys.readouterr().err == "collect: expected the action servers, got none\n"

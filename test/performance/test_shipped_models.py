@@ -10,13 +10,12 @@ import pytest
 
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.evaluation.accuracy_tables import accuracy_table
-from ator_ros.evaluation.report import PAPER_ERRORS
 from ator_ros.performance.model_file import is_model, load_model, save_model
 from ator_ros.refinement.calibration import load_calibration, save_calibration
 from ator_ros.refinement.gate import OpenGate, ThresholdGate, TreeGate, load_gate, save_gate
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import load_robot
+from scripts.accuracy import PAPER_ERRORS, accuracy_table
 
 ROBOT = load_robot()
 MODELS = resource_path("models")

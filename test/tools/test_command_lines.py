@@ -63,7 +63,6 @@ DESTINATIONS = {
     "calibrate_predictions": ["--report"],
     "collect": ["--out"],
     "demo": ["--out"],
-    "train": ["--ablation", "--report"],
 }
 
 

@@ -14,8 +14,9 @@ from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import open_speeds, random_trial
 from ator_ros.robot.description import load_robot
+from ator_ros.tools.command_line import NodesError
 from ator_ros.tools.demo import DemoRun, DemoSituation, explanation, table
-from ator_ros.tools.processes import NodeEndedError, NodeProcesses, NodesError
+from ator_ros.tools.own_nodes import NodeProcesses
 from ator_ros.tops.chain import TopChain
 
 ROBOT = load_robot()
@@ -71,7 +72,7 @@ def script(folder: Path, name: str, text: str) -> None:
 
 
 def test_a_command_runs_in_its_folder_and_one_that_is_missing_is_named(tmp_path: Path) -> None:
-    with NodeProcesses(tmp_path, 1) as nodes:
+    with NodeProcesses(1, tmp_path) as nodes:
         nodes.start_server(DeclaredServer(command="touch 'made here'", folder=str(tmp_path)))
         end = time.monotonic() + 10.0
         while not (tmp_path / "made here").exists() and time.monotonic() < end:
@@ -85,9 +86,9 @@ def test_a_command_runs_in_its_folder_and_one_that_is_missing_is_named(tmp_path:
 
 def test_a_node_that_ends_by_itself_is_named_with_its_last_words(tmp_path: Path) -> None:
     script(tmp_path, "weak", "echo no field here; exit 3")
-    with NodeProcesses(tmp_path, 1) as nodes:
+    with NodeProcesses(1, tmp_path) as nodes:
         nodes.start("weak", {})
-        with pytest.raises(NodeEndedError, match="the node weak ended with exit code 3: no field here"):
+        with pytest.raises(NodesError, match="the node weak ended with exit code 3: no field here"):
             check_for_ever(nodes)
 
 

@@ -18,7 +18,6 @@ from selection import few
 
 from ator_ros.experience.table import Experience, write_experience
 from ator_ros.resources import resource_path
-from ator_ros.tools.guard import stopped_by_signals
 
 # Where a command line takes a file: the words, with ODD for it, and the suffix by which it is known.
 ANYWHERE = {
@@ -54,7 +53,7 @@ def run(words: Sequence[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, 
     """Run a command line in this process; return its exit code and what it printed to stderr."""
     tool = importlib.import_module(f"ator_ros.tools.{words[0]}")
     capsys.readouterr()
-    with warnings.catch_warnings(), stopped_by_signals():
+    with warnings.catch_warnings():
         try:
             code = tool.main(list(words[1:]))
         except SystemExit as ended:

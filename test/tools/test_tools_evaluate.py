@@ -72,7 +72,6 @@ def test_report_is_one_file_without_network_or_scripts(finished: tuple[Path, dic
     for words in ("Table 1 of the paper", "To repeat this", "533"):
         assert words in text
     assert "<script" not in text
-    # SVG names its namespaces by address; nothing else may point outside.
     outside = re.findall(r'(?:src|href)="(?!#|data:)[^"]*"|url\((?!#)[^)]*\)|@import', text)
     assert outside == []
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from ator_ros.evaluation.report import evaluation_table
 from ator_ros.evaluation.study import KIND, MeasuredAction, OpenVariable, StudyResult, study_page
 from ator_ros.files import load, save
 from ator_ros.resources import resource_path
@@ -99,13 +98,3 @@ def test_a_study_without_a_chain_is_written_read_and_shown(tmp_path: Path) -> No
     assert "No chain of the domain can be executed" in page
     assert "2 (visit)" in page
     assert "no effect: the models say so" in page
-
-
-@pytest.mark.parametrize("share", [96.0, 112.0])
-def test_a_share_above_the_oracles_gain_has_a_footnote(share: float) -> None:
-    row = {
-        "mean_duration_s": 9.0, "improvement_percent": 5.0, "improvement_ci95": [4.0, 6.0], "higher": 3,
-        "equal": 1, "lower": 0, "oracle_captured_percent": share, "failures": 0,
-    }  # fmt: skip
-    table = evaluation_table({"gated_speed": row})
-    assert ("* more than 100 %: the oracle" in table) is (f"{share:.1f}*" in table) is (share > 100.0)

@@ -1,20 +1,32 @@
-"""Accuracy and feature ablation as tables for the docs (paper, end of section 3)."""
+"""Write the accuracy of learned models and the feature ablation as pages (paper, end of section 3).
+
+scripts/run python scripts/accuracy.py --models models --out docs/accuracy.md
+scripts/run python scripts/accuracy.py experience.parquet fresh.parquet --out docs/ablation.md
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import argparse
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from ator_ros.domains.domain import Domain
+from ator_ros.domains.domain import Domain, find_domain, installed_domains
+from ator_ros.experience.table import read_experience
+from ator_ros.files import portable_command, write_text
 from ator_ros.performance.accuracy import accuracy
 from ator_ros.performance.features import IDEAL, PAPER_3, PAPER_11, SIGNED, Feature
 from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.model_file import is_model, load_model
 from ator_ros.performance.training import Training, train
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import AT_REST
 
+PAPER_ERRORS: Mapping[str, str] = {"goToPose": "0.31 / 0.75", "dribbleBall": "0.29 / 0.73"}
+"""Mean absolute and root-mean-square error in s that the paper reports, by action."""
 Features = tuple[Feature, ...]
 _Row = tuple[Features, Training]
 ABLATION: dict[str, _Row] = {
@@ -77,7 +89,6 @@ def ablation_table(
     domain: Domain,
     *,
     seed: int,
-    suited: Callable[[Features], Features] = lambda features: features,
 ) -> Iterator[str]:
     """Yield lines of Markdown: accuracy at starts at rest for several sets of candidate features.
 
@@ -91,8 +102,6 @@ def ablation_table(
         Whose actions choose features.
     seed : int
         Of the fresh episodes.
-    suited : callable
-        Returns features with what is chosen for the robot; by default as they are.
     """
     yield "| action | candidates | leaves | features used | MAE (s) | RMSE (s) |"
     yield "| --- | --- | --- | --- | --- | --- |"
@@ -102,7 +111,7 @@ def ablation_table(
         starts = fresh[action]
         starts = starts[(starts["t"] == 0.0) & (starts["v"].abs() <= AT_REST.v)]
         for label, (features, how) in _rows(domain, action).items():
-            model = train(action, rows, robot, features=suited(features), training=how)
+            model = train(action, rows, robot, features=features, training=how)
             result = accuracy(model, starts, seed=seed)
             used, leaves = model.used_features, model.trees["duration"].n_leaves
             yield (
@@ -140,3 +149,44 @@ def _numbers(numbers: Mapping[str, Any]) -> str:
         f"{numbers['episodes']} | {_interval(numbers, 'mae_s')} | {_interval(numbers, 'rmse_s')} | "
         f"{100 * numbers['relative_error']:.1f} %"
     )
+
+
+def shipped(folder: Path, domain: Domain, robot: Robot) -> list[PerformanceModel]:
+    """Return the models of a domain in a folder whose accuracy was measured."""
+    others = set(installed_domains()) - {domain.name}  # their models lie in folders of their names
+    files = (path for path in folder.rglob("*.json") if path.relative_to(folder).parts[0] not in others)
+    models = [load_model(path, robot, domain.known_features) for path in sorted(filter(is_model, files))]
+    return [model for model in models if model.metadata["accuracy"]]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write one of the pages."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("tables", nargs="*", type=Path, metavar="FILE", help="experience and fresh episodes")
+    parser.add_argument(
+        "--models", type=Path, metavar="DIR", help="folder of the models (default: as shipped)"
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE.md")
+    options = parser.parse_args(words)
+    domain = find_domain()
+    robot = domain.robot()
+    if options.tables:
+        experience, fresh = map(read_experience, options.tables)
+        rows, others = (
+            dict(iter(table.frame.groupby("action", sort=False))) for table in (experience, fresh)
+        )
+        title = "Feature ablation"
+        lines = list(ablation_table(rows, others, robot, domain, seed=fresh.seed))
+    else:
+        models = shipped(options.models or domain.shipped_models, domain, robot)
+        title = "Accuracy of the performance models"
+        lines = [*accuracy_table(models, PAPER_ERRORS), "", "## Success", "", *success_table(models)]
+    command, text = portable_command("accuracy.py", words), "\n".join(lines)
+    made = f"Made by `{command}`. Times in s, with 95 % bootstrap intervals."
+    write_text(options.out, f"# {title}\n\n{made}\n\n{text}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

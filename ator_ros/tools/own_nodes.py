@@ -1,0 +1,367 @@
+"""Our nodes as processes on a ROS domain of their own, and a client that has them execute chains."""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import pandas as pd
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+from nav_msgs.msg import Odometry
+from rclpy.action import ActionClient
+
+from ator_interfaces.action import ExecuteChain
+from ator_interfaces.msg import ChainPerformance
+from ator_interfaces.msg import TopChain as TopChainMessage
+from ator_interfaces.srv import RefineSubgoal
+from ator_ros.actions import TIME_LIMIT
+from ator_ros.actions.situation import Situation
+from ator_ros.domains.declared import DeclaredServer
+from ator_ros.domains.domain import Domain, domain_for
+from ator_ros.evaluation.toolset import ToolsetSource
+from ator_ros.experience.collect import episode_generator
+from ator_ros.experience.columns import ExperienceError
+from ator_ros.experience.records import ENDED, episode_of
+from ator_ros.experience.table import episode_frame
+from ator_ros.geometry import Pose
+from ator_ros.nodes.client_node import ClientNode, SimulationClient
+from ator_ros.nodes.messages import chain_of, situation_of
+from ator_ros.nodes.network import RANGE, THIS_MACHINE, free_domain, stay_on_this_machine
+from ator_ros.nodes.qos import SENSOR_DATA
+from ator_ros.robot.description import Robot
+from ator_ros.tools.command_line import NodesError
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.outcome import top_of
+from ator_ros.world.messages import MessageError, robot_from
+from ator_ros.world.state import World
+
+FRAME = "odom"
+_EXECUTOR_PATIENCE = 2.0
+"""Time in s that the executor waits for odometry and refinement: more than on a robot, for busy machines."""
+_UNHURRIED = 1.0  # s that refinement may take, less than the executor's patience
+_TRIES = 3
+"""Drives from one situation, until one ends by itself."""
+_NEAR = 0.02  # m
+_SUBSCRIBING = 10.0  # s that action servers have to subscribe to odom
+_OUR_SUBSCRIPTIONS = 2
+"""To odom: the executor's, and the client's."""
+
+
+class NodeProcesses:
+    """Starts nodes; as a context manager it ends all of them when the block ends, whatever the reason.
+
+    Parameters
+    ----------
+    domain : int
+        ROS domain.
+    folder : Path, optional
+        Where our executables lie; by default lib/ator_ros of the installation.
+    patience : float
+        Time in s that the nodes have for ending before they are forced to.
+
+    Raises
+    ------
+    NodesError
+        Our nodes are not installed.
+    """
+
+    def __init__(self, domain: int, folder: Path | None = None, *, patience: float = 5.0) -> None:
+        self.domain = domain
+        self._folder = folder or _folder_of(DeclaredServer("ator_ros", "executor"), "nodes")
+        self._patience = patience
+        own = {"ROS_DOMAIN_ID": str(domain), RANGE: THIS_MACHINE, "PYTHONUNBUFFERED": "1"}
+        self._environment = {**os.environ, **own}
+        self._logs = tempfile.TemporaryDirectory(prefix="ator_ros_")
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self, name: str, parameters: Mapping[str, object]) -> None:
+        """Start our executable `name` with these parameters."""
+        arguments = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
+        words = [str(self._folder / name), *(["--ros-args", *arguments] if arguments else [])]
+        self._run(name, words, None)
+
+    def start_server(self, server: DeclaredServer) -> None:
+        """Start an action server of a domain; NodesError if it is not installed, or cannot be started."""
+        if not server.command:
+            self._run(server.name, [str(_folder_of(server) / server.executable)], None)
+            return
+        try:
+            self._run(server.name, server.words, server.folder)
+        except OSError as error:
+            raise NodesError(
+                f"servers: command: expected a program, got {server.name}: {error.strerror}"
+            ) from error
+
+    def _run(self, name: str, words: Sequence[str], folder: str | None) -> None:
+        with self._log(name).open("wb") as log:
+            self._processes[name] = subprocess.Popen(
+                words,
+                cwd=folder,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=self._environment,
+                start_new_session=True,  # Ctrl-C goes to this process only, which ends the nodes in order
+            )
+
+    def check(self) -> None:
+        """Make sure that all are running; raise NodesError with the last words of one that is not."""
+        for name, process in self._processes.items():
+            if process.poll() is not None:
+                lines = self._log(name).read_text(encoding="utf-8", errors="replace").strip().splitlines()
+                raise NodesError(
+                    f"the node {name} ended with exit code {process.returncode}: {' | '.join(lines[-5:])}"
+                )
+
+    def stop(self) -> None:
+        """End all in reverse order, as Ctrl-C would, and kill those that do not end."""
+        running = [process for process in reversed(self._processes.values()) if process.poll() is None]
+        for process in running:
+            process.send_signal(signal.SIGINT)
+        end = time.monotonic() + self._patience
+        for process in running:
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(timeout=max(0.0, end - time.monotonic()))
+            process.kill()
+            process.wait()
+        self._processes.clear()
+
+    def _log(self, name: str) -> Path:
+        return Path(self._logs.name, f"{name.replace('/', '_')[:100]}.log")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        # A second Ctrl-C, the SIGTERM that `timeout` sends twice, or a terminal that closes must not leave a
+        # node behind.
+        numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        previous = [signal.signal(number, signal.SIG_IGN) for number in numbers]
+        try:
+            self.stop()
+            self._logs.cleanup()
+        finally:
+            for number, handler in zip(numbers, previous, strict=True):
+                signal.signal(number, handler)
+
+
+def _folder_of(server: DeclaredServer, where: str = "servers") -> Path:
+    """Return the folder of an installed executable; `where` is what asks for it, for messages."""
+    name = server.package
+    try:
+        folder = Path(get_package_prefix(name), "lib", name)
+    except (PackageNotFoundError, OSError) as error:  # OSError: no workspace is sourced
+        raise NodesError(
+            f"{where}: expected an installed package, got {name}: source the workspace that it is in"
+        ) from error
+    if not os.access(folder / server.executable, os.X_OK):
+        there = sorted(file.name for file in folder.glob("*") if os.access(file, os.X_OK))
+        raise NodesError(
+            f"{where}: expected an executable of {name} (it has {', '.join(there) or 'none'}), "
+            f"got {server.executable}"
+        )
+    return folder
+
+
+@contextmanager
+def all_nodes(
+    real_time_factor: float,
+    source: ToolsetSource,
+    simulated: Mapping[str, object] | None = None,
+    executed: Mapping[str, object] | None = None,
+) -> Iterator[NodeProcesses]:
+    """Start simulation, refinement, executor and the domain's action servers on an unused ROS domain.
+
+    Parameters
+    ----------
+    real_time_factor : float
+        Simulated per real seconds.
+    source : ToolsetSource
+        Domain, robot and models.
+    simulated, executed : mapping, optional
+        Further parameters of simulation and executor.
+
+    Raises
+    ------
+    NodesError
+        A node or a server is not installed.
+    """
+    of_domain = domain_for(source.domain, source.robot)
+    for server in of_domain.servers:
+        if not server.command:
+            _folder_of(server)  # before anything starts
+    whose = {name: value for name, value in (("robot", source.robot), ("domain", source.domain)) if value}
+    named = {**whose, **({"models": source.models} if source.models else {})}
+    os.environ[RANGE] = THIS_MACHINE
+    stay_on_this_machine(os.environ)
+    with free_domain() as number, NodeProcesses(number) as nodes:
+        pace = {"real_time_factor": real_time_factor, "command_wait": 1.0}
+        nodes.start("simulation", {**pace, **(simulated or {}), **whose})
+        # Chains of remote actions are long, and a robot that stands at each station can wait for the answer.
+        unhurried = {"deadline": _UNHURRIED} if of_domain.servers else {}
+        nodes.start("refinement", {**named, **unhurried})
+        patience = {"odom_timeout": _EXECUTOR_PATIENCE, "refinement_timeout": _EXECUTOR_PATIENCE}
+        # An action may take what it may in a simulation without ROS, and the executor's default at least.
+        limits = {"action_timeout": max(TIME_LIMIT, of_domain.time_limit)}
+        nodes.start("executor", {**named, **patience, **limits, **(executed or {})})
+        for server in of_domain.servers:
+            nodes.start_server(server)
+        yield nodes
+
+
+class Client:
+    """A node in this process, spun by a thread; a context manager.
+
+    Parameters
+    ----------
+    domain : int
+        ROS domain.
+    check : callable
+        Called while something is waited for; raises when waiting makes no sense.
+    objects : sequence of str
+        The objects that the simulation can place.
+    patience : float
+        Real time in s that each thing may take.
+    """
+
+    def __init__(
+        self, domain: int, check: Callable[[], None], objects: Sequence[str], patience: float = 120.0
+    ) -> None:
+        self._domain = domain
+        self._own = ClientNode("client", domain=domain, check=check, timeout=patience, error=NodesError)
+        self.path: list[tuple[float, float]] = []
+        self._pose = Pose(math.inf, math.inf, 0.0)
+        node = self._own.node
+        node.create_subscription(Odometry, "odom", self._on_odometry, SENSOR_DATA)
+        self._placing = SimulationClient(self._own, objects)
+        self._refine = node.create_client(RefineSubgoal, "refine_subgoal")
+        self._server = ActionClient(node, ExecuteChain, "execute_chain")
+        self._own.start()
+
+    def _on_odometry(self, message: Odometry) -> None:
+        _, robot = robot_from(message, frame=FRAME)
+        self._pose = robot.pose
+        self.path.append((robot.pose.x, robot.pose.y))
+
+    def ready(self, servers: Sequence[str] = (), started: int = 0) -> None:
+        """Wait until all nodes and action servers are there, and `started` servers subscribe to odometry."""
+        self._own.until(self._placing.is_there, "the simulation")
+        self._own.until(self._refine.service_is_ready, f"the service {self._refine.srv_name}")
+        self._own.until(self._server.server_is_ready, "the action execute_chain")
+        where = f"on ROS_DOMAIN_ID {self._domain}, where only our nodes and those under `servers` are started"
+        for name in servers:
+            there = functools.partial(self._own.node.count_services, f"{name}/_action/send_goal")
+            self._own.until(lambda there=there: there() > 0, f"the action {name} {where}")  # type: ignore[misc]
+        end = time.monotonic() + _SUBSCRIBING  # a server may use tf, or nothing
+
+        def subscribed() -> bool:
+            others = 0 if time.monotonic() > end else started
+            return int(self._own.node.count_subscribers("odom")) >= _OUR_SUBSCRIPTIONS + others
+
+        self._own.until(subscribed, "subscriptions to odom")
+
+    def place(self, start: World) -> None:
+        """Place robot and objects at rest where a situation starts; time is paused until a chain runs."""
+        self._placing.place(start)
+        self._own.until(lambda: self._pose.distance(start.robot.pose) < _NEAR, "the robot at its start")
+
+    def refine(self, start: World, chain: TopChainMessage) -> Any:
+        """Ask for refinement and return the answer; NodesError if the chain cannot be refined."""
+        request = RefineSubgoal.Request(situation=situation_of(start, frame=FRAME), chain=chain)
+        answer = self._own.call(self._refine, request)
+        if not answer.accepted:
+            raise NodesError(f"{self._refine.srv_name}: {answer.reason}")
+        return answer
+
+    def execute(self, chain: TopChainMessage, *, refine: bool) -> ChainPerformance:
+        """Execute a chain, log its path in `path`, and return the record."""
+        feedback: list[Any] = []
+        goal = ExecuteChain.Goal(chain=chain, refine=refine)
+        future = self._own.in_thread(
+            lambda: self._server.send_goal_async(goal, feedback_callback=feedback.append)
+        )
+        ended = self._own.in_thread(self._own.answer(future, "the goal").get_result_async)
+        # Time continues when the executor is known to steer: at full speed nothing waits for it before.
+        self._own.until(lambda: bool(feedback) or ended.done(), "feedback")
+        self.path.clear()
+        self._placing.pause(paused=False)
+        record: ChainPerformance = self._own.answer(ended, "the goal's end").result.record
+        return record
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._own.close()
+
+
+def drives(
+    domain: Domain,
+    robot: Robot,
+    missing: Sequence[tuple[str, int]],
+    source: ToolsetSource,
+    seed: int,
+    factor: float,
+) -> Generator[pd.DataFrame, None, None]:
+    """Drive over ROS, each time a chain of one step; yield a row of each of the executor's records.
+
+    The situations are those that `collect` draws without ROS from the same seed.
+
+    Parameters
+    ----------
+    domain, robot
+        The domain and its robot, of the `source`.
+    missing : sequence of (str, int)
+        Action and number of each drive.
+    source : ToolsetSource
+        Domain, robot and set of actions.
+    seed : int
+        Of the situations.
+    factor : float
+        Simulated per real seconds.
+    """
+    if not missing:
+        return
+    with all_nodes(factor, source) as nodes, Client(nodes.domain, nodes.check, domain.objects) as client:
+        client.ready(domain.remote_servers(source.action_set), len(domain.servers))
+        for action, number in missing:
+            rng = episode_generator(action, seed, number)
+            situation = domain.actions(source.action_set)[action].sample(robot, rng)
+            yield _driven(client, domain, robot, situation, source.action_set, number)
+
+
+def _driven(
+    client: Client, domain: Domain, robot: Robot, situation: Situation, action_set: str, number: int
+) -> pd.DataFrame:
+    """Drive from a situation to its goal; return the row of the executor's record."""
+    top = top_of(situation, domain.tops_for(robot), robot)
+    start = World(0.0, situation.robot, situation.objects)
+    message = chain_of(TopChain((TopCall(top, situation.goal),)), action_set=action_set, frame=FRAME)
+    reason = ""
+    for _ in range(_TRIES):  # a drive that another program or a busy machine broke off teaches nothing
+        client.place(start)
+        for record in client.execute(message, refine=False).actions:
+            reason = record.outcome.reason
+            if record.outcome.code in ENDED:
+                try:
+                    return episode_frame(number, episode_of(record, domain, robot), domain.objects)
+                except MessageError as error:
+                    reason = str(error)
+    raise ExperienceError(
+        f"{situation.action}, drive {number + 1}: expected a drive that ends by itself in {_TRIES} tries, "
+        f"the last one ended with {reason!r}"
+    )
