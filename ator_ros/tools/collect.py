@@ -111,8 +111,9 @@ def collect(
         if done:
             print(f"collect: {done} episodes of an earlier call are there", file=sys.stderr)
         often = 0.1 if sys.stderr.isatty() else 30.0  # s; a log gets a line now and then
+        pace = {"mininterval": often, "delay": often - 0.1}
         with contextlib.closing(frames):  # which ends workers and nodes
-            for frame in tqdm(frames, initial=done, total=len(wanted), unit="episode", mininterval=often):
+            for frame in tqdm(frames, initial=done, total=len(wanted), unit="episode", **pace):
                 finished.add(frame)
         table = join(finished.frames[key] for key in wanted)
         metadata = {**settings, **versions, "robot_digest": robot.digest(), "command": command}
