@@ -22,6 +22,15 @@ from ator_ros.simulation.sensors import REALISTIC
 from ator_ros.world.state import STOP, Command, RobotState, World
 
 TICK = 0.05
+
+
+class HalfAsFast(Base):
+    """A base that makes half of each command."""
+
+    def obey(self, command: Command) -> Command:
+        return Command(0.5 * command.v, 0.5 * command.w)
+
+
 AHEAD = chain(("goToPose", Pose(3.0, 0.0, 0.0)))
 START = World(0.0, RobotState(Pose(-1.0, 0.0, 0.0)))
 BASES = {
@@ -30,7 +39,7 @@ BASES = {
     "noisy": Base(REALISTIC),
     "motor lag": Base(motor_lag=0.15),
     "dead zone": Base(dead_zone=Command(0.05, 0.1)),
-    "half as fast": Base(scale=0.5),
+    "half as fast": HalfAsFast(),
 }
 
 

@@ -26,12 +26,10 @@ _LOSES = 0.3  # s in which a base that follows does not go on losing speed below
 _STEP = 0.025  # s of a step of the prediction
 
 # A speed that is constant whatever is commanded: see `Axis._is_constant`.
-_CONSTANT = 0.25  # s of motion that are compared, besides the lag of the motors
-_FEWEST = 4  # messages in that time
-_SHARES = tuple(0.3 + 0.05 * number for number in range(15))  # of the commanded speed
-_WEAKEST = 0.3  # share of the described acceleration
-_JUMP = 1.5  # times the described acceleration: the motors cannot do that
-_VARIES = 0.15  # share of the least change among the possible bases
+_CONSTANT = 0.25  # s of motion that are judged, besides the lag of the motors
+_FEWEST = 4  # messages in that time, and messages from which the share is known
+_VARIES = 0.5  # times the tolerance
+_TOP = 0.75  # of the described limit; a base that is as fast may have a somewhat lower limit of its own
 _ONCE_MORE = 0.06  # s for which it persists
 _ROUNDING = 1e-6
 
@@ -128,7 +126,8 @@ class Axis:
         self._raw, self._reversals = 0.0, deque[float]()
         self._slow_for, self._share = 0.0, 1.0
         self._lost, self._eased, self._lost_for, self._commanded = 0.0, 0.0, 0.0, 0.0
-        self._fastest, self._strength = {1.0: 0.0, -1.0: 0.0}, _WEAKEST
+        self._shares: deque[tuple[float, float]] = deque(maxlen=_FEWEST)
+        self._paused = -math.inf
 
     @property
     def share(self) -> float:
@@ -153,9 +152,8 @@ class Axis:
             self._measured.popleft()
         speed = sum(value for _, value in self._measured) / len(self._measured)
         self._smooth.append((time, speed))
-        self._observe_strength(time, speed)
-        sign = math.copysign(1.0, speed)
-        self._fastest[sign] = max(self._fastest[sign], sign * speed)
+        self._observe_response(time, commands, gap.elapsed)
+        self._paused = time if gap.elapsed > _LONG_GAP else self._paused
         while len(self._smooth) > 1 and self._smooth[1][0] <= time - self.thresholds.window + _ROUNDING:
             self._smooth.popleft()
         if len(self._smooth) == 1:
@@ -182,7 +180,7 @@ class Axis:
             return Fault.EXCESS
         lately = commands.between(since - _DELAY - 2.0 * self.thresholds.lag, since)
         share = min(0.99, self._share_then(before, lately))
-        slow, part = (self._slow(since, before, time, commands, each)[-1] for each in (1.0, share))
+        slow, part = (self._slow(since, before, time, commands, each) for each in (1.0, share))
         # The magnitudes between which the speed should be now, in the direction of the commands.
         least = max(0.0, min(part, share * min(recent))) + min(0.0, max(part, share * max(recent)))
         ahead, gained = (
@@ -199,31 +197,42 @@ class Axis:
         had, has = sign * before, sign * speed
         if had - most >= tolerance and had - has < _QUARTER * (had - most):
             return Fault.EXCESS
-        off = min(abs(command - speed) for command in recent) >= tolerance
-        if off and self._is_constant(time, commands):
+        if self._is_constant(time, recent, commands):
             return Fault.CONSTANT
         return None
 
-    def _is_constant(self, time: float, commands: Commands) -> bool:
-        """Return whether the speed is constant although no base would be that gets such commands.
+    def _is_constant(self, time: float, recent: Sequence[float], commands: Commands) -> bool:
+        """Return whether the speed is constant and differs from the commands, and no slow base explains it.
 
-        Tried are bases that reach some share of the commanded speed, or only the greatest speed that this one
-        has shown, and change it as fast as this one has done.
+        A slow base reaches a share of the commands, which was seen while its speed changed, or a limit of its
+        own not far below the described one.
         """
         most = self.thresholds
         since = min(time - _CONSTANT - most.lag, self._smooth[-min(_FEWEST, len(self._smooth))][0])
         shown = [(then, value) for then, value in self._smooth if then >= since - _ROUNDING]
         speeds = [value for _, value in shown]
-        varies = max(speeds) - min(speeds)
-        if len(shown) < _FEWEST or varies > most.tolerance:
+        if self._paused > since - 2.0 * _DELAY or len(speeds) < _FEWEST:
             return False
-        (since, before), fastest = shown[0], self._fastest[math.copysign(1.0, speeds[-1])]
-        least = max(most.tolerance, varies / _VARIES)
-        for share, limit in ((1.0, fastest), *((share, most.limit) for share in _SHARES)):
-            course = self._slow(since, before, time, commands, share, limit, self._strength)
-            if max(course) - min(course) < least:
-                return False
-        return True
+        if max(speeds) - min(speeds) > _VARIES * most.tolerance:
+            return False
+        speed = speeds[-1]
+        sent = [clip(command, most.limit) for command in commands.between(since, time)]
+        low, high = min(sent), max(sent)
+        if low - most.tolerance < speed < high + most.tolerance:
+            return False
+        slower = all(command * speed >= speed * speed for command in sent)
+        if slower and abs(speed) >= _TOP * most.limit:
+            return False
+        known = [
+            sum(acting) / len(acting)
+            for then, _ in shown
+            if then <= time - _DELAY - most.lag
+            for acting in [commands.between(then - _SMOOTHING, then)]
+        ]
+        if known and max(known) - min(known) >= 2.0 * most.tolerance:
+            return True
+        possible = [share * command for pair in self._shares for share in pair for command in recent]
+        return not (possible and min(possible) - most.tolerance <= speed <= max(possible) + most.tolerance)
 
     def _share_then(self, speed: float, commands: Sequence[float]) -> float:
         """Return the speed as a share of the commands then: 1 if there was none, at least a quarter."""
@@ -232,35 +241,24 @@ class Axis:
             return 1.0
         return min(1.0, max(_QUARTER, speed / command))
 
-    def _slow(
-        self,
-        since: float,
-        speed: float,
-        time: float,
-        commands: Commands,
-        share: float,
-        limit: float = math.inf,
-        strength: float = 1.0,
-    ) -> list[float]:
-        """Return the speeds until `time` of a base that had `speed` at `since`, is late and lags.
+    def _slow(self, since: float, speed: float, time: float, commands: Commands, share: float) -> float:
+        """Return the speed at `time` of a base that had `speed` at `since`, is late and lags.
 
         Toward a lower share it brakes as hard as bases do that are commanded to stand.
         """
         most, count, dt = self.thresholds, *_steps(time - since)
         sent = [
-            clip(share * clip(speed if c is None else c, most.limit), limit)
+            share * clip(speed if c is None else c, most.limit)
             for c in commands.sampled(since - _DELAY, dt, count)
         ]
         # A base that changed its speed goes on doing so for a moment.
         overshoot = clip(sent[0] - speed, 2.0 * most.lag * most.rate)
         setpoint = speed + (overshoot if overshoot * (sent[-1] - speed) < 0.0 else 0.0)
-        speeds = []
         for target in sent:
-            rate = strength * (most.stop if target == 0.0 and share < 1.0 else most.rate)
+            rate = most.stop if target == 0.0 and share < 1.0 else most.rate
             setpoint += clip(target - setpoint, rate * dt)
             speed += (setpoint - speed) * min(1.0, dt / max(most.lag, _STEP))
-            speeds.append(speed)
-        return speeds
+        return speed
 
     def _fast(self, since: float, speed: float, time: float, commands: Commands) -> list[float]:
         """Return the speeds until `time` of a base that changes its speed twice as fast as described."""
@@ -304,13 +302,19 @@ class Axis:
         enough = self._lost >= max(2.0 * tolerance, self._eased + 0.5 * tolerance)
         return enough and self._lost_for >= _LOSES - _ROUNDING
 
-    def _observe_strength(self, time: float, speed: float) -> None:
-        """Note the greatest change of speed, as a share of the described one; a jump does not count."""
-        earlier = (each for each in reversed(self._smooth) if each[0] <= time - _SMOOTHING + _ROUNDING)
-        then, before = next(earlier, (time, speed))
-        change = abs(speed - before) / (max(time - then, _ROUNDING) * self.thresholds.rate)
-        if change < _JUMP:
-            self._strength = max(self._strength, min(change, 1.0))
+    def _observe_response(self, time: float, commands: Commands, elapsed: float) -> None:
+        """Note which share of the commands the base reaches while its speed changes, if it is late or not."""
+        earlier = [value for then, value in self._measured if then <= time - 0.5 * _SMOOTHING + _ROUNDING]
+        if not earlier:
+            return
+        most, before, speed = self.thresholds, self._measured[-2][1], self._measured[-1][1]
+        if abs(speed - earlier[-1]) < 0.05 * most.tolerance:
+            return
+        if abs(speed - before) > 1.5 * most.rate * elapsed + most.tolerance:
+            self._shares.clear()  # a jump: what was before says nothing any more
+        sent = [clip(commands.between(then, then)[0], most.limit) for then in (time, time - _DELAY)]
+        if min(abs(command) for command in sent) >= 2.0 * most.tolerance and sent[0] * sent[1] > 0.0:
+            self._shares.append((speed / sent[0], speed / sent[1]))
 
     def _observe_share(self, speed: float, recent: Sequence[float], elapsed: float) -> None:
         """Note which share of the commanded speed the base reaches."""
@@ -499,7 +503,7 @@ class MotionWatch:
         command, speed = (self._last.v, self._last.w)[found], axis.speed
         shows = f"odometry shows {robot.v:.2f} m/s and {robot.w:.2f} rad/s"
         shown = f"commanded to {self._last.v:.2f} m/s and {self._last.w:.2f} rad/s, {shows}"
-        move, moves = (("move", "moves"), ("turn", "turns"))[found]
+        move, moves, unit = (("move", "moves", "m/s"), ("turn", "turns", "rad/s"))[found]
         if fault is Fault.REVERSING:
             return f"the base {moves} in the wrong direction: {shown}: motors or odometry with the wrong sign"
         if fault is Fault.EXCESS:
@@ -525,7 +529,10 @@ class MotionWatch:
             return (
                 f"the base loses speed although it was not commanded to: {shown}: obstacle, or failing motors"
             )
-        return f"the base does not follow its commands: {shown}, constantly: another program may steer it"
+        return (
+            f"the base does not follow its commands: {shown}, constantly: another program may steer it, or "
+            f"it cannot reach the described {axis.thresholds.limit:.2f} {unit} (see calibrate)"
+        )
 
 
 def _steps(seconds: float) -> tuple[int, float]:
