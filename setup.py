@@ -17,9 +17,9 @@ EXECUTABLES = {
 DOMAINS = {
     "drive": f"{PACKAGE}.domains.drive:DRIVE",
     "soccer": f"{PACKAGE}.domains.soccer.domain:SOCCER",
-    "tour": f"{PACKAGE}.domains.tour.domain:TOUR",
+    "tour": f"{PACKAGE}.domains.tour:TOUR",
 }
-STAND_INS = {"drive_to": f"{PACKAGE}.domains.tour.stand_in:DriveToStandIn"}
+STAND_INS = {"drive_to": f"{PACKAGE}.domains.tour_stand_in:DriveToStandIn"}
 
 
 def data_files() -> list[tuple[str, list[str]]]:

@@ -17,7 +17,7 @@ from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.domain import Domain, DomainError, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.tour.stand_in import DriveToStandIn
+from ator_ros.domains.tour_stand_in import DriveToStandIn
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import Top

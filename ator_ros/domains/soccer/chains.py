@@ -14,8 +14,14 @@ from ator_ros.actions.base import Goal
 from ator_ros.actions.situation import Situation, drawn_until
 from ator_ros.domains.domain import ChainSampler
 from ator_ros.domains.soccer.field import BALL, field_of
-from ator_ros.domains.soccer.planned import shooting_room
-from ator_ros.domains.soccer.situations import SHORTEST, is_inside, pose_within, random_pose, way_with_ball
+from ator_ros.domains.soccer.situations import (
+    SHORTEST,
+    is_inside,
+    pose_within,
+    random_pose,
+    way_with_ball,
+    with_room,
+)
 from ator_ros.domains.soccer.thresholds import ball_clearance, farthest
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
@@ -86,7 +92,7 @@ def shoot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[
 
     if robot.holder is None:  # its TOPs say what it lacks
         return in_reach()
-    return shooting_room.with_room(robot, in_reach, lambda drawn: _last_shot(robot, drawn[1]))
+    return with_room(robot, in_reach, lambda drawn: _last_shot(robot, drawn[1]))
 
 
 def _shot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:

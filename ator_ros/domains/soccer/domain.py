@@ -10,13 +10,10 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.specification import ActionSpec
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer import situations
-from ator_ros.domains.soccer.bezier.dribble_ball import BezierDribbleBall
-from ator_ros.domains.soccer.bezier.go_to_pose import BezierGoToPose
-from ator_ros.domains.soccer.bezier.shoot import BezierShoot
+from ator_ros.domains.soccer.bezier.actions import BezierDribbleBall, BezierGoToPose, BezierShoot
 from ator_ros.domains.soccer.chains import CHAINS
 from ator_ros.domains.soccer.features import MOTIONS, SHOT
 from ator_ros.domains.soccer.field import BALL, field_in, field_lines, field_of
-from ator_ros.domains.soccer.planned import shooting_room
 from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.shoot import Shoot
@@ -42,7 +39,7 @@ ACTION_SETS: Mapping[str, tuple[ActionSpec, ...]] = MappingProxyType(
         DEFAULT_SET: (
             ActionSpec("goToPose", GoToPose, situations.go_to_pose, _DRIVING),
             ActionSpec("dribbleBall", DribbleBall, situations.dribble_ball, _DRIBBLING),
-            ActionSpec("shoot", Shoot, shooting_room.shoot, _SHOOTING),
+            ActionSpec("shoot", Shoot, situations.shoot_with_room, _SHOOTING),
         ),
         "bezier": (
             ActionSpec("goToPose", BezierGoToPose, situations.go_to_pose, _DRIVING),

@@ -1,16 +1,29 @@
-"""Keeps planned manoeuvres clear of the ball and of the goals' walls."""
+"""Keeps planned manoeuvres clear of the ball and of the goals' walls.
+
+Compiled code rules out many at once; where rounding could matter, the exact check decides (see `planner`).
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import enum
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ator_ros.domains.soccer.field import BALL, touches_goals
-from ator_ros.geometry import FloatArray, Pose
-from ator_ros.motion.manoeuvre import Manoeuvre
-from ator_ros.motion.trajectory import Trajectory
+from ator_ros.compiled import compiled
+from ator_ros.domains.soccer.field import BALL, field_of, touches_goals
+from ator_ros.geometry import BoolArray, FloatArray, Pose
+from ator_ros.motion.compiled_manoeuvre import PIECES, End, close, speed_pieces, turn_pieces
+from ator_ros.motion.durations import Rates, rates_of
+from ator_ros.motion.manoeuvre import Bundle, Manoeuvre
+from ator_ros.motion.trajectory import DT, Trajectory
 from ator_ros.robot.description import Robot
+from ator_ros.world.scene import WALL_THICKNESS
 from ator_ros.world.state import ObjectState
 
 STRIDE = 5
@@ -115,3 +128,327 @@ def ball_distances(poses: FloatArray, ball: ObjectState, robot: Robot) -> FloatA
 
 def _box_distance(x: FloatArray, y: FloatArray, low: float, high: float, half: float) -> FloatArray:
     return np.hypot(np.maximum(np.maximum(low - x, x - high), 0.0), np.maximum(y - half, 0.0))
+
+
+DOUBT = 1e-8
+"""Margin in m, s or m/s within which the exact check decides."""
+BACKWARD = -1e-6
+"""Speed in m/s below which a robot drives backward."""
+_IMPOSSIBLE, _TOUCHES, _OPEN = 0, 1, 2  # as `Verdict`
+
+
+class Outline(NamedTuple):
+    """The robot's outline and the goals, in m; see `ball_distances` and `field.wall_distances`."""
+
+    front: float
+    rear: float
+    half_width: float
+    fin_tip: float
+    fin_side: float
+    reach: float
+    line: float
+    half: float
+    depth: float
+
+
+class Blocked(NamedTuple):
+    """A ball that is in the way, in m: its centre (NaN: none), radius, margin, and the run to it."""
+
+    x: float
+    y: float
+    radius: float
+    margin: float
+    run: float
+
+
+class Path(NamedTuple):
+    """Room for the samples of a trajectory: poses, shape (most, 3), and times, shape (most,)."""
+
+    poses: FloatArray
+    times: FloatArray
+
+
+class BundleArrays(NamedTuple):
+    """The arrays of a `Bundle`, as compiled code takes them: goals, both sides, both turns, the drives."""
+
+    goals: FloatArray
+    entries: FloatArray
+    exits: FloatArray
+    first: FloatArray
+    last: FloatArray
+    distance: FloatArray
+
+
+@compiled
+def judge(
+    start: End,
+    many: BundleArrays,
+    bounds: Rates,
+    shape: Outline,
+    ball: Blocked,
+    longest: FloatArray,
+    forward: bool,
+) -> NDArray[np.int8]:
+    """Return verdicts on manoeuvres that are still to be closed; see `screened`."""
+    verdicts = np.full(len(longest), _OPEN, dtype=np.int8)
+    pieces, turns = np.zeros((PIECES, 3)), np.zeros((9, 3))
+    most = int(longest.max() / DT) + 3
+    path = Path(np.empty((most, 3)), np.empty(most))
+    for row in range(len(longest)):
+        entry, leaving = many.entries[:, row].copy(), many.exits[:, row].copy()
+        goal = End(many.goals[0, row], many.goals[1, row], many.goals[2, row])
+        first, last, distance, found = close(
+            many.first[row], many.last[row], start, goal, entry, leaving, bounds
+        )
+        if not found:
+            continue
+        duration = speed_pieces(pieces, first, last, distance, entry, leaving, bounds)
+        if forward and duration <= longest[row] + DOUBT:
+            back = hardly = False
+            for piece in range(PIECES):
+                hardly |= pieces[piece, 2] < BACKWARD + DOUBT and pieces[piece, 0] > -DOUBT
+                back |= pieces[piece, 2] < BACKWARD - DOUBT and pieces[piece, 0] > DOUBT
+            if back:
+                verdicts[row] = _IMPOSSIBLE
+            if back or hardly:
+                continue
+        if duration > longest[row] + DOUBT:
+            verdicts[row] = _IMPOSSIBLE
+        elif duration < longest[row] - DOUBT:
+            turn_pieces(turns, pieces, first, last, entry, leaving, bounds)
+            if _touches(path, pieces, turns, duration, start, goal, shape, ball):
+                verdicts[row] = _TOUCHES
+    return verdicts
+
+
+@compiled
+def touch(start: End, many: BundleArrays, bounds: Rates, shape: Outline, ball: Blocked) -> BoolArray:
+    """Return which closed manoeuvres certainly touch an obstacle; see `touching`."""
+    touches = np.zeros(len(many.first), dtype=np.bool_)
+    pieces, turns = np.zeros((PIECES, 3)), np.zeros((9, 3))
+    path = Path(np.empty((0, 3)), np.empty(0))
+    for row in range(len(touches)):
+        entry, leaving = many.entries[:, row].copy(), many.exits[:, row].copy()
+        goal = End(many.goals[0, row], many.goals[1, row], many.goals[2, row])
+        first, last = many.first[row], many.last[row]
+        duration = speed_pieces(pieces, first, last, many.distance[row], entry, leaving, bounds)
+        turn_pieces(turns, pieces, first, last, entry, leaving, bounds)
+        most = int(duration / DT) + 3
+        if most > len(path.times):
+            path = Path(np.empty((2 * most, 3)), np.empty(2 * most))
+        touches[row] = _touches(path, pieces, turns, duration, start, goal, shape, ball)
+    return touches
+
+
+@compiled
+def _touches(
+    path: Path,
+    pieces: FloatArray,
+    turns: FloatArray,
+    duration: float,
+    start: End,
+    goal: End,
+    shape: Outline,
+    ball: Blocked,
+) -> bool:
+    """Return whether the robot certainly touches a wall or the ball where `is_clear` looks."""
+    poses, times = path
+    count = _sample(poses, times, pieces, turns, duration, start)
+    end = count - 1
+    span = max(times[end], DT)
+    off_x, off_y = (goal.x - poses[end, 0]) / span, (goal.y - poses[end, 1]) / span
+    off_yaw = ((goal.yaw - poses[end, 2] + np.pi) % (2.0 * np.pi) - np.pi) / span
+    for index in range(count):
+        poses[index, 0] += times[index] * off_x
+        poses[index, 1] += times[index] * off_y
+    seen = count - 1
+    while seen > 0 and times[seen] >= duration - DOUBT:
+        seen -= 1
+    for index in range(0, seen + 1, STRIDE):
+        x, y = abs(poses[index, 0]), abs(poses[index, 1])
+        if x > shape.line - shape.reach and _wall_distance(x, y, shape) < shape.reach - DOUBT:
+            return True
+    if math.isnan(ball.x):
+        return False
+    if ball.run > 0.0:
+        before = end
+        while before >= 0 and (
+            math.hypot(poses[before, 0] - goal.x, poses[before, 1] - goal.y) <= ball.run + DOUBT
+        ):
+            before -= 1
+        seen = min(seen, before)
+    near = max(shape.reach, math.hypot(max(shape.front, shape.rear), shape.half_width))
+    near += ball.radius + ball.margin
+    for index in range(0, seen + 1, STRIDE):
+        dx, dy = ball.x - poses[index, 0], ball.y - poses[index, 1]
+        if abs(dx) < near and abs(dy) < near:
+            yaw = poses[index, 2] + times[index] * off_yaw
+            if _ball_distance(dx, dy, yaw, shape) - ball.radius < ball.margin - DOUBT:
+                return True
+    return False
+
+
+@compiled
+def _sample(
+    poses: FloatArray,
+    times: FloatArray,
+    pieces: FloatArray,
+    turns: FloatArray,
+    duration: float,
+    start: End,
+) -> int:
+    """Write the samples of a `Trajectory` before its correction; return how many there are."""
+    poses[0, 0], poses[0, 1], poses[0, 2], times[0] = start.x, start.y, start.yaw, 0.0
+    piece = turn = 0
+    piece_end, turn_end = pieces[0, 0], turns[0, 0]
+    v, w = pieces[0, 1], turns[0, 1]
+    c, s, heading = math.cos(start.yaw), math.sin(start.yaw), start.yaw
+    x, y, yaw, time, index = start.x, start.y, start.yaw, 0.0, 0
+    while time < duration:
+        index += 1
+        after = min(DT * index, duration)
+        step, time = after - time, after
+        while time > piece_end and piece < PIECES - 1:
+            piece += 1
+            piece_end += pieces[piece, 0]
+        while time > turn_end and turn < len(turns) - 1:
+            turn += 1
+            turn_end += turns[turn, 0]
+        next_v, next_w = _value(pieces, piece, piece_end, time), _value(turns, turn, turn_end, time)
+        turned = 0.5 * (w + next_w) * step
+        middle = yaw + 0.5 * turned
+        if middle != heading:
+            c, s, heading = math.cos(middle), math.sin(middle), middle
+        way = 0.5 * (v + next_v) * step
+        x, y, yaw, v, w = x + way * c, y + way * s, yaw + turned, next_v, next_w
+        poses[index, 0], poses[index, 1], poses[index, 2], times[index] = x, y, yaw, time
+    return index + 1
+
+
+@compiled
+def _value(pieces: FloatArray, piece: int, end: float, time: float) -> float:
+    """Return the velocity at `time` (s), in a piece that ends at `end`."""
+    duration = pieces[piece, 0]
+    if duration <= 0.0 or time >= end:
+        return float(pieces[piece, 2])
+    return float(pieces[piece, 2] + (pieces[piece, 1] - pieces[piece, 2]) * ((end - time) / duration))
+
+
+@compiled
+def _wall_distance(x: float, y: float, shape: Outline) -> float:
+    """Return the distance to a goal's walls, mirrored to x > 0 and y > 0."""
+    line, half, depth = shape.line, shape.half, shape.depth
+    side = math.hypot(max(line - x, x - line - depth, 0.0), max(half - y, y - half - WALL_THICKNESS, 0.0))
+    back = math.hypot(max(line + depth - x, x - line - depth - WALL_THICKNESS, 0.0), max(-y, y - half, 0.0))
+    return min(side, back)
+
+
+@compiled
+def _ball_distance(dx: float, dy: float, yaw: float, shape: Outline) -> float:
+    """Return the distance from the robot's outline to a point that lies (dx, dy) m from its axle."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    ahead, left = c * dx + s * dy, abs(c * dy - s * dx)
+    body = math.hypot(max(-shape.rear - ahead, ahead - shape.front, 0.0), max(left - shape.half_width, 0.0))
+    fins = math.hypot(max(shape.front - ahead, ahead - shape.fin_tip, 0.0), max(left - shape.fin_side, 0.0))
+    return min(body, fins)
+
+
+_SAMPLES = 32_000  # of trajectories, in a portion of work
+_LARGEST = 64  # manoeuvres in a portion
+
+
+class Verdict(enum.IntEnum):
+    """The verdict on a manoeuvre: it is not allowed, or it touches something, or neither is known."""
+
+    IMPOSSIBLE = 0
+    TOUCHES = 1
+    OPEN = 2
+
+
+def portions(order: NDArray[np.intp], times: FloatArray) -> Iterator[NDArray[np.intp]]:
+    """Divide the indices `order` into portions of about the same work, the first of a single one.
+
+    `times` are the durations in s, ascending, of all manoeuvres that the indices are of.
+    """
+    size = 1
+    while len(order):
+        yield order[:size]
+        order = order[size:]
+        if len(order):
+            size = max(2, min(16 * size, _LARGEST, int(_SAMPLES * DT / max(times[order[0]], DT))))
+
+
+def look_points(duration: float) -> int:
+    """Return the cost in points of the exact check of a manoeuvre of `duration` s; see `planning`."""
+    return 15 + int(duration / 1.5)
+
+
+def screening_points(durations: FloatArray) -> int:
+    """Return the cost of screening manoeuvres of some `durations` (s), shape (n,)."""
+    return int(4.0 + 0.2 * len(durations) + 0.02 * float(durations.sum()))
+
+
+def screened(
+    bundle: Bundle, longest: FloatArray, obstacles: Obstacles, robot: Robot, *, forward_only: bool
+) -> NDArray[np.int8]:
+    """Judge manoeuvres before they are closed.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        n manoeuvres.
+    longest : ndarray, shape (n,)
+        Greatest duration in s, once closed.
+
+    Returns
+    -------
+    ndarray of int8, shape (n,)
+        A `Verdict` each.
+    """
+    bundle, obstacles = _from_centre(bundle, obstacles, robot)
+    return judge(
+        *_scalars(bundle), *_surroundings(obstacles, robot), np.ascontiguousarray(longest), forward_only
+    )
+
+
+def touching(bundle: Bundle, obstacles: Obstacles, robot: Robot) -> BoolArray:
+    """Return which closed manoeuvres certainly touch an obstacle; see `is_clear`."""
+    bundle, obstacles = _from_centre(bundle, obstacles, robot)
+    return touch(*_scalars(bundle), *_surroundings(obstacles, robot))
+
+
+def _from_centre(bundle: Bundle, obstacles: Obstacles, robot: Robot) -> tuple[Bundle, Obstacles]:
+    """Return manoeuvres and obstacles with places relative to the centre of the area."""
+    area, ball, start = robot.scene.area, obstacles.ball, bundle.start
+    if area.x == area.y == 0.0:
+        return bundle, obstacles
+    moved = dataclasses.replace(
+        bundle,
+        start=start._replace(x=start.x - area.x, y=start.y - area.y),
+        goals=bundle.goals - np.array([[area.x], [area.y], [0.0]]),
+    )
+    if ball is not None:
+        ball = dataclasses.replace(ball, x=ball.x - area.x, y=ball.y - area.y)
+    return moved, dataclasses.replace(obstacles, ball=ball)
+
+
+def _scalars(bundle: Bundle) -> tuple[End, BundleArrays, Rates]:
+    limits = bundle.limits
+    columns = (bundle.goals, bundle.entries, bundle.exits, bundle.first, bundle.last, bundle.distance)
+    return (
+        End(*map(float, bundle.start)),
+        BundleArrays(*(np.ascontiguousarray(column, dtype=float) for column in columns)),
+        rates_of(limits),
+    )
+
+
+def _surroundings(obstacles: Obstacles, robot: Robot) -> tuple[Outline, Blocked]:
+    field, ball = field_of(robot), obstacles.ball
+    lengths = (
+        robot.front, robot.rear, robot.half_width, robot.tip,
+        robot.tip_half_width, robot.reach,
+        field.walls_begin, field.goal_width / 2, field.goal_depth,
+    )  # fmt: skip
+    x, y = (np.nan, np.nan) if ball is None else (ball.x, ball.y)
+    in_the_way = (x, y, robot.scene.radius(BALL), obstacles.ball_margin, obstacles.run)
+    return Outline(*map(float, lengths)), Blocked(*map(float, in_the_way))

@@ -8,8 +8,7 @@ from abc import abstractmethod
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
-from ator_ros.domains.soccer.planned.reactions import StrengthSeen
-from ator_ros.domains.soccer.planned.tracker import DISTURBED_DISTANCE, Tracker
+from ator_ros.domains.soccer.planned.tracker import DISTURBED_DISTANCE, StrengthSeen, Tracker
 from ator_ros.domains.soccer.thresholds import gripping
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.manoeuvre import Manoeuvre

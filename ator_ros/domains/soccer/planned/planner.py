@@ -9,9 +9,11 @@ from functools import lru_cache
 import numpy as np
 
 from ator_ros.actions.base import ActionError
-from ator_ros.domains.soccer.planned.clearance import Obstacles, is_clear, is_free
-from ator_ros.domains.soccer.planned.screening import (
+from ator_ros.domains.soccer.planned.clearance import (
+    Obstacles,
     Verdict,
+    is_clear,
+    is_free,
     look_points,
     portions,
     screened,

@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 
 from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of, is_in_goal
-from ator_ros.domains.soccer.planned.clearance import Obstacles, is_clear
+from ator_ros.domains.soccer.planned.clearance import (
+    Obstacles,
+    is_clear,
+    look_points,
+    portions,
+    screening_points,
+    touching,
+)
 from ator_ros.domains.soccer.planned.dribble_ball import HoldingAction
 from ator_ros.domains.soccer.planned.holding import release_sides, run_up_sides
 from ator_ros.domains.soccer.planned.planner import fastest
@@ -26,7 +33,6 @@ from ator_ros.domains.soccer.planned.release import (
     rolling_time,
     scoring_time,
 )
-from ator_ros.domains.soccer.planned.screening import look_points, portions, screening_points, touching
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
 from ator_ros.motion.displacements import TurnDriving, displacement_table, speeds_after
 from ator_ros.motion.durations import drive_time, turn_time

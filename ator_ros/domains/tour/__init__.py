@@ -1,1 +1,0 @@
-"""A tour of stations, driven by an action server that knows nothing of ator_ros."""
