@@ -90,7 +90,7 @@ class CommandPublisher:
         return f"{text}; set {self._option}{'false' if self._stamped else 'true'}"
 
     def cause(self) -> str:
-        """Return why a base may not follow the commands; empty if nothing is known."""
+        """Return why a base may not follow the commands, else which nodes receive them."""
         infos = self._node.get_publishers_info_by_topic(_TOPIC)
         rivals = {node_of(info) for info in infos} - {self._node.get_fully_qualified_name()}
         facts = subscriptions_of(self._node, _TOPIC, self.kind, COMMANDS)

@@ -442,7 +442,7 @@ def _clock(clock: ClockFacts) -> str:
 
 
 def motion_cause(commands: TopicFacts, mismatch: str, rivals: Collection[str] = ()) -> str:
-    """Return the most likely cause why a base does not follow its commands; empty if none is known.
+    """Return the most likely cause why a base does not follow its commands, else which nodes receive them.
 
     Parameters
     ----------
@@ -458,12 +458,12 @@ def motion_cause(commands: TopicFacts, mismatch: str, rivals: Collection[str] = 
         return mismatch
     if not receivers:
         return _unconnected(commands, "subscribes to")
-    if all(receiver.incompatible for receiver in receivers):
-        node, why = receivers[0].node, receivers[0].incompatible
-        return f"{commands.name}: the quality of service of {node} does not fit: {why}"
+    unfit = next((receiver for receiver in receivers if receiver.incompatible), None)
+    if unfit is not None:
+        return f"{commands.name}: the quality of service of {unfit.node} does not fit: {unfit.incompatible}"
     if rivals:
         return f"{commands.name}: {_several(sorted(rivals))} publishes commands as well"
-    return ""
+    return f"{commands.name} is received only by {_several(sorted({r.node for r in receivers}))}"
 
 
 def _short(kind: str) -> str:

@@ -219,9 +219,10 @@ class ExecutorNode(Node):
         self._watchdog = self.create_timer(_IDLE_PERIOD, self._watch, clock=STEADY)
 
     def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:
-        self._diagnosis.read(name, stamp, time.monotonic())
+        now = time.monotonic()
+        self._diagnosis.read(name, stamp, now)
         try:
-            remark = self._inputs.object(name, stamp, there)
+            remark = self._inputs.object(name, stamp, there, now)
         except StampError as error:
             self._ignore(name, error)
             return

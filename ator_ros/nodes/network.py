@@ -6,6 +6,7 @@ import itertools
 import os
 from collections.abc import Iterator, MutableMapping
 from contextlib import contextmanager
+from pathlib import Path
 
 from ator_ros.resources import resource_path
 
@@ -15,6 +16,7 @@ _OPEN = ("SUBNET", "SYSTEM_DEFAULT")
 _ONLY_HERE = "ROS_LOCALHOST_ONLY"  # of older distributions; overrides RANGE
 _ELSEWHERE = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
 _DOMAINS = range(1, 101)
+_FIRST_PORT, _PORTS = 7400, 250  # UDP ports of domain 0, and of each domain, in the DDS standard
 _numbers = itertools.count(37 * os.getpid())  # processes started one after the other begin far apart
 
 
@@ -38,7 +40,7 @@ def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:
 
 @contextmanager
 def free_domain() -> Iterator[int]:
-    """Reserve a ROS domain that no other process has reserved, and that this process has not used lately.
+    """Reserve a ROS domain without nodes on this machine, not the caller's and not one that it used lately.
 
     Nodes that were killed stay in the graph for up to 20 s, and rclpy counts their servers: on the domain
     of a run that has just ended, a client may wait for a server that is there, or call one that is gone.
@@ -53,13 +55,26 @@ def free_domain() -> Iterator[int]:
     ImportError
         ROS is not there, or has not been sourced.
     RuntimeError
-        All domains are reserved.
+        All domains are reserved or have nodes.
     """
     import domain_coordinator
 
-    reserved = domain_coordinator.domain_id(lambda: _DOMAINS[next(_numbers) % len(_DOMAINS)])
+    callers, used = os.environ.get("ROS_DOMAIN_ID"), domains_in_use()
+    free = [domain for domain in _DOMAINS if domain not in used and str(domain) != callers]
+    if not free:
+        raise RuntimeError("ROS domain: expected one from 1 to 100 without nodes, got nodes in all of them")
+    turns = (_DOMAINS[number % len(_DOMAINS)] for number in _numbers)
+    reserved = domain_coordinator.domain_id(lambda: next(domain for domain in turns if domain in free))
     domain = reserved.__enter__()
     try:
         yield domain
     finally:
         reserved.__exit__(None, None, None)  # it would take an OSError of ours for one of its own
+
+
+def domains_in_use() -> set[int]:
+    """Return the ROS domains whose UDP ports are open on this machine, whoever runs the nodes."""
+    files = [file for file in map(Path, ("/proc/net/udp", "/proc/net/udp6")) if file.is_file()]
+    rows = [row.split() for file in files for row in file.read_text().splitlines()[1:]]
+    ports = [int(row[1].rpartition(":")[2], 16) for row in rows]
+    return {(port - _FIRST_PORT) // _PORTS for port in ports if port >= _FIRST_PORT}

@@ -8,10 +8,10 @@ SENSOR_DATA = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=R
 """For sensor topics, and for subscribing to commands: only the newest message counts."""
 
 STATES = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE)
-"""For publishing sensor data: compatible with every subscription, also ROS's default."""
+"""For publishing sensor data: fits best-effort and reliable subscriptions of volatile durability."""
 
 COMMANDS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE)
-"""For publishing commands: compatible with every subscription."""
+"""For publishing commands: fits best-effort and reliable subscriptions of volatile durability."""
 
 RESULTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.RELIABLE)
 """For records, all of which must arrive."""

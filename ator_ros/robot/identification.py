@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -108,6 +108,8 @@ def _axis(
     rms = float(np.sqrt(np.mean(errors**2)))
     near = np.abs(np.abs(speeds) - response.limit) < max(_NEAR * response.limit, 2.0 * rms)
     limited = response.limit < _REACHED * np.abs(commands).max() and int(near.sum()) >= _PLATEAU
+    if not limited:  # the fit may lie beyond what was reached while the base still gained speed
+        response = replace(response, limit=min(response.limit, float(np.abs(speeds).max())))
     return AxisEstimate(response, _dead_zone([(s.time, *of(s)) for s in slow]), bool(limited), rms)
 
 

@@ -109,7 +109,7 @@ def report(estimate: BaseEstimate) -> list[str]:
         )
         if not axis.limited:
             lines.append(
-                f"limits.{name}: {axis.response.limit:.3f} {unit} is what was driven; "
+                f"limits.{name}: {axis.response.limit:.3f} {unit} is the fastest that odometry showed; "
                 f"the base may be faster (give more --space, or a greater --{name})"
             )
     return lines

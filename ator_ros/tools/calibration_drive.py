@@ -62,6 +62,7 @@ class _Driver:
         self._node, self._drive, self._reader = node, drive, OdometryReader(frame)
         self._commands = CommandPublisher(node, stamped=stamped, frame="base_link", option="--stamped ")
         self._heard: float | None = None
+        self._reception = Reception()
         self._stamp = -1.0
         self._fault: Exception | None = None
         self._done = False
@@ -92,17 +93,20 @@ class _Driver:
         if self._fault is not None:
             raise self._fault
         if self._heard is None and now - began > _FIRST:
-            facts = publishers_of(self._node, "odom", Odometry)
-            cause = input_cause(facts, Reception(), ClockFacts(), timeout=_FIRST)
-            raise DriveError(f"odom: expected a message within {_FIRST:g} s, got none; {cause}")
+            raise DriveError(f"odom: expected a message within {_FIRST:g} s, got none; {self._cause()}")
         if self._heard is not None and now - self._heard > _SILENCE:
-            raise DriveError(f"odom: expected a message every {_SILENCE:g} s, the last came earlier")
+            raise DriveError(f"odom: expected a newer message every {_SILENCE:g} s; {self._cause()}")
         if self._node.count_publishers("cmd_vel") > 1:
             raise DriveError("cmd_vel: expected no other publisher; end the executor and what else drives")
+
+    def _cause(self) -> str:
+        facts = publishers_of(self._node, "odom", Odometry)
+        return input_cause(facts, self._reception, ClockFacts(), timeout=_FIRST)
 
     def _hear(self, message: Odometry) -> None:
         try:
             stamp, robot = self._reader.read(message)
+            self._reception.read(stamp, time.monotonic())
             if self._reader.remark:
                 self._node.get_logger().warning(self._reader.remark)
             if stamp <= self._stamp or self._done:

@@ -224,7 +224,9 @@ _LONGEST_STEP = 0.3
 """Time in s between two messages beyond which the motion between them cannot be derived from the twist."""
 _JUMP = 0.3
 """m or rad by which the motion between two messages may differ from that before; more is a corrected pose."""
-_MOST_OFF = 0.05
+_LEAST_MOTION = 0.03
+"""m or rad in one window up to which a robot counts as at rest."""
+_MOST_OFF = 0.015
 """m or rad in one window that filters, slip and late stamps explain at any speed."""
 _MOST_SHARE = 0.3
 """Further difference that they explain, as a share of the greater motion."""
@@ -271,7 +273,7 @@ class TwistCheck:
         pairs, elapsed = list(zip(self._by_pose, self._by_twist, strict=True)), self._elapsed
         self._restart()
         sizes = [max(abs(pose), abs(twist)) for pose, twist in pairs]
-        if max(sizes) <= _MOST_OFF:
+        if max(sizes) <= _LEAST_MOTION:
             return ""  # a robot at rest
         off = [
             abs(pose - twist) - _MOST_SHARE * size for (pose, twist), size in zip(pairs, sizes, strict=True)
@@ -372,6 +374,8 @@ JUMP = 20.0
 """Difference in s of two stamps that means different clocks, unless as much time has passed."""
 _STALE = 1.0
 """Time in s for which all stamps must be wrong to mean another clock; after a reset some are of before."""
+_AHEAD = 1.0
+"""Real s for which all stamps must be ahead: an idle node reads the object first, then odometry of then."""
 
 
 class StampError(ValueError):
@@ -407,7 +411,7 @@ class Sightings:
 
     def _clear(self) -> None:
         self._sights.clear()
-        self._heard, self._stale_since = -math.inf, math.inf
+        self._heard, self._stale_since, self._ahead_since = -math.inf, math.inf, math.inf
         self._tracker.reset()
         self._velocity.reset()
 
@@ -415,7 +419,9 @@ class Sightings:
         """Return whether no message has arrived for half the timeout until `now`, odometry's newest stamp."""
         return now - self._heard > self.timeout / 2.0 - _ROUNDING
 
-    def add(self, time: float, there: ObjectState, now: float | None, pace: float = 1.0) -> str | None:
+    def add(
+        self, time: float, there: ObjectState, now: float | None, pace: float = 1.0, real: float = 0.0
+    ) -> str | None:
         """Process a sighting. Its stamp may be old: a late camera still works.
 
         Parameters
@@ -428,6 +434,8 @@ class Sightings:
             Odometry's newest stamp in s; None before the first.
         pace : float
             Stamped s that pass in 1 real s.
+        real : float
+            Real time in s.
 
         Returns
         -------
@@ -437,15 +445,16 @@ class Sightings:
         Raises
         ------
         StampError
-            The stamp is ahead of odometry by more than twice the timeout (longer if stamps run faster than
-            real time), or stamps have been far behind for a while. A stamp less far ahead is accepted:
+            Stamps have been ahead of odometry by more than twice the timeout (longer if they run faster than
+            real time) for a real second, or far behind for a while. A stamp less far ahead is accepted:
             odometry may have paused, and will catch up. What was on its way when time was reset is not used,
-            and is no error.
+            and is no error, nor is what is ahead for less than that second.
         """
         if now is not None:
             self._reset = now if self._reset is None else self._reset
             most = 2.0 * self.timeout * max(1.0, pace)
-            if time > now + most and now - self._reset <= _STALE:
+            self._ahead_since = min(self._ahead_since, real) if time > now + most else math.inf
+            if time > now + most and (now - self._reset <= _STALE or real - self._ahead_since < _AHEAD):
                 return None
             self._check_stamp(time, now, most)
             self._heard = now
@@ -457,7 +466,7 @@ class Sightings:
         """Check that a stamp is at most `most` s ahead of odometry, and not far behind for long."""
         if time > odometry + most:
             raise StampError(
-                f"{self._name}.header.stamp: expected at most {most:g} s more than odometry's "
+                f"{self._name}.header.stamp: expected at most {most:.1f} s more than odometry's "
                 f"{odometry:.2f} s, got {time:.2f} s, {time - odometry:.2f} s ahead: another clock, "
                 "odometry has ceased, or this machine is too slow"
             )

@@ -82,9 +82,9 @@ class Inputs:
         for name, sightings in self._objects.items():
             sightings.timeout = settings.get(f"{name}_timeout", sightings.timeout)
 
-    def object(self, name: str, time: float, there: ObjectState) -> str | None:
-        """Process a sighting of an object; see `Sightings.add`."""
-        return self._objects[name].add(time, there, self._time, self.pace)
+    def object(self, name: str, time: float, there: ObjectState, now: float = 0.0) -> str | None:
+        """Process a sighting of an object, at `now` in real s; see `Sightings.add`."""
+        return self._objects[name].add(time, there, self._time, self.pace, now)
 
     def robot(self, time: float, robot: RobotState, now: float = 0.0) -> World | None:
         """Process odometry; return the world at its stamp, or None if the stamp has not advanced.

@@ -34,22 +34,22 @@ def calibrate(domain: int, *words: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.fixture
-def publish(domain: int) -> Iterator[Callable[[Odometry], None]]:
+def publish(domain: int) -> Iterator[Callable[..., None]]:
     """Yield a function that publishes an odometry message again and again; nothing here publishes cmd_vel."""
     context = rclpy.Context()
     context.init(domain_id=domain)
     node = Node("strange_base", context=context)
     publisher, ended = node.create_publisher(Odometry, "odom", SENSOR_DATA), threading.Event()
 
-    def repeat(message: Odometry) -> None:
+    def repeat(message: Odometry, step: int) -> None:
         while not ended.wait(0.02):
-            message.header.stamp.sec += 1
+            message.header.stamp.sec += step
             publisher.publish(message)
 
     threads: list[threading.Thread] = []
 
-    def begin(message: Odometry) -> None:
-        threads.append(threading.Thread(target=repeat, args=(message,), daemon=True))
+    def begin(message: Odometry, step: int = 1) -> None:
+        threads.append(threading.Thread(target=repeat, args=(message, step), daemon=True))
         threads[0].start()
 
     yield begin
@@ -68,7 +68,7 @@ def publish(domain: int) -> Iterator[Callable[[Odometry], None]]:
     ],
 )
 def test_odometry_that_cannot_be_used_is_named_in_one_line(
-    publish: Callable[[Odometry], None], domain: int, tmp_path: Path, frame: str, w: float, expected: str
+    publish: Callable[..., None], domain: int, tmp_path: Path, frame: str, w: float, expected: str
 ) -> None:
     message = Odometry(child_frame_id="base_link")
     message.header.frame_id, message.pose.pose.orientation.w = frame, w
@@ -78,6 +78,14 @@ def test_odometry_that_cannot_be_used_is_named_in_one_line(
     (line,) = done.stderr.splitlines()
     assert line.startswith("calibrate: odom.")
     assert expected in line
+
+
+def test_stamps_that_stand_are_named(publish: Callable[..., None], domain: int, tmp_path: Path) -> None:
+    message = Odometry(child_frame_id="base_link")
+    message.header.frame_id, message.header.stamp.sec, message.pose.pose.orientation.w = "odom", 3, 1.0
+    publish(message, step=0)
+    done = calibrate(domain, "--out", str(tmp_path / "mine.yaml"))
+    assert "newer message every 2 s; odom: the stamps of /strange_base stay at 3.00 s" in done.stderr
 
 
 @pytest.mark.long

@@ -93,3 +93,12 @@ def test_a_domain_is_not_used_again_at_once_nor_by_two() -> None:
     with free_domain() as third:
         assert third not in (first, second)
     assert all(1 <= domain <= 100 for domain in (first, second, third))
+
+
+def test_a_free_domain_has_no_nodes_of_others_and_is_not_the_callers(monkeypatch: pytest.MonkeyPatch) -> None:
+    with free_domain() as own, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        node = own % 100 + 1  # the next in turn
+        other.bind(("127.0.0.1", 7400 + 250 * node + 10))
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(node % 100 + 1))
+        with free_domain() as domain:
+            assert domain not in (own, node, node % 100 + 1)

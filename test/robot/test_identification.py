@@ -12,9 +12,10 @@ import pytest
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Limits, Robot, load_robot
 from ator_ros.robot.identification import BaseEstimate, identify
-from ator_ros.robot.probe_drive import DriveError, DriveSample, ProbeDrive
+from ator_ros.robot.probe_drive import DrivePart, DriveSample, ProbeDrive
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.simulation.simulation import Simulation
+from ator_ros.tools.calibrate import report
 from ator_ros.world.state import Command, RobotState
 
 PIONEER = load_robot()
@@ -93,6 +94,27 @@ def test_the_drive_keeps_to_its_space() -> None:
     assert max(ways) < 1.5
     assert min(ways) > -0.5
     assert not identify(drive.samples).driving.limited  # too short a way to see the greatest speed
+
+
+def test_a_limit_that_was_not_reached_is_the_fastest_speed_that_odometry_showed() -> None:
+    samples = [
+        DriveSample(
+            part, 0.05 * tick, Command(v, w), 0.4 * 0.05 * tick * (v > 0.0), 0.4 * 0.05 * tick * (w > 0.0)
+        )
+        for part, v, w in (
+            (DrivePart.SPRINT_V, 9.0, 0.0),
+            (DrivePart.CREEP_V, 0.1, 0.0),
+            (DrivePart.SPRINT_W, 0.0, 9.0),
+            (DrivePart.CREEP_W, 0.0, 0.1),
+        )
+        for tick in range(40)
+    ]
+    estimate = identify(samples)
+    assert not estimate.turning.limited
+    assert estimate.limits.w == pytest.approx(0.4 * 1.95)
+    assert any(
+        line.startswith("limits.w: 0.780 rad/s is the fastest that odometry") for line in report(estimate)
+    )
 
 
 def test_a_base_that_does_not_move_is_told() -> None:

@@ -119,12 +119,17 @@ def test_a_leading_slash_of_a_frame_is_ignored(given: str, expected: str) -> Non
 
 
 def remarks(
-    *, scale: float = 1.0, in_world: bool = False, jump: float = 0.0, seconds: float = 8.0
+    *,
+    scale: float = 1.0,
+    in_world: bool = False,
+    jump: float = 0.0,
+    seconds: float = 8.0,
+    speed: float = 1.0,
 ) -> list[str]:
     """Drive arcs with a twist that is scaled or in the world, or with poses that jump; return the remarks."""
     reader, pose, found = OdometryReader("odom"), FAR, list[str]()
     for tick in range(int(20 * seconds)):
-        v, w = (0.5, 0.8) if tick % 60 < 40 else (0.0, 0.0)
+        v, w = (0.5 * speed, 0.8 * speed) if tick % 60 < 40 else (0.0, 0.0)
         linear = vector(v * math.cos(pose.yaw), v * math.sin(pose.yaw)) if in_world else vector(scale * v)
         reader.read(odometry(pose, linear, scale * w, time=0.05 * tick))
         found += [reader.remark] * bool(reader.remark)
@@ -134,7 +139,17 @@ def remarks(
     return found
 
 
-@pytest.mark.parametrize("wrong", [{"scale": 0.0}, {"scale": 3.6}, {"scale": -1.0}, {"in_world": True}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"scale": 0.0},
+        {"scale": 3.6},
+        {"scale": -1.0},
+        {"in_world": True},
+        {"scale": 0.0, "speed": 0.2},
+        {"scale": 2.0, "speed": 0.2},
+    ],
+)
 def test_a_twist_that_contradicts_the_poses_is_reported_in_one_line_once(wrong: dict[str, Any]) -> None:
     (line,) = remarks(**wrong)
     assert line.startswith("odom: pose and twist.")
@@ -143,7 +158,9 @@ def test_a_twist_that_contradicts_the_poses_is_reported_in_one_line_once(wrong: 
     assert "\n" not in line
 
 
-@pytest.mark.parametrize("right", [{}, {"scale": 0.8}, {"scale": 1.2}, {"jump": 2.0}, {"jump": 0.4}])
+@pytest.mark.parametrize(
+    "right", [{}, {"scale": 0.8}, {"scale": 1.2, "speed": 0.2}, {"jump": 2.0}, {"jump": 0.4}]
+)
 def test_slip_and_corrected_poses_are_no_contradiction(right: dict[str, Any]) -> None:
     assert remarks(**right, seconds=60.0) == []
 
