@@ -30,7 +30,7 @@ PYTHON = VENV / "bin" / "python"
 BASE_PYTHON = os.path.realpath(sys.executable)  # as .venv/pyvenv.cfg names it, whatever link was called
 VENV_STAMP = VENV / "stamp.json"
 LOG = VENV / "setup.log"
-_NEWS = 20.0  # s between two lines while pip installs
+_NEWS = 20.0  # s between two lines while pip installs or colcon builds
 WHEELS = "wheels"
 REQUIREMENTS = ("ros", "build", "runtime", "offline", "view", "test", "lint")
 TF = "tf2_msgs"
@@ -161,6 +161,16 @@ def install_packages(prefix: str) -> None:
             pip(list(wanted.values()), [], log)
 
 
+def output_of(process: subprocess.Popen[str], news: str, every: float = _NEWS) -> str:
+    """Return what a process wrote until its end; say `news` after each `every` s until then."""
+    start = time.monotonic()
+    while True:
+        try:
+            return "".join(filter(None, process.communicate(timeout=every)))
+        except subprocess.TimeoutExpired:
+            say(f"{news} after {time.monotonic() - start:.0f} s")
+
+
 def pip(entries: list[str], options: list[str], log: IO[str]) -> None:
     """Install entries of the lock in .venv; raise with pip's own words on failure."""
     requirements = VENV / "requirements.txt"
@@ -169,13 +179,8 @@ def pip(entries: list[str], options: list[str], log: IO[str]) -> None:
     options = ["--require-hashes", "--no-deps", *options, "--requirement", str(requirements)]
     command = [str(PYTHON), "-m", "pip", "install", "--no-input", "--disable-pip-version-check", *options]
     environment = {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
-    start = time.monotonic()
-    with subprocess.Popen(command, stdout=log, stderr=log, env=environment | MARK) as done:
-        while done.poll() is None:
-            try:
-                done.wait(_NEWS)
-            except subprocess.TimeoutExpired:
-                say(f"pip is still installing after {time.monotonic() - start:.0f} s")
+    with subprocess.Popen(command, stdout=log, stderr=log, env=environment | MARK, text=True) as done:
+        output_of(done, "pip is still installing")
     if done.returncode:
         errors = re.findall(r"^(?:ERROR|error): (.*)$", LOG.read_text(encoding="utf-8"), flags=re.MULTILINE)
         reason = re.sub(r"https?://\S+", "(address)", errors[-1] if errors else "no reason given")
@@ -236,13 +241,14 @@ def build(package: str, sources: str, *, fresh: bool, folder: str = "") -> None:
     colcon += ["--base-paths", folder] if folder else []
     # All cores; colcon's own choice also says -l, which starves the build on a busy machine. The outer
     # make's variables (ARGS=…) must not reach the inner one.
-    done = subprocess.run(
+    with subprocess.Popen(
         ["scripts/run", *colcon, "--event-handlers", "console_direct-"],
         cwd=ROOT, env=os.environ | MARK | {"MAKEFLAGS": f"-j{os.cpu_count()}"},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as done:  # fmt: skip
+        output = output_of(done, f"still building {package}")
     if done.returncode:
-        print(done.stdout + done.stderr, file=sys.stderr)
+        print(output, file=sys.stderr)
         raise SetupError(f"colcon build of {package} failed (its output is above and in log/latest_build)")
     write_atomically(stamp, sources)
     say(f"{package} built in {time.monotonic() - start:.0f} s")

@@ -27,14 +27,20 @@ FORWARD = chain(("goToPose", Pose(1.0, 0.0, 0.0)))
 FORWARD_LEFT = chain(("goToPose", Pose(1.0, 1.0, 0.0)))
 
 
-def execution(plan: TopChain, *others: TopChain, refine: bool = False, fetches: int = 0) -> Supervisor:
+def execution(
+    plan: TopChain,
+    *others: TopChain,
+    refine: bool = False,
+    fetches: int = 0,
+    predictor: Predictor | None = None,
+) -> Supervisor:
     return Supervisor(
         LIBRARY,
         plan,
         refine=refine,
         again_after=0.15,
         now=100.0,
-        predictor=Predictor(ROBOT, {}),
+        predictor=predictor or Predictor(ROBOT, {}),
         deadlines=Deadlines(),
         fence=Fence.around(ROBOT),
         fetches=fetches,

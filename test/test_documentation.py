@@ -48,6 +48,8 @@ BY_TEST = {
     r"collect .*my_domain\.yaml --over-ros": "nodes/test_tour_node.py::test_drives_over_ros_take_as_long",
     r"dask .*|.*--backend dask.*": "test_documentation.py::test_a_cluster_collects",
     r".*examples\.call|ros2 (service|action) \w+": "nodes/test_call_example.py::test_a_service_is_",
+    r"make run EXE=executor .*my_config.*": f"{_ROS}::test_a_copy_of_the_configuration_is_honoured",
+    r"ros2 action send_goal /execute_chain .*": f"{_ROS}::test_the_printed_requests",
     r"make run EXE=simulation .*": f"{_ROS}::test_a_node_runs_without_the_command_ros2",
     r"ros2 service call /(refine_subgoal|reset|place_ball) .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 service call /plan_chains .*": f"{_ROS}::test_the_printed_requests",

@@ -76,7 +76,7 @@ def drawn_until(
         found = draw()
         if fits(found):
             return found
-    raise NoPlaceError(f"{expected()}: none of {most} draws fits")
+    raise NoPlaceError(expected() if most == 1 else f"{expected()}: none of {most} draws fits")
 
 
 def short_goal(start: Pose, rng: np.random.Generator, *, turns: bool = True) -> Pose | None:

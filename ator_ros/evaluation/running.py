@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import platform
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -142,7 +143,8 @@ def run_situations(
 ) -> list[Record]:
     """Evaluate situations 0 to `situations` - 1, except those whose results are already in `folder`.
 
-    The same call resumes where it was interrupted. A progress bar is shown on a terminal.
+    The same call resumes where it was interrupted. A progress bar is shown on a
+    terminal, and a line of it in a log every 30 s.
 
     Parameters
     ----------
@@ -171,7 +173,9 @@ def run_situations(
     done = situations - len(tasks)
     with cluster(scheduler):
         results = run_tasks(evaluate_trial, tasks, jobs=jobs, backend=backend)
-        for record in tqdm(results, initial=done, total=situations, unit="situation", disable=None):
+        often = 0.1 if sys.stderr.isatty() else 30.0  # s; a log gets a line now and then
+        pace = {"mininterval": often, "delay": often - 0.1}
+        for record in tqdm(results, initial=done, total=situations, unit="situation", **pace):
             partial.append(record)
     return [partial.records[index] for index in range(situations)]
 

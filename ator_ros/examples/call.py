@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import math
+import os
 import re
 import sys
 import time
@@ -172,6 +173,9 @@ def main(words: list[str] | None = None) -> int:
             kind = interface(options.type)
             run = send_goal if hasattr(kind, "Goal") else call
             run(node, options.name, kind, yaml.safe_load(options.values))
+        sys.stdout.flush()
+    except BrokenPipeError:  # of `| head`, which has read enough; Python would write the rest at its end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (CallError, yaml.YAMLError, NameValidationException) as error:
         print(f"call: {error}", file=sys.stderr)
         return 1

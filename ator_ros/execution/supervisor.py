@@ -266,6 +266,7 @@ class Supervisor:
             return False
         if self.refining.wanted:
             self.refining.ask(world, now)
+            self.forecast.change(world)  # for feedback until the answer
         self._dispatch(Signal.ASKED if self.refining.wanted else Signal.READY)
         self.reason = self.phase.value
         return not self.refining.wanted

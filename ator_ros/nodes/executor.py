@@ -402,6 +402,8 @@ class ExecutorNode(Node):
         """Return the most likely cause of an ending that inputs or the base have brought about."""
         if run.ending is Ending.BASE_FAULT:
             return self._commands.cause()
+        if run.ending is Ending.SUCCEEDED:
+            return self._driving.remark
         if run.ending is Ending.FAILED:
             return self._driving.remark or self._diagnosis.rate_problem("odom", self._odom_timeout)
         if run.ending is not Ending.INPUT_LOST:

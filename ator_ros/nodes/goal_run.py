@@ -41,7 +41,7 @@ from ator_ros.world.messages import MessageError
 from ator_ros.world.state import World
 
 _FEEDBACK_PERIOD = 0.1  # s on odometry's clock
-_LONGEST_REASON = 200
+_LONGEST_REASON = 500
 _BROKEN_OFF = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN)
 
 

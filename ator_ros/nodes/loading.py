@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
-from collections.abc import Mapping
+import threading
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,6 +54,22 @@ class Refiners:
         return "with a gate"
 
 
+_LONG = 3.0  # real s; with compiled code on disk a rehearsal takes less
+
+
+@contextlib.contextmanager
+def _said_if_long(node: Node) -> Iterator[None]:
+    """Log that code is being compiled if the block takes long, as at the first start of a node."""
+    text = "compiling code, as at each first start; later ones use what is kept on disk"
+    timer = threading.Timer(_LONG, node.get_logger().info, [text])
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
 def load_predictors(node: Node, domain: Domain, libraries: Libraries, folder: str) -> Predictors:
     """Read the models in `folder` ("": those that ship) of every action set; log what is wrong."""
     models = {name: read_models(node, it.robot, name, folder, domain) for name, it in libraries.items()}
@@ -68,9 +86,10 @@ def rehearsed_predictors(
 ) -> LearnedSets[Predictors]:
     """Return the predictors that the parameters `models` and `learned` name; all actions are rehearsed."""
     load = functools.partial(load_predictors, node, domain, libraries)
-    sets = LearnedSets(node, settings["models"], settings["learned"], load)
-    for name, library in libraries.items():
-        rehearse(library.robot, library, sets.present.by_set[name])
+    with _said_if_long(node):
+        sets = LearnedSets(node, settings["models"], settings["learned"], load)
+        for name, library in libraries.items():
+            rehearse(library.robot, library, sets.present.by_set[name])
     return sets
 
 
@@ -101,7 +120,8 @@ def load_refiners(
                 calibration=read.calibration,
                 failure_cost=failure_cost,
             )
-            rehearse_refinement(library, refiners[name])
+            with _said_if_long(node):
+                rehearse_refinement(library, refiners[name])
     return Refiners(models, refiners)
 
 

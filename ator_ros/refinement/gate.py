@@ -102,6 +102,9 @@ class Gate:
         raise NotImplementedError
 
 
+_NO_GAIN = "no gain predicted"
+
+
 @dataclass(frozen=True, slots=True)
 class OpenGate(Gate):
     """Refines whenever any gain is predicted."""
@@ -111,7 +114,7 @@ class OpenGate(Gate):
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
         """Return whether the predicted gain is above 0."""
         gain = features["gain"]
-        return gain > 0.0, f"predicted gain {gain:.2f} s"
+        return gain > 0.0, f"predicted gain {gain:.2f} s" if gain > 0.0 else _NO_GAIN
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +137,8 @@ class ThresholdGate(Gate):
         """Return whether the predicted gain exceeds the threshold."""
         needed = self.gain + self.spread_factor * features["spread"]
         gain = features["gain"]
+        if gain < 0.005 and not gain > needed:
+            return False, _NO_GAIN
         relation = "is above" if gain > needed else "is not above"
         digits = 2 if f"{gain:.2f}" != f"{needed:.2f}" else 4
         return (

@@ -208,7 +208,8 @@ def settled(
     try:
         domain = domain_for(options.domain, options.robot)
     except DomainError as error:
-        parser.error(printable(error, _LONGEST_LINE))
+        # In one line: the usage would say nothing on what is wrong in the file of a domain.
+        parser.exit(2, f"{parser.prog}: error: {printable(error, _LONGEST_LINE)}\n")
     options.domain = options.domain or domain.name
     if getattr(options, "action_set", None) is not None:
         check_names(parser, "action_set", [options.action_set], domain.action_sets)

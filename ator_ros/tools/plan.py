@@ -22,7 +22,10 @@ from ator_ros.refinement.refiner import Judged, Refiner, choose
 from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import add_models, add_setting, guarded, number, settled
 from ator_ros.tops.chain import TopChain
+from ator_ros.world.messages import FARTHEST
 from ator_ros.world.state import ObjectState, RobotState, World
+
+_coordinate = number(-FARTHEST, FARTHEST)
 
 
 def plan(
@@ -69,12 +72,14 @@ def _situation(options: argparse.Namespace, domain: Domain) -> World:
     """Return the world that a command line describes."""
     objects: dict[str, ObjectState] = {}
     for name, *place in options.object:
+        if name in objects:
+            raise PlanningError(f"object: expected each once, got {name} again")
         if name not in domain.objects:
             raise PlanningError(
                 f"object: expected one of {', '.join(domain.objects) or 'none'}, got {name!r}"
             )
         try:
-            x, y = map(number(), place)
+            x, y = map(_coordinate, place)
         except argparse.ArgumentTypeError as error:
             raise PlanningError(f"object {name}: {error}") from error
         objects[name] = ObjectState(x, y)
@@ -100,7 +105,7 @@ def arguments() -> argparse.ArgumentParser:
         "goal", nargs="*", metavar="GOAL", help="a name, or statements; none: print the names"
     )
     parser.add_argument(
-        "--at", nargs=3, type=number(), default=[0.0, 0.0, 0.0], metavar=("X", "Y", "YAW"),
+        "--at", nargs=3, type=_coordinate, default=[0.0, 0.0, 0.0], metavar=("X", "Y", "YAW"),
         help="where the robot stands, in m and rad (default: the origin)",
     )  # fmt: skip
     parser.add_argument(

@@ -85,12 +85,15 @@ def study(
     settings = StudySettings(
         described.description_digest(), source.domain, action_set, episodes, situations, seed, chain, oracle
     )
-    _begin(out, settings)
     actions, left_out = possible_actions(of_domain, action_set, described)
+    specs = of_domain.actions(action_set)
+    left_out |= {name: why for name in actions if (why := specs[name].over_ros_only) is not None}
+    actions = [name for name in actions if name not in left_out]
+    if not actions:
+        raise EvaluationError("; ".join(dict.fromkeys(left_out.values())) or f"{of_domain.name}: no actions")
     for name, reason in left_out.items():
         print(f"study: without {name}: {reason}", file=sys.stderr)
-    if not actions:
-        raise EvaluationError(f"robot {described.name}: expected an action that it can execute, got none")
+    _begin(out, settings)
     tables = {
         kind: _collected(out / kind, source, settings, seed + after, actions, jobs)
         for after, kind in enumerate(("experience", "fresh"))
@@ -135,6 +138,8 @@ def study(
 def _begin(out: Path, ours: StudySettings) -> None:
     """Make sure that the folder is empty, or one of the same study."""
     file = out / "settings.json"
+    if out.exists() and not out.is_dir():
+        raise EvaluationError(f"--out {out}: expected a folder, got a file")
     if not os.path.lexists(file):
         save(file, SETTINGS, ours)
         return

@@ -21,7 +21,7 @@ from ator_ros.experience.columns import LARGEST
 from ator_ros.experience.recordings import USUAL, TopicNames
 from ator_ros.experience.sources import read_sources
 from ator_ros.experience.table import Experience, library_versions
-from ator_ros.files import portable_command
+from ator_ros.files import is_name, portable_command
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.features import OBSERVED, Feature, chosen_for
@@ -166,8 +166,10 @@ def _learn_gate(
         "tree_rules": learned.tree.rules(),
     }
     save_gate(file, gate, training, action_set)
-    needed = f"{gate.gain:.2f} s + {gate.spread_factor:g} times the spread of the two predictions"
-    print(f"{file}: refines where the predicted gain is above {needed}")
+    spread = (
+        f" + {gate.spread_factor:g} times the spread of the two predictions" if gate.spread_factor else ""
+    )
+    print(f"{file}: refines where the predicted gain is above {gate.gain:.2f} s{spread}")
 
 
 def _is_own(robot: Robot, domain: Domain) -> bool:
@@ -229,6 +231,8 @@ def _validated(
 def _rules(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path) -> str:
     by_file = options.rules.endswith(".json")
     file = Path(options.rules)
+    if not by_file and not is_name(options.rules):
+        raise ModelFileError(f"--rules: expected an action or a model, a .json file, got {options.rules!r}")
     if not by_file:
         file = folder / model_path(options.rules, options.action_set or DEFAULT_SET)
     if not file.exists():

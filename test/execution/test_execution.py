@@ -6,11 +6,14 @@ import dataclasses
 import math
 
 import pytest
-from executions import FORWARD, FORWARD_LEFT, LIBRARY, chain, execution, world
+from executions import FORWARD, FORWARD_LEFT, LIBRARY, ROBOT, chain, execution, world
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.execution.chain_executor import Ending
+from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.supervisor import Phase
 from ator_ros.geometry import Pose
+from ator_ros.performance.model_file import load_models
 from ator_ros.tops.objects import objects_in
 from ator_ros.world.state import STOP, ObjectState
 
@@ -206,6 +209,14 @@ def test_without_models_nothing_is_predicted() -> None:
     run.tick(world(), 100.0)
     assert run.forecast.whole is None
     assert math.isnan(run.predicted_remaining(1.0))
+
+
+def test_what_remains_is_predicted_also_while_refinement_is_awaited() -> None:
+    models = load_models(ROBOT, SOCCER.known_features)
+    run = execution(FORWARD, refine=True, predictor=Predictor(ROBOT, models))
+    run.tick(world(), 100.0)
+    assert run.phase is Phase.REFINING
+    assert run.predicted_remaining(1.0) > 0.0
 
 
 @pytest.mark.parametrize("ending", [Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN, Ending.INPUT_LOST])

@@ -31,6 +31,8 @@ class MovingBase:
         Its topics, and the frame of its odometry.
     qos : QoSProfile
         Of its subscription.
+    share : float
+        Of the commanded speed, with which it moves.
     """
 
     def __init__(
@@ -42,9 +44,10 @@ class MovingBase:
         odom: str = "odom",
         frame: str = "odom",
         qos: QoSProfile = SENSOR_DATA,
+        share: float = 1.0,
     ) -> None:
         self.pose, self.commanded, self.received = Pose(0.0, 0.0, 0.0), Twist(), 0
-        self.frame, self.stamps_stand = frame, False
+        self.frame, self.stamps_stand, self._share = frame, False, share
         self._odom = client.node.create_publisher(Odometry, odom, STATES)
         client.node.create_subscription(kind, topic, self._take, qos)
         self.time = 100.0
@@ -63,7 +66,7 @@ class MovingBase:
         self.timer.timer_period_ns = round(1e9 * PERIOD / rate)
 
     def _step(self) -> None:
-        v, w = self.commanded.linear.x, self.commanded.angular.z
+        v, w = self._share * self.commanded.linear.x, self._share * self.commanded.angular.z
         step = PERIOD
         yaw = self.pose.yaw + 0.5 * step * w
         self.pose = Pose(

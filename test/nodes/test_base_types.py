@@ -80,3 +80,11 @@ def test_a_quality_of_service_that_does_not_fit_is_named(host: Host, client: Cli
     assert outcome.code == Outcome.BASE_FAULT
     assert "cmd_vel: the quality of service of /test_client does not fit: " in outcome.reason
     assert outcome.reason.endswith(" fit: Volatile publisher and transient local subscription")
+
+
+def test_the_result_says_that_the_base_drove_at_half_the_commanded_speed(host: Host, client: Client) -> None:
+    host("executor", **SETTINGS)
+    MovingBase(client, share=0.5)
+    outcome = ChainClient(client).send([call("goToPose", Pose(2.0, 0.0, 0.0))]).outcome()
+    assert outcome.code == Outcome.SUCCEEDED, outcome.reason
+    assert "; the base drives at about 50 % of the commanded speed" in outcome.reason

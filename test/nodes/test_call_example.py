@@ -48,6 +48,11 @@ def test_a_service_is_called_and_its_answer_printed_and_a_topic_echoed(
     assert printed[0] == "header:"
     assert "child_frame_id: base_link" in printed
     assert any("x: -2.0" in line for line in printed)  # pose.pose.position.x
+    with started("echo", "odom", "--once", domain=domain) as program:
+        assert program.stdout is not None
+        assert program.stderr is not None
+        program.stdout.close()  # as `| head` does
+        assert program.stderr.read() == ""
 
 
 def test_a_goal_is_sent_and_feedback_and_result_printed_and_an_interrupt_cancels_it(

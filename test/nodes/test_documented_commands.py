@@ -115,6 +115,7 @@ def test_the_printed_requests(shell: Shell) -> None:
     for beginning in ("ros2 service call /reset", "ros2 service call /place_ball"):
         assert "success=True" in shell.run(printed(beginning))
     assert "arrived" in shell.run(printed("ros2 action send_goal --feedback"))
+    assert "arrived" in shell.run(printed("ros2 action send_goal /execute_chain"))
     assert "top='shoot'" in shell.run(printed("ros2 service call /plan_chains"))
 
 
@@ -149,6 +150,8 @@ def test_a_copy_of_the_configuration_is_honoured(shell: Shell) -> None:
     nodes = shell.start(printed("ros2 launch ator_ros ator.launch.xml config:="))
     wait_for("simulating my_robot", nodes)
     assert "ANOTHER ROBOT" in wait_for("ready for chains", nodes)
+    alone = printed("make run EXE=executor").replace("my_config", str(shell.folder / "my_config"))
+    wait_for("ready for chains of my_robot", shell.start(alone, cwd=ROOT))
 
 
 def test_a_node_runs_without_the_command_ros2(shell: Shell) -> None:

@@ -169,6 +169,19 @@ def test_the_tool_prints_chains_and_predictions(capsys: pytest.CaptureFixture[st
     assert refused.count("\n") == 1
 
 
+def test_places_beyond_reason_and_objects_given_twice_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        plan_main(["ball_in_goal", "--at", "1e12", "0", "0"])
+    assert "--at: expected a finite number from -1e+08 to 1e+08, got '1e12'" in capsys.readouterr().err
+    for places, message in (
+        ([("1e12", "0")], "object ball: expected a finite number from -1e+08"),
+        ([("1", "0"), ("2", "0")], "object: expected each once, got ball again"),
+    ):
+        words = [word for place in places for word in ("--object", "ball", *place)]
+        assert plan_main(["ball_in_goal", *words]) == 1
+        assert message in capsys.readouterr().err
+
+
 def test_statements_that_are_none_are_refused() -> None:
     for text in ("ball.x", "=1", "ball.x=1:2", "ball.x=nan", "ball.x=1:a:b", "ball.x=1:2:1"):
         with pytest.raises(PlanningError, match="goal: "):

@@ -113,3 +113,9 @@ def test_how_a_gate_was_chosen_is_read(tmp_path: Path) -> None:
     save_gate(path, ThresholdGate(0.1), {"cross_validation": {"open": 3}})
     with pytest.raises(RefinementError, match=r"gate\.json: training\.cross_validation\.open: expected a"):
         load_training(path)
+
+
+@pytest.mark.parametrize("gate", [OpenGate(), ThresholdGate(0.05)])
+@pytest.mark.parametrize("gain", [-0.02, 0.0])
+def test_without_a_predicted_gain_the_reason_says_so(gate: Any, gain: float) -> None:
+    assert gate.decide({"gain": gain, "spread": 0.1}) == (False, "no gain predicted")

@@ -12,7 +12,7 @@ import pytest
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Limits, Robot, load_robot
 from ator_ros.robot.identification import BaseEstimate, identify
-from ator_ros.robot.probe_drive import DrivePart, DriveSample, ProbeDrive
+from ator_ros.robot.probe_drive import DriveError, DrivePart, DriveSample, ProbeDrive
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tools.calibrate import report

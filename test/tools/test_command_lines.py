@@ -90,7 +90,7 @@ def test_a_domain_that_is_not_installed_is_told_in_one_line(
     with pytest.raises(SystemExit) as ended:
         tool.main(["--domain=chess"])
     assert ended.value.code == 2
-    told = capsys.readouterr().err.splitlines()[-1]
+    (told,) = capsys.readouterr().err.splitlines()  # without the usage
     assert told.startswith(f"{command}: error: domain: expected an entry point of ator_ros.domains, one of [")
     assert told.endswith("got 'chess'")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from domain_files import CHAIN, PLACE, TOUR, file_of
 
-from ator_ros.tools import collect, evaluate, gate
+from ator_ros.tools import collect, evaluate, gate, study
 
 Tool = Callable[[Sequence[str]], int]
 
@@ -38,3 +38,13 @@ def test_it_is_refused_with_the_reason(
     assert "has no `stand_in`, so only `collect --over-ros`" in capsys.readouterr().err
     assert not (tmp_path / "table.parquet").exists()
     assert not list((tmp_path / "models").rglob("*.json"))
+
+
+def test_a_study_of_such_actions_alone_leaves_no_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    action = TOUR["actions"][0] | {"drives": {"start": [PLACE], "goal": [PLACE]}}
+    data = {**TOUR, "tops": TOUR["tops"][:1], "actions": [action], "chains": [CHAIN]}
+    assert study.main(["--domain", str(file_of(tmp_path, data)), "--out", str(tmp_path / "study")]) == 1
+    assert "has no `stand_in`, so only `collect --over-ros`" in capsys.readouterr().err
+    assert not (tmp_path / "study").exists()

@@ -252,6 +252,7 @@ def test_a_page_of_the_feature_ablation_is_written(learned: Path, tmp_path: Path
     ("words", "message"),
     [
         (["none.parquet"], "none.parquet: expected a Parquet file"),
+        (["--rules", "x.parquet"], "--rules: expected an action or a model, a .json file, got 'x.parquet'"),
         (["--rules", "fly"], "fly.json: expected a model, there is none"),
         (["--rules", "goToPose", "--situation", "z=1"], "situation: expected NAME=NUMBER"),
     ],

@@ -98,3 +98,9 @@ def test_a_study_without_a_chain_is_written_read_and_shown(tmp_path: Path) -> No
     assert "No chain of the domain can be executed" in page
     assert "2 (visit)" in page
     assert "no effect: the models say so" in page
+
+
+def test_a_file_in_place_of_the_folder_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").touch()
+    assert main(["--out", str(tmp_path / "file")]) == 1
+    assert capsys.readouterr().err == f"study: --out {tmp_path / 'file'}: expected a folder, got a file\n"
