@@ -36,13 +36,11 @@ BY_TEST = {
     r"(ros2 run ator_ros )?study .*": "tools/test_tools_study.py::test_it_says_what_the_actions_and_ref",
     r"make view|(ros2 run ator_ros )?view": f"{_VIEW}::test_the_page_shows_the_robot_",
     r"view --attach --robots ann bob": "nodes/test_view_backend.py::test_two_robots_of_one_simulation_",
-    r"scripts/run python test/nodes/\w+_(view|nodes)\.py.*": "nodes/test_view_programs.py::test_a_",
     r"scripts/run python scripts/golden\.py .*": "test_golden.py::test_the_command_writes_and_compares",
     r"make setup": "test_documentation.py::test_set_up_has_nothing_to_do",
     r"make clean": "test_documentation.py::test_clean_leaves_the_sources",
     r"\. scripts/env\.sh": "test_environment.py::test_a_second_checkout_replaces_the_first",
     r"scripts/run COMMAND …": "test_environment.py::test_a_command_keeps_its_exit_code",
-    r"scripts/run python test/nodes/fuzz_refinement\.py .*": "test_documentation.py::test_the_fuzz_runs",
     r"scripts/run python benchmarks/speed\.py": "test_benchmarks.py::test_each_part_of_the_speed_is_measured",
     r"python scripts/figures\.py": "test_figures.py::test_both_figures_are_drawn",
     r"collect .*my_domain\.yaml --over-ros": "nodes/test_tour_node.py::test_drives_over_ros_take_as_long",
@@ -278,13 +276,6 @@ def test_clean_leaves_the_sources(tmp_path: Path) -> None:
     (tmp_path / "ator_ros" / "world.py").touch()
     assert make("clean", cwd=tmp_path).returncode == 0
     assert {path.name for path in tmp_path.rglob("*")} == {"Makefile", "ator_ros", "world.py"}
-
-
-@pytest.mark.long
-def test_the_fuzz_runs(tmp_path: Path) -> None:
-    words = ["scripts/run", "python", "test/nodes/fuzz_refinement.py", "--requests", "200"]
-    subprocess.run([*words, "--out", str(tmp_path / "fuzz.json")], cwd=ROOT, check=True, timeout=600)
-    assert (tmp_path / "fuzz.json").is_file()
 
 
 def test_no_page_has_an_unfilled_placeholder() -> None:

@@ -13,7 +13,6 @@ import inspect
 import math
 import signal
 import sys
-import threading
 from typing import Any
 
 import rclpy
@@ -21,17 +20,16 @@ from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
 from ator_interfaces.action import DriveTo
 from ator_ros.examples.rotate_drive_rotate import ENDED, Doing, RotateDriveRotate, Seen, Tuning
 
-_THREADS = 3
 _FEEDBACK_PERIOD = 0.5
 _CODES = {Doing.MISSED: DriveTo.Result.MISSED, Doing.TOO_LONG: DriveTo.Result.TOO_LONG}
 
@@ -43,7 +41,7 @@ class _Drive:
         self.handle = handle
         pose = handle.request.goal.pose
         self.law = RotateDriveRotate((pose.position.x, pose.position.y, _yaw(pose.orientation)), tuning)
-        self.ended = threading.Event()
+        self.ended = Future()
         self.superseded = False
         self.told = -math.inf
 
@@ -71,7 +69,6 @@ class DriveToServer(Node):
             if not 0.0 < value < math.inf:
                 raise ValueError(f"parameter {name}: expected a finite number above 0, got {value:g}")
         self._tuning = Tuning(**given)
-        self._lock = threading.Lock()
         self._seen: Seen | None = None
         self._frame = ""
         self._drive: _Drive | None = None
@@ -85,7 +82,6 @@ class DriveToServer(Node):
             self._execute,
             goal_callback=self._consider,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
-            callback_group=ReentrantCallbackGroup(),
         )
 
     def _consider(self, request: Any) -> GoalResponse:
@@ -98,37 +94,34 @@ class DriveToServer(Node):
         self.get_logger().warning(f"goal rejected: expected a pose in {self._frame or 'the frame of odom'}")
         return GoalResponse.REJECT
 
-    def _execute(self, handle: ServerGoalHandle) -> Any:
-        """Drive, beginning with the odometry that there is, until the drive has ended."""
+    async def _execute(self, handle: ServerGoalHandle) -> Any:
+        """Drive, beginning with the odometry that there is; odometry ends the drive."""
         drive = _Drive(handle, self._tuning)
-        with self._lock:
-            former, self._drive = self._drive, drive
-            if former is not None:
-                former.superseded = True
-                former.ended.set()
-            self._steer()
-        while not drive.ended.wait(0.1) and rclpy.ok():
-            pass  # a context that was shut down must not leave the thread behind
+        former, self._drive = self._drive, drive
+        if former is not None:
+            former.superseded = True
+            former.ended.set_result(None)
+        self._steer()
+        await drive.ended
         return self._result(drive)
 
     def _take_odom(self, message: Odometry) -> None:
         pose, twist, stamp = message.pose.pose, message.twist.twist, message.header.stamp
         yaw = _yaw(pose.orientation)
         time = stamp.sec + 1e-9 * stamp.nanosec
-        with self._lock:
-            self._frame = message.header.frame_id
-            self._seen = Seen(time, pose.position.x, pose.position.y, yaw, twist.linear.x, twist.angular.z)
-            self._steer()
+        self._frame = message.header.frame_id
+        self._seen = Seen(time, pose.position.x, pose.position.y, yaw, twist.linear.x, twist.angular.z)
+        self._steer()
 
     def _steer(self) -> None:
-        """Answer the newest odometry; the lock is held."""
+        """Answer the newest odometry."""
         drive, seen = self._drive, self._seen
         if drive is None or seen is None:
             return
         v, w = (0.0, 0.0) if drive.handle.is_cancel_requested else drive.law.step(seen)
         if drive.handle.is_cancel_requested or drive.law.doing in ENDED:
             self._drive = None
-            drive.ended.set()  # the result sets out before the last command
+            drive.ended.set_result(None)
         command = Twist()
         command.linear.x, command.angular.z = v, w
         self._commands.publish(command)
@@ -181,14 +174,11 @@ def main(args: list[str] | None = None) -> None:
     except (ParameterException, RuntimeError, ValueError) as error:  # rcl's errors are RuntimeErrors
         rclpy.try_shutdown()
         sys.exit(f"drive_to_server: {' '.join(str(error).split())}")
-    executor = MultiThreadedExecutor(num_threads=_THREADS)
-    executor.add_node(node)
     try:
-        executor.spin()
+        rclpy.spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
-        executor.shutdown(timeout_sec=1.0)
         node.destroy_node()
         rclpy.try_shutdown()
 

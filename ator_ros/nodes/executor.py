@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -70,7 +70,6 @@ _DISCOVERY_GRACE = 1.0  # real s; DDS may still be connecting cmd_vel to a base 
 _RESET_PERIOD = 1.0  # real s; two resets within it mean that two nodes publish odometry
 _RESULT_KEPT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
 _IDLE_PERIOD = 1.0  # real s between two checks of the deadlines without a goal: each costs a millisecond
-_ENDED = "the executor was ended"
 _PREEMPTED = "a newer goal took over"
 _USUAL = Deadlines()
 _COMMON = (
@@ -205,7 +204,7 @@ class ExecutorNode(Node):
         self._state = RobotSource(self, settings, robot, self._take_robot, self._ignore, self._note, self._tf)
         inputs = {"odom": self._state.input, **self._objects.inputs}
         self._diagnosis = Diagnosis(self, inputs, self._tf)
-        # The odometry callback drives a goal; `execute` is called once it has ended, to send the result.
+        # The odometry callback drives a goal, whose coroutine waits for its end: see `GoalRun.execute`.
         self._server = ActionServer(
             self, ExecuteChain, "execute_chain", ExecuteChain.Result,
             goal_callback=lambda _: GoalResponse.REJECT if self._stopping else GoalResponse.ACCEPT,
@@ -336,6 +335,7 @@ class ExecutorNode(Node):
         except MessageError as error:  # the running goal continues
             self._refuse(handle, str(error))
             return
+        handle.execute(run.execute)
         self._driving.begin(self._settings["latency"], preempts=self._run is not None)
         self._end(Ending.PREEMPTED, _PREEMPTED, at_once=True)
         self._run, self._stop_until = run, -math.inf
@@ -349,7 +349,7 @@ class ExecutorNode(Node):
         self._note(f"refused: {reason}")
         result = unstarted(handle, Ending.REFUSED, reason, frame=self._settings["frame"])
         self._chains.publish(result.record)
-        handle.execute(functools.partial(concluded, Ending.REFUSED, result))
+        handle.execute(partial(concluded, result))
 
     def _adjust_watchdog(self) -> None:
         """Watch closely while a goal is under way."""
@@ -393,9 +393,8 @@ class ExecutorNode(Node):
         run.supervisor.explain(self._cause(run.supervisor))
         result = run.result(self._world)
         self._chains.publish(result.record)
-        ending = run.supervisor.ending or Ending.FAILED
-        run.handle.execute(functools.partial(concluded, ending, result))
-        if ending is not Ending.SUCCEEDED:
+        run.finish(result)
+        if run.supervisor.ending is not Ending.SUCCEEDED:
             self._last_error = run.supervisor.reason
         self.get_logger().info(f"goal ended: {run.summary}")
 
@@ -475,7 +474,7 @@ class ExecutorNode(Node):
         """Stop the robot and end the running goal, before the node ends."""
         self._send(STOP)  # first: to end an action may fail
         self._stopping = True
-        self._end(Ending.SHUTDOWN, _ENDED, at_once=True)
+        self._end(Ending.SHUTDOWN, "the executor was ended", at_once=True)
         self._send(STOP)
         spin_out(self)  # so that the answer leaves, also to a client that asks for it only now
         self._send(STOP)

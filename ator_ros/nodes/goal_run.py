@@ -115,6 +115,15 @@ class GoalRun:
         self._request: Future | None = None
         self._asked: Question | None = None
         self._feedback = ("", 0.0)  # status and time of the last one
+        self._finished = Future()
+
+    async def execute(self, handle: ServerGoalHandle) -> Any:
+        """Wait for the result, which `finish` gives, and return it: the callback of the action server."""
+        return concluded(await self._finished, handle)
+
+    def finish(self, result: Any) -> None:
+        """End the goal with its result, after the last tick."""
+        self._finished.set_result(result)
 
     @property
     def ended(self) -> bool:
@@ -293,11 +302,11 @@ def unstarted(handle: ServerGoalHandle, ending: Ending, reason: str, *, frame: s
     return ExecuteChain.Result(outcome=outcome, record=record)
 
 
-def concluded(ending: Ending, result: Any, handle: ServerGoalHandle) -> Any:
-    """Put a goal into its final state and return its result: the callback that executes an action."""
-    if ending is Ending.SUCCEEDED:
+def concluded(result: Any, handle: ServerGoalHandle) -> Any:
+    """Put a goal into its final state and return its result."""
+    if result.outcome.code == Outcome.SUCCEEDED:
         handle.succeed()
-    elif ending is Ending.CANCELED:
+    elif result.outcome.code == Outcome.CANCELED:
         handle.canceled()
     else:
         handle.abort()

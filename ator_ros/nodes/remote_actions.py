@@ -5,12 +5,14 @@ from __future__ import annotations
 import contextlib
 import math
 import time
+import uuid
 from collections.abc import Callable
 from functools import partial
 from itertools import chain
 from typing import Any
 
 from action_msgs.msg import GoalStatus
+from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
 from rclpy.exceptions import NameValidationException
@@ -21,7 +23,6 @@ from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finis
 from ator_ros.actions.remote import RemoteCall, UnreachableAction, failure_in
 from ator_ros.actions.specification import ActionFactory
 from ator_ros.domains.domain import Domain
-from ator_ros.nodes.meeting import meeting_client, nobodys_goal
 from ator_ros.nodes.remote_messages import GoalWriter, RemoteError, action_type_of, check_result
 from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
@@ -398,7 +399,7 @@ class Heartbeat:
 
     def __init__(self, node: Node, action: str, longest: float) -> None:
         self._period = max(longest / _QUESTIONS, _SHORTEST)
-        self._client: Any = meeting_client(node, action)
+        self._client: Any = node.create_client(CancelGoal, f"{action}/_action/cancel_goal")
         self._asked: Future | None = None
         self._answers = False
         self._next = self._checked = math.inf
@@ -420,7 +421,7 @@ class Heartbeat:
         self._checked = now
         if self._asked is None and now >= self._next:
             self._next = now + self._period
-            self._asked = self._client.call_async(nobodys_goal())
+            self._asked = self._client.call_async(cancel_request_for_unknown_goal())
             self._asked.add_done_callback(self._take_answer)
         return self._quiet if self._answers else 0.0
 
@@ -434,3 +435,10 @@ class Heartbeat:
         asked, self._asked = self._asked, None
         if asked is not None and not asked.done():
             self._client.remove_pending_request(asked)
+
+
+def cancel_request_for_unknown_goal() -> CancelGoal.Request:
+    """Return a request that each action server answers without effect."""
+    request = CancelGoal.Request()
+    request.goal_info.goal_id.uuid = list(uuid.uuid4().bytes)
+    return request

@@ -40,11 +40,7 @@ _LARGEST = 1_000_000  # bytes of a parameter file; ours have some 2 kB, and PyYA
 _SETTINGS = "ros__parameters"
 
 
-class ParameterFileError(ValueError):
-    """A parameter file that cannot be used; the message names it."""
-
-
-_EXPECTED = (SetupError, ParameterFileError, ResourceError, ParameterException, RuntimeError)
+_EXPECTED = (SetupError, ResourceError, ParameterException, RuntimeError)
 """Errors for the user; rcl's are RuntimeErrors."""
 
 
@@ -62,7 +58,7 @@ def run_node(
     for number in (signal.SIGINT, signal.SIGTERM):  # for good: a second one must not disturb the end
         signal.signal(number, lambda received, _: stopped.append(received))
     try:
-        check_parameter_files(words)
+        check_parameters(words, {parameter.name: parameter.description for parameter in parameters})
         _command_line(make, parameters).parse_args(remove_ros_args(words)[1:])
         stay_on_this_machine(os.environ)
         # rclpy's own handlers would invalidate the context before the robot has been stopped.
@@ -107,27 +103,52 @@ def _command_line(make: Callable[[], Node], parameters: Sequence[Parameter]) -> 
     )
 
 
-def check_parameter_files(words: Sequence[str]) -> None:
-    """Check the files that follow ``--params-file``; call this before rclpy reads them.
+def check_parameters(words: Sequence[str], descriptions: Mapping[str, str]) -> None:
+    """Check what rclpy and rcl do not report in words; call this before they read the command line.
 
-    rcl waits for ever for a pipe, and ignores a text that holds no parameters.
+    rcl waits for ever for a pipe as a parameter file, and ignores a text that holds no parameters. rclpy
+    raises a ValueError without the parameter's name for an empty list, whose type is unknown.
+
+    Parameters
+    ----------
+    words : sequence of str
+        The command line.
+    descriptions : mapping of str to str
+        Descriptions of the node's parameters by name.
 
     Raises
     ------
-    ParameterFileError
-        One cannot be read, or holds something else than parameters. It may be empty.
+    SetupError
+        A parameter is an empty list; a file cannot be read, or holds something else than parameters.
     """
     for word, following in itertools.pairwise(words):
+        if word in ("-p", "--param"):
+            name, _, value = following.partition(":=")
+            _refuse_empty({name: [] if value.replace(" ", "") == "[]" else value}, descriptions)
         if word != "--params-file":
             continue
         try:
             content = read_yaml(Path(following), largest=_LARGEST)
         except FileError as error:
-            raise ParameterFileError(f"--params-file: {error}") from error
+            raise SetupError(f"--params-file: {error}") from error
         if content is not None and not _holds_parameters(content):
-            raise ParameterFileError(
+            raise SetupError(
                 f"--params-file: {following}: expected a table of nodes, each with {_SETTINGS}, "
                 f"got {short(content)}"
+            )
+        _refuse_empty(content or {}, descriptions)
+
+
+def _refuse_empty(content: Mapping[Any, Any], descriptions: Mapping[str, str]) -> None:
+    """Raise SetupError for the first empty list in nested tables."""
+    for name, value in content.items():
+        if isinstance(value, Mapping):
+            _refuse_empty(value, descriptions)
+        elif value == []:
+            description = descriptions.get(name, "")
+            raise SetupError(
+                f"parameter {name}{f' ({description})' if description else ''}: "
+                "expected a value, or a list of one or more, got []"
             )
 
 

@@ -3,7 +3,6 @@
 
 import contextlib
 import math
-import threading
 from typing import Any
 
 import rclpy
@@ -11,9 +10,9 @@ from geometry_msgs.msg import Quaternion, Twist
 from nav_msgs.msg import Odometry
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.task import Future
 from shuttle.action import Go
 
 
@@ -28,24 +27,18 @@ class Shuttle(Node):
     def __init__(self) -> None:
         super().__init__("shuttle")
         self.goal: ServerGoalHandle | None = None
-        self.near, self.ended = False, threading.Event()
+        self.near, self.ended = False, Future()
         self.commands = self.create_publisher(Twist, "cmd_vel", 1)
         self.create_subscription(Odometry, "odom", self.steer, 1)
         self.server = ActionServer(
-            self,
-            Go,
-            "go",
-            self.execute,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-            callback_group=ReentrantCallbackGroup(),
+            self, Go, "go", self.execute, cancel_callback=lambda _: CancelResponse.ACCEPT
         )
 
-    def execute(self, goal: ServerGoalHandle) -> Any:
+    async def execute(self, goal: ServerGoalHandle) -> Any:
         """Wait until `steer` has ended the drive; return the result."""
-        self.near, self.ended = False, threading.Event()
+        self.near, self.ended = False, Future()
         self.goal = goal
-        while not self.ended.wait(0.1) and rclpy.ok():
-            pass
+        await self.ended
         if goal.is_cancel_requested:
             goal.canceled()
             return Go.Result(text="canceled")
@@ -65,7 +58,7 @@ class Shuttle(Node):
         command = Twist()
         if self.goal.is_cancel_requested or (self.near and abs(off) < 0.05):
             self.goal = None
-            self.ended.set()
+            self.ended.set_result(None)
         else:
             command.angular.z = max(-1.5, min(1.5, 2.0 * off))
             command.linear.x = min(0.6, max(0.1, distance)) if abs(off) < 0.3 and not self.near else 0.0
@@ -75,10 +68,8 @@ class Shuttle(Node):
 def main() -> None:
     """Run the server until it is stopped."""
     rclpy.init()
-    executor = MultiThreadedExecutor(3)
-    executor.add_node(Shuttle())
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-        executor.spin()
+        rclpy.spin(Shuttle())
 
 
 if __name__ == "__main__":

@@ -1,17 +1,6 @@
-"""An ordinary request to refinement; as a program, a flood of the most expensive ones.
-
-scripts/run python test/nodes/load.py 500
-"""
+"""Requests to refinement: an ordinary one, and the most expensive one."""
 
 from __future__ import annotations
-
-import os
-import sys
-import time
-from pathlib import Path
-
-import rclpy
-from rclpy.node import Node
 
 from ator_interfaces.msg import ObjectState, TopCall
 from ator_interfaces.srv import RefineSubgoal
@@ -46,10 +35,6 @@ def short_request() -> RefineSubgoal.Request:
     return request
 
 
-LIMIT_DELAY_MS = 20.0
-"""By how much requests may be delayed by others."""
-
-
 def worst_request() -> RefineSubgoal.Request:
     """Return a request for everything that may be free in the longest chain."""
     library, calls = SOCCER.library(load_robot()), []
@@ -62,23 +47,3 @@ def worst_request() -> RefineSubgoal.Request:
     return RefineSubgoal.Request(
         situation=situation_of(world, frame="odom"), chain=chain_of(chain, action_set="default", frame="odom")
     )
-
-
-def resident_mib(pid: int) -> float:
-    """Return the resident memory of a process in MiB."""
-    pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
-
-
-def main() -> None:
-    """Send the number of requests that the command line names, fetch no answer, and wait to be killed."""
-    rclpy.init()
-    client = Node("flood").create_client(RefineSubgoal, "refine_subgoal")
-    client.wait_for_service(timeout_sec=40.0)
-    for _ in range(int(sys.argv[1])):
-        client.call_async(worst_request())
-    time.sleep(3600.0)
-
-
-if __name__ == "__main__":
-    main()

@@ -17,9 +17,9 @@ from rclpy.node import Node
 from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.client_node import SpinThread
-from ator_ros.nodes.meeting import nobodys_goal
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
+from ator_ros.nodes.remote_actions import cancel_request_for_unknown_goal
 from ator_ros.world.messages import ObjectReader, ObjectSource, robot_from, seconds_from
 from ator_ros.world.state import ObjectState, RobotState
 
@@ -140,7 +140,7 @@ class Client:
 
     def meet(self, action: str) -> None:
         """Wait until an action server knows this node, whose action client was made before."""
-        self.call(CancelGoal, f"{action}/_action/cancel_goal", nobodys_goal())
+        self.call(CancelGoal, f"{action}/_action/cancel_goal", cancel_request_for_unknown_goal())
 
     def place(self, robot: Pose | None = None, ball: tuple[float, float] | None = None) -> None:
         """Place robot and ball at rest."""

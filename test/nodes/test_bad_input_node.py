@@ -6,20 +6,16 @@ import math
 from collections.abc import Callable, Iterator
 
 import pytest
-from chain_client import ChainClient, call
-from diagnostic_msgs.msg import DiagnosticArray
+from chain_client import ChainClient
 from hosted import Hosted
 from nav_msgs.msg import Odometry
-from process import Process, Processes
 from ros_client import Client
 from std_msgs.msg import String
 
-from ator_interfaces.action import ExecuteChain
-from ator_interfaces.msg import Outcome, TopCall
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import object_odometry_of, odometry_of
 from ator_ros.nodes.network import PROFILES, free_domain
-from ator_ros.nodes.qos import RESULTS, SENSOR_DATA
+from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.world.state import ObjectState, RobotState
 
 pytestmark = pytest.mark.node
@@ -49,19 +45,6 @@ class Sensors:
         self._words.publish(String(data="another type of message"))
         self._ball.publish(place)
         self._odom.publish(robot)
-
-
-@pytest.fixture(scope="module")
-def executor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, ChainClient, Sensors]]:
-    """Start the executor alone; the test is its world."""
-    with free_domain() as domain:
-        processes = Processes(domain, tmp_path_factory.mktemp("logs"))
-        node = processes.start("executor", remap=SENSED, odom_timeout=2.0, start_timeout=5.0)
-        client, stranger = Client(domain), Client(domain, "stranger")
-        yield node, ChainClient(client), Sensors(client, stranger)
-        client.close()
-        stranger.close()
-        processes.kill()
 
 
 @pytest.fixture(scope="module")
@@ -127,77 +110,3 @@ def test_nonsense_from_the_sensors_is_named_and_moves_nothing(hosted, change, ba
 def last_error(node: Hosted) -> str:
     """Return the error that the node's diagnostics would tell; in its log warnings come at most every 2 s."""
     return str(node.node._health().values["last error"])
-
-
-@pytest.mark.long
-def test_a_process_names_nonsense_in_its_log(executor) -> None:
-    node, chains, sensors = executor
-    change, ball, expected = NONSENSE[0]
-    chains.ros.eventually(lambda: sensors.send(change, ball=ball) or expected in node.output, expected)
-    assert node.running
-    assert "Traceback" not in node.output
-
-
-def test_who_sends_another_type_of_message_is_named_once(executor) -> None:
-    node, chains, sensors = executor
-    told = "odom: expected nav_msgs/msg/Odometry, /stranger/test_client publishes std_msgs/msg/String"
-    chains.ros.eventually(lambda: sensors.send() or told in node.output, told)
-    heard = chains.ros.listen(DiagnosticArray, "/diagnostics", RESULTS)
-    chains.ros.eventually(lambda: len(heard) > 2, "the node has looked twice more")
-    assert told in heard[-1].status[0].message
-    assert node.output.count(told) == 1
-
-
-def test_goals_work_afterwards(executor) -> None:
-    _, chains, sensors = executor
-    sent = chains.send([call("goToPose", GOAL)])
-    chains.ros.eventually(
-        lambda: sensors.send() or any(c.linear.x or c.angular.z for c in chains.commands), "a command to move"
-    )
-    sent.cancel()
-    # The robot of this test stands whatever it is told.
-    chains.ros.eventually(lambda: sensors.send() or sent.ended(), "the goal's end")
-    assert sent.outcome().code == Outcome.CANCELED
-
-
-def goal_of(change: Callable[[TopCall], None]) -> list[TopCall]:
-    made = call("goToPose", GOAL)
-    change(made)
-    return [made]
-
-
-BAD_GOALS = {
-    "chain.calls[0].goal.pose.orientation: expected a quaternion": lambda c: setattr(
-        c.goal.pose.orientation, "w", 0.0
-    ),
-    "chain.calls[0].goal.header.frame_id: expected the frame 'odom'": lambda c: setattr(
-        c.goal.header, "frame_id", "map"
-    ),
-    "chain.calls[0].speed: expected a finite number": lambda c: setattr(c, "speed", -1.0),
-    "chain.calls[0].open: expected names of": lambda c: setattr(c, "open", ["x", "colour"]),
-}
-
-
-@pytest.mark.parametrize("expected", BAD_GOALS)
-def test_nonsense_in_a_goal_is_refused(executor, expected: str) -> None:
-    _, chains, _ = executor
-    outcome = chains.send(goal_of(BAD_GOALS[expected])).outcome()
-    assert outcome.code == Outcome.REFUSED
-    assert expected in outcome.reason
-
-
-def test_enormous_chains_weights_and_sets_are_refused(executor) -> None:
-    _, chains, _ = executor
-    one = call("goToPose", GOAL)
-    outcome = chains.send([one] * 5000).outcome()
-    assert "chain.calls: expected 1 to 32 items, got 5000" in outcome.reason
-    goal = ExecuteChain.Goal()
-    goal.objective.accuracy = -1.0
-    outcome = chains.send([one], refine=True, objective=goal.objective).outcome()
-    assert (
-        "objective: expected a weight of accuracy that is 0 or from 1e-06 to 1e+06, got -1" in outcome.reason
-    )
-    goal.chain.action_set = "../../etc/passwd"
-    goal.chain.calls = [one]
-    outcome = chains.send([one], chain=goal.chain).outcome()
-    assert "chain.action_set: expected one of" in outcome.reason

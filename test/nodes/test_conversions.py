@@ -29,7 +29,6 @@ from ator_ros.world.messages import (
     ObjectSource,
     command_from,
     robot_from,
-    seconds_from,
 )
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
@@ -109,14 +108,6 @@ def lifted(**values: float) -> TopChain:
     return TopChain(calls=[TopCall(top="goToPose", values=given, open=["lift"])])
 
 
-@given(st.floats(LIFT.low, LIFT.high))
-def test_declared_values_survive_the_way_through_a_message(value: float) -> None:
-    chain = messages.chain_from(lifted(lift=value), LIFTING, frame=FRAME)
-    assert chain.calls[0].goal.values == {"lift": value}
-    again = messages.chain_of(chain, action_set="default", frame=FRAME)
-    assert messages.chain_from(again, LIFTING, frame=FRAME) == chain
-
-
 @pytest.mark.parametrize(
     ("chain", "expected"),
     [
@@ -133,17 +124,6 @@ def test_values_that_are_not_those_declared_are_refused(chain: TopChain, expecte
         messages.chain_from(chain, LIFTING, frame=FRAME)
 
 
-def test_an_action_that_declares_none_takes_no_values() -> None:
-    with pytest.raises(MessageError, match=r"values: expected names of \[\], each once"):
-        messages.chain_from(lifted(lift=0.5), LIBRARY, frame=FRAME)
-
-
-def test_values_are_sent_back_unless_they_are_too_many_or_too_long() -> None:
-    assert messages.echo_of(lifted(force=1.0)).calls
-    assert not messages.echo_of(lifted(**{f"v{number}": 0.0 for number in range(17)})).calls
-    assert not messages.echo_of(lifted(**{"v" * 300: 0.0})).calls
-
-
 def test_a_goal_is_not_judged_by_the_area_but_by_the_speed_that_the_robot_reaches() -> None:
     chain = TopChain(calls=[TopCall(top="goToPose", speed=3.1 * LIBRARY.robot.limits.v)])
     chain.calls[0].goal.pose = messages.pose_of(Pose(500_010.0, 5_200_000.0, 0.0))
@@ -151,11 +131,6 @@ def test_a_goal_is_not_judged_by_the_area_but_by_the_speed_that_the_robot_reache
         messages.chain_from(chain, LIBRARY, frame=FRAME)
     chain.calls[0].speed = 0.0
     assert messages.chain_from(chain, LIBRARY, frame=FRAME).calls[0].goal.pose.y == 5_200_000.0
-
-
-@given(st.floats(0.0, 2e9))
-def test_stamps_hold_nanoseconds(seconds: float) -> None:
-    assert seconds_from(messages.stamp_of(seconds)) == pytest.approx(seconds, abs=1e-6)
 
 
 def scrambled(message: Any, draw: st.DrawFn) -> Any:
@@ -205,12 +180,6 @@ def test_a_command_that_a_wheeled_robot_cannot_follow_is_refused() -> None:
     message.linear.y = 0.2
     with pytest.raises(MessageError, match=r"linear\.y.*expected 0"):
         command_from(message, "cmd_vel")
-
-
-def test_unknown_performance_is_nan() -> None:
-    message = messages.performance_of({"duration": 2.0, "of another measure": 1.0})
-    assert message.duration == 2.0
-    assert all(math.isnan(value) for value in (message.spread, message.success, message.accuracy))
 
 
 def test_a_top_without_its_action_is_refused_by_name() -> None:

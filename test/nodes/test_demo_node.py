@@ -6,17 +6,11 @@ import os
 import re
 import signal
 import subprocess
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from ament_index_python.packages import get_package_prefix
-from rclpy.task import Future
-
-from ator_interfaces.action import ExecuteChain
-from ator_ros.tools.own_nodes import Client
 
 pytestmark = pytest.mark.node
 
@@ -78,35 +72,3 @@ def test_broken_off_it_tells_what_was_played_and_leaves_no_node(
     assert "of 1 situations succeeded" in told
     assert (tmp_path / "demo.png").is_file()
     assert not [pid for pid in nodes if Path(f"/proc/{pid}").exists()]
-
-
-@pytest.mark.long
-def test_without_models_it_says_so_instead_of_playing(tmp_path: Path) -> None:
-    words = [str(DEMO), "--situations", "1", "--models", str(tmp_path), "--out", str(tmp_path / "demo.png")]
-    ended = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE, check=False)
-    assert ended.returncode == 1
-    assert ended.stderr.splitlines()[-1].startswith("demo: refine_subgoal: action set default: ")
-
-
-def test_goals_are_sent_where_answers_are_taken(domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Else an answer may come before rclpy's action client has noted that it is waited for, and is lost."""
-    threads = []
-
-    def answered(answer: object) -> Callable[..., Future]:
-        def ask(*goal: object, **options: object) -> Future:
-            threads.append(threading.current_thread())
-            future = Future()
-            future.set_result(answer)
-            return future
-
-        return ask
-
-    ended = SimpleNamespace(result=ExecuteChain.Result())
-    with Client(domain, lambda: None, ("ball",)) as client:
-        monkeypatch.setattr(client._own, "call", lambda *_: None)
-        handle = SimpleNamespace(get_result_async=answered(ended))
-        monkeypatch.setattr(client._server, "send_goal_async", answered(handle))
-        record = client.execute(ExecuteChain.Goal().chain, refine=False)
-        assert record == ended.result.record
-    assert len(threads) == 2
-    assert threading.current_thread() not in threads

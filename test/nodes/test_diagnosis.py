@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any
-
 import pytest
 from geometry_msgs.msg import Twist
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -19,7 +16,6 @@ from ator_ros.nodes.diagnosis import (
     motion_cause,
     publishers_of,
     rate_problem,
-    rival_senders,
     subscriptions_of,
 )
 from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
@@ -155,17 +151,6 @@ def test_odometry_too_rare_to_drive_by_is_named_with_what_to_do() -> None:
     assert rate_problem("odom", slow_simulation, timeout=1.2) == ""
 
 
-def test_one_late_message_is_no_low_rate() -> None:
-    reception = received(*(0.05 * i for i in range(9)), every=0.05)
-    reception.read(1.0, 1.0)
-    assert rate_problem("odom", reception, timeout=0.3) == ""
-
-
-def test_a_message_that_is_sent_twice_is_not_a_clock_that_stands() -> None:
-    reception = received(1.0, 1.0, 1.05, 1.05, 1.1, 1.1)
-    assert "stay at" not in input_cause(topic(BASE), reception, ClockFacts(), timeout=0.3)
-
-
 @pytest.mark.parametrize(
     ("receivers", "mismatch", "rivals", "expected"),
     [
@@ -186,32 +171,6 @@ def test_the_cause_of_a_base_that_does_not_follow(
 ) -> None:
     said = motion_cause(TopicFacts("cmd_vel", "/cmd_vel", TWIST, receivers), mismatch, rivals)
     assert expected in said
-
-
-def node(*names: str, topic: str = "odom") -> Any:
-    """Return a node that sees publishers of these names on a topic."""
-    found = [
-        SimpleNamespace(node_namespace=n.rpartition("/")[0], node_name=n.rpartition("/")[2]) for n in names
-    ]
-    return SimpleNamespace(get_publishers_info_by_topic=lambda asked: found if asked == topic else [])
-
-
-@pytest.mark.parametrize("names", [(), ("/simulation",)])
-def test_one_publisher_of_a_state_is_nothing_to_tell(names: tuple[str, ...]) -> None:
-    assert rival_senders(node(*names), ("odom", "ball")) == ""
-
-
-def test_two_publishers_of_a_state_are_named() -> None:
-    text = rival_senders(node("/simulation", "/b/base"), ("odom", "ball"))
-    assert text == "odom: expected one publisher, got 2: /b/base, /simulation"
-    twins = rival_senders(node("/simulation", "/simulation", topic="ball"), ("odom", "ball"))
-    assert twins == "ball: expected one publisher, got 2: /simulation, /simulation"
-
-
-def test_many_publishers_are_told_in_a_short_line() -> None:
-    text = rival_senders(node(*(f"/robot_{number}/base" for number in range(100))), ("odom",))
-    assert "got 100: /robot_0/base" in text
-    assert len(text) < 200
 
 
 def test_plain_subscriptions_and_publishers_fit_and_stricter_ones_do_not(client: Client) -> None:

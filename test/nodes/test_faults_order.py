@@ -9,19 +9,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from arena import START, Arena, Visit, arena_with
-from chain_client import Sent, call
-from ros_client import Client
+from arena import Arena, Visit, arena_with
+from chain_client import Sent
 from selection import few
 from stages import CHAIN
 
 from ator_interfaces.msg import Outcome
-from ator_interfaces.srv import RefineSubgoal
 
 pytestmark = pytest.mark.node
-
-SOMEWHERE = call("goToPose", START.ahead(-0.5))
-
 
 ORDERS = list(itertools.permutations(["executor", "refinement", "simulation"]))
 
@@ -46,42 +41,6 @@ def arena(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Arena]:
     with arena_with(tmp_path_factory.mktemp("logs"), {"executor": {"refinement_timeout": 1.0}}) as made:
         made.start("simulation", "executor")
         yield made
-
-
-@pytest.fixture(scope="module")
-def late_answers(arena: Arena) -> Iterator[list[RefineSubgoal.Request]]:
-    """Answer each request after its deadline, with another way to go; give the requests."""
-    server = Client(arena.domain)
-    requests: list[RefineSubgoal.Request] = []
-
-    def answer(request: RefineSubgoal.Request, response: RefineSubgoal.Response) -> RefineSubgoal.Response:
-        requests.append(request)
-        time.sleep(1.5)
-        response.accepted = response.refined = True
-        response.chain.calls = [SOMEWHERE]
-        return response
-
-    server.node.create_service(RefineSubgoal, "refine_subgoal", answer)
-    yield requests
-    server.close()
-
-
-def test_a_late_answer_of_refinement_is_no_answer(
-    arena: Arena, late_answers: list[RefineSubgoal.Request]
-) -> None:
-    visit = arena.visit()
-    visit.place()
-    for _ in range(5):  # until the executor has discovered the service
-        if late_answers:
-            break
-        visit.place()
-        result = visit.ended(visit.send(CHAIN, refine=True))
-    assert late_answers
-    assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
-    assert not result.record.refined
-    assert "refinement failed: no answer within 1 s" in result.record.refinement
-    assert [done.top for done in result.record.chain.calls] == [asked.top for asked in CHAIN]
-    arena.check()
 
 
 @pytest.mark.parametrize("seed", few(range(6), 0, 1))

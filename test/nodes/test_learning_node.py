@@ -13,7 +13,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import rclpy
 from conftest import Host, Start
 from experience_rows import made_up_model
 from refinement_requests import refine, request_of_the_paper, save_small_models
@@ -27,9 +26,8 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.store_reading import read_records
 from ator_ros.learning.round import Source, learn
-from ator_ros.learning.sets import RECORDS, current_set, locked, point_to, publish, read_manifest
+from ator_ros.learning.sets import RECORDS, current_set, point_to, publish, read_manifest
 from ator_ros.nodes.messages import pose_of
-from ator_ros.nodes.parameters import SetupError
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.performance.model_file import save_model
 
@@ -153,20 +151,6 @@ def test_it_goes_on_after_a_kill(
     tell(*told[30:])
     client.eventually(lambda: current_set(folder), "a set", patience=90.0)
     assert stored_in(folder) == 45
-
-
-def test_models_of_another_robot_are_told(host: Host, tmp_path: Path) -> None:
-    fifth = Path(__file__).parents[1] / "fifth.yaml"
-    node = host("learning", learned=tmp_path / "learned", robot=fifth)
-    assert "was learned with ANOTHER ROBOT" in node.output
-
-
-def test_two_nodes_do_not_share_a_folder(host: Host, tmp_path: Path) -> None:
-    try:
-        with locked(tmp_path), pytest.raises(SetupError, match="of its own, another node learns here"):
-            host("learning", learned=tmp_path)
-    finally:
-        rclpy.try_shutdown()  # the host has no node that it could close
 
 
 def test_the_refinement_node_takes_over_a_set(

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import statistics
 import time
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 import pytest
-from load import resident_mib, short_request, worst_request
+from load import short_request, worst_request
 from process import PATIENCE, Process, Processes
 from rclpy.action import ActionClient
 from ros_client import Client
@@ -53,19 +52,10 @@ def answers(futures: Sequence[Any], patience: float = PATIENCE) -> list[Any]:
     return [future.result() for future in futures if future.done()]
 
 
-def burst(asker: Any, nodes: Nodes, requests: int) -> None:
-    """Send many requests at once: all are answered, and memory stays as it is."""
-    pid = nodes[1].pid
-    answers([asker.call_async(short_request()) for _ in range(requests)])
-    before = resident_mib(pid)
-    told = answers([asker.call_async(short_request()) for _ in range(requests)])
-    assert len(told) == requests
-    assert all(answer.accepted for answer in told)
-    assert resident_mib(pid) - before < 20.0
-
-
 def test_each_of_many_requests_is_answered(asker: Any, nodes: Nodes) -> None:
-    burst(asker, nodes, 100)
+    told = answers([asker.call_async(short_request()) for _ in range(500)])
+    assert len(told) == 500
+    assert all(answer.accepted for answer in told)
 
 
 def test_a_long_chain_is_answered_at_its_deadline_and_says_so(asker: Any) -> None:
@@ -87,80 +77,18 @@ def test_ten_megabytes_are_refused_in_a_short_line(asker: Any) -> None:
     assert not answer.chain.calls
 
 
-def until_met(asker: Any) -> None:
-    """Wait until the service answers: it drops responses to clients that it has not discovered yet."""
-    end = time.monotonic() + PATIENCE
-    while asker.call(short_request(), timeout_sec=2.0) is None:
-        assert time.monotonic() < end, "expected an answer"
-
-
-def goals(nodes: Nodes, number: int) -> None:
-    """Send many goals at once: each is accepted or rejected, and each accepted one has a result."""
-    client, services = nodes[-1], ("goal", "result", "cancel")
+def test_each_of_many_goals_is_accepted_and_has_its_result(nodes: Nodes) -> None:
+    client, services, number = nodes[-1], ("goal", "result", "cancel"), 100
     depths = {f"{name}_service_qos_profile": SERVICES for name in services}
     server = ActionClient(client.node, ExecuteChain, "execute_chain", **depths)
     assert server.wait_for_server(timeout_sec=PATIENCE)
     client.meet("execute_chain")
     goal = ExecuteChain.Goal(chain=short_request().chain)
     handles = answers(client.within(lambda: [server.send_goal_async(goal) for _ in range(number)]))
-    assert len(handles) == number
-    accepted = [handle for handle in handles if handle.accepted]
-    assert len(accepted) == number
-    canceled = answers(client.within(lambda: [handle.cancel_goal_async() for handle in accepted]))
-    assert len(canceled) == len(accepted)
-    results = answers(client.within(lambda: [handle.get_result_async() for handle in accepted]))
+    assert len([handle for handle in handles if handle.accepted]) == number
+    assert len(answers(client.within(lambda: [handle.cancel_goal_async() for handle in handles]))) == number
+    results = answers(client.within(lambda: [handle.get_result_async() for handle in handles]))
     codes = [result.result.outcome.code for result in results]
-    assert len(codes) == len(accepted)
-    assert codes.count(Outcome.PREEMPTED) >= len(accepted) - 1  # the last may be canceled, or lacks odom
+    assert len(codes) == number
+    assert codes.count(Outcome.PREEMPTED) >= number - 1  # the last may be canceled, or lacks odom
     server.destroy()
-
-
-def test_each_of_many_goals_is_accepted_or_rejected_and_has_its_result(nodes: Nodes) -> None:
-    goals(nodes, 100)
-
-
-@pytest.mark.long
-def test_a_burst_of_five_hundred(asker: Any, nodes: Nodes) -> None:
-    burst(asker, nodes, 500)
-    goals(nodes, 500)
-
-
-@pytest.mark.long
-def test_twenty_clients_at_once_are_all_answered(nodes: Nodes) -> None:
-    clients = [Client(nodes[-1].domain) for _ in range(20)]
-    try:
-        askers = [
-            client.node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
-            for client in clients
-        ]
-        assert all(asker.wait_for_service(timeout_sec=PATIENCE) for asker in askers)
-        for asker in askers:
-            until_met(asker)
-        for _ in range(10):
-            told = answers([asker.call_async(short_request()) for asker in askers])
-            assert len(told) == len(askers)
-            assert all(answer.accepted for answer in told)
-    finally:
-        for client in clients:
-            client.close()
-
-
-@pytest.mark.long
-def test_clients_that_die_delay_nobody(asker: Any, nodes: Nodes) -> None:
-    def times() -> list[float]:
-        taken = []
-        for _ in range(50):
-            began = time.monotonic()
-            assert asker.call(short_request(), timeout_sec=PATIENCE).accepted
-            taken.append(time.monotonic() - began)
-        return taken
-
-    alone = statistics.median(times())
-    floods = [nodes[0].program("load.py", "500") for _ in range(3)]
-    time.sleep(5.0)
-    for flood in floods:
-        flood.kill()
-    until_met(asker)
-    assert statistics.median(times()) < 3.0 * alone + 0.02
-    assert nodes[1].running
-    assert "Traceback" not in nodes[1].output

@@ -6,14 +6,13 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from chain_client import ChainClient, call
-from conftest import Host, Start
+from conftest import Host
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from moving_base import MovingBase
 from nav_msgs.msg import Odometry
 from ros_client import Client
 from rosgraph_msgs.msg import Clock
-from std_srvs.srv import SetBool
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
@@ -78,24 +77,6 @@ def test_odometry_that_never_comes(
     client.eventually(lambda: expected in health[-1].status[0].message, "diagnostics")
 
 
-def test_missing_odometry_is_logged_without_a_goal(host: Host, client: Client) -> None:
-    node = host("executor")
-    expected = "odom is missing; no node publishes /odom"
-    client.eventually(lambda: expected in node.output, "a warning")
-    assert node.output.count(expected) == 1
-
-
-def test_stamps_that_stand_are_named(host: Host, client: Client) -> None:
-    host("executor", odom_timeout=1.0)
-    base, chains = MovingBase(client), ChainClient(client)
-    sent = chains.send(AWAY)
-    client.eventually(lambda: base.pose.x > 0.2, "the robot drives")
-    base.stamps_stand = True
-    outcome = sent.outcome()
-    assert outcome.code == Outcome.INPUT_LOST
-    assert "odom: the stamps of /test_client stay at " in outcome.reason
-
-
 def test_a_clock_that_stands_is_a_paused_simulation(host: Host, client: Client) -> None:
     host("executor", odom_timeout=1.0)
     base, chains = MovingBase(client), ChainClient(client)
@@ -108,19 +89,6 @@ def test_a_clock_that_stands_is_a_paused_simulation(host: Host, client: Client) 
     outcome = sent.outcome()
     assert outcome.code == Outcome.INPUT_LOST
     assert "/clock of /test_client does not advance: the simulation is paused" in outcome.reason
-
-
-def test_our_own_simulation_that_is_paused_is_named(start: Start, host: Host, client: Client) -> None:
-    start("simulation")
-    host("executor", odom_timeout=1.0, start_timeout=20.0)
-    chains = ChainClient(client)
-    sent = chains.send(AWAY)
-    client.eventually(lambda: any(command.linear.x for command in chains.commands), "commands")
-    assert client.call(SetBool, "pause", SetBool.Request(data=True)).success
-    outcome = sent.outcome()
-    assert outcome.code == Outcome.INPUT_LOST
-    assert "/simulation" in outcome.reason
-    assert "it is paused; call its service pause with data: false" in outcome.reason
 
 
 def test_an_object_with_stamps_of_another_clock_is_named(host: Host, client: Client) -> None:

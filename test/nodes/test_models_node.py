@@ -55,14 +55,6 @@ def test_an_action_set_without_models_is_no_problem(host: Host, client: Client, 
 
 
 @BOTH
-def test_an_action_that_nothing_was_learned_of_is_told(host: Host, models: Path, name: str) -> None:
-    (models / "dribbleBall.json").unlink()
-    output = host(name, models=models).output
-    assert output.count(f"models in {models}: goToPose, shoot, none of dribbleBall") == 1
-    assert "[WARN]" not in output  # nor does the calibration of that model count as one of others
-
-
-@BOTH
 def test_a_damaged_model_is_a_problem(host: Host, client: Client, models: Path, name: str) -> None:
     (models / "bezier").mkdir()
     text = (models / "goToPose.json").read_text(encoding="utf-8")
@@ -160,17 +152,4 @@ def test_refinement_says_in_one_line_what_decides(
     lines = host("refinement", models=models, **settings).output.splitlines()
     assert len(lines) == 1
     assert "refining chains for pioneer_3dx (domain soccer, ROS domain " in lines[0]
-    assert told in lines[0]
-
-
-@pytest.mark.parametrize(
-    ("name", "told"),
-    [
-        ("executor", "from odom and ball in odom to cmd_vel; shipped models: "),
-        ("simulation", "cmd_vel (Twist) to odom, ball"),
-    ],
-)
-def test_a_node_says_in_one_line_what_it_works_with(host: Host, name: str, told: str) -> None:
-    lines = host(name).output.splitlines()
-    assert len(lines) == 1
     assert told in lines[0]

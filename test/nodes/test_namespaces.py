@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 from chain_client import ChainClient, chain_of_the_paper
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
 from graph import surface
 from process import Processes
@@ -16,7 +15,7 @@ from ros_client import Client
 from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_ros.geometry import Pose
 from ator_ros.nodes.network import free_domain
-from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
+from ator_ros.nodes.qos import LATCHED, SENSOR_DATA
 
 pytestmark = pytest.mark.node
 
@@ -72,34 +71,6 @@ def test_a_chain_moves_one_robot_only(robots: dict[str, Client]) -> None:
     assert max(abs(ball.x) + abs(ball.y) for _, ball in bob.balls) < 0.02
     assert not any(strange)
     assert not robots[""].robots
-
-
-def test_refinement_is_asked_for_at_home(robots: dict[str, Client]) -> None:
-    health = robots[""].listen(DiagnosticArray, "/diagnostics", RESULTS)
-    answered = {f"/{robot}/refinement": answers(health, robot) for robot in ROBOTS}
-    robots[""].eventually(lambda: all(count() is not None for count in answered.values()), "diagnostics")
-    before = {name: count() for name, count in answered.items()}
-    ChainClient(robots["bob"]).send(chain_of_the_paper()[:1], refine=True).result()
-    robots[""].eventually(
-        lambda: answered["/bob/refinement"]() == before["/bob/refinement"] + 1, "bob's node is asked"
-    )
-    assert answered["/ann/refinement"]() == before["/ann/refinement"]
-
-
-def answers(health: list[DiagnosticArray], robot: str) -> Callable[[], int | None]:
-    """Return a function that says how many requests the robot's refinement node has answered."""
-
-    def last() -> int | None:
-        counts = [
-            int(value.value)
-            for message in list(health)
-            for status in message.status
-            for value in status.values
-            if status.name == f"/{robot}/refinement" and value.key == "requests answered"
-        ]
-        return counts[-1] if counts else None
-
-    return last
 
 
 @pytest.mark.parametrize("robot", ROBOTS)

@@ -26,15 +26,6 @@ def test_a_node_listens_to_this_machine_only(start: Start, client: Client, domai
     assert listens_at(process, domain) == {LOOPBACK}
 
 
-@pytest.mark.parametrize("setting", few([None, "", "OFF", "localhost"], None))
-def test_only_who_asks_for_a_network_gets_one(
-    start: Start, client: Client, domain: int, setting: str | None
-) -> None:
-    process = start("refinement", environment={RANGE: setting})
-    client.eventually(lambda: NODES["refinement"] in process.output, "the node is ready")
-    assert listens_at(process, domain) <= {LOOPBACK}
-
-
 def listens_at(process: Process, domain: int) -> set[str]:
     """Return the addresses of its sockets but those that only send: their ports were chosen by the kernel."""
     low, high = map(int, Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split())
@@ -85,14 +76,6 @@ def test_all_else_stays_here(closed: dict[str, str]) -> None:
     stay_on_this_machine(environment)
     assert environment[RANGE] == (closed.get(RANGE) or THIS_MACHINE)
     assert Path(environment[PROFILES]).is_file()
-
-
-def test_a_domain_is_not_used_again_at_once_nor_by_two() -> None:
-    with free_domain() as first, free_domain() as second:
-        assert first != second
-    with free_domain() as third:
-        assert third not in (first, second)
-    assert all(1 <= domain <= 100 for domain in (first, second, third))
 
 
 def test_a_free_domain_has_no_nodes_of_others_and_is_not_the_callers(monkeypatch: pytest.MonkeyPatch) -> None:

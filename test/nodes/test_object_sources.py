@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, get_args
+from typing import Any
 
 import pytest
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from ator_ros.nodes.inputs import TYPES
 from ator_ros.nodes.messages import object_odometry_of, stamp_of
-from ator_ros.world.messages import Kind, MessageError, ObjectReader, ObjectSource
+from ator_ros.world.messages import MessageError, ObjectReader, ObjectSource
 from ator_ros.world.state import ObjectState
 from ator_ros.world.transforms import Placement
 
@@ -24,12 +23,6 @@ def message_of(kind: str, time: float, x: float, y: float, frame: str = "map") -
     return message
 
 
-def test_every_kind_that_a_domain_may_declare_is_read() -> None:
-    assert set(TYPES) | {"tf"} == set(get_args(Kind))
-    assert TYPES["PoseStamped"] is PoseStamped
-    assert TYPES["PoseWithCovarianceStamped"] is PoseWithCovarianceStamped
-
-
 @pytest.mark.parametrize("kind", sorted(TYPES))
 def test_position_and_velocity_are_read_or_estimated(kind: str) -> None:
     read = ObjectReader(ObjectSource("cart", type=kind), "map").read
@@ -38,21 +31,6 @@ def test_position_and_velocity_are_read_or_estimated(kind: str) -> None:
         stamp, there = read(message_of(kind, time, 1.0 + 0.01 * tick, 2.0 - 0.004 * tick))
     assert stamp == pytest.approx(time)
     assert (there.x, there.y, there.vx, there.vy) == pytest.approx((1.19, 1.924, 0.5, -0.2))
-
-
-@pytest.mark.parametrize("kind", sorted(TYPES))
-def test_what_cannot_be_used_is_told_and_not_remembered(kind: str) -> None:
-    read = ObjectReader(ObjectSource("cart", type=kind), "map").read
-    for tick in range(10):
-        read(message_of(kind, 0.02 * tick, 0.01 * tick, -0.004 * tick))
-        with pytest.raises(MessageError, match=r"^cart"):
-            read(message_of(kind, 0.02 * tick, 3.0, float("nan")))
-        with pytest.raises(
-            MessageError, match=r"^cart.header.frame_id: expected the frame 'map', got 'odom'"
-        ):
-            read(message_of(kind, 0.02 * tick, 3.0, 0.0, frame="odom"))
-    _, there = read(message_of(kind, 0.2, 0.1, -0.04))
-    assert (there.vx, there.vy) == pytest.approx((0.5, -0.2))
 
 
 def test_where_tf_finds_an_object_is_read_and_its_velocity_estimated() -> None:

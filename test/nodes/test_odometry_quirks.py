@@ -134,23 +134,6 @@ def test_odometry_without_direction_is_named_and_stops_the_robot(
     assert "ignored: odom.pose.pose.orientation: expected a quaternion" in node.output
 
 
-def test_a_robot_that_moves_when_lost_odometry_returns_is_stopped(
-    host: Host, client: Client, base: QuirkyBase
-) -> None:
-    node = host("executor", *REMAPPED, **SETTINGS)
-    sent = ChainClient(client).send([call("goToPose", base.pose.ahead(3.0))])
-    client.eventually(lambda: sent.ended() or base.velocity.v > 0.3, "the robot drives")
-    base.silent = True
-    assert sent.outcome().code == Outcome.INPUT_LOST
-    base.commanded = Command(0.4, 0.0)  # as of a base that missed the command to stop
-    client.eventually(lambda: base.velocity.v > 0.35, "the robot moves again")
-    base.silent = False
-    client.eventually(lambda: base.velocity == STOP, "the robot stands", patience=3.0)
-    base.commanded = Command(0.4, 0.0)  # by another program
-    client.eventually(lambda: base.velocity.v > 0.35, "the robot moves again")
-    assert "still moves" not in node.output
-
-
 def test_odometry_at_5_hz_is_named_with_what_to_do(host: Host, client: Client, base: QuirkyBase) -> None:
     base.rate = 5
     host("executor", *REMAPPED, **(SETTINGS | {"odom_timeout": 0.3, "action_timeout": 4.0}))

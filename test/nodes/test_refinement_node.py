@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from conftest import Host
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from fuzz_refinement import fuzz
 from process import Process, Processes
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue, SetParametersResult
 from rcl_interfaces.srv import SetParameters
-from refinement_requests import call, refine, request_of_the_paper, save_small_models
+from refinement_requests import refine, request_of_the_paper, save_small_models
 from ros_client import Client
 from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.msg import TopCall
-from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.geometry import Pose
 from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import LATCHED, RESULTS
-from ator_ros.performance.model_file import load_models, model_path
+from ator_ros.performance.model_file import model_path
 from ator_ros.refinement.gate import ThresholdGate, save_gate
-from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import load_robot
 
 pytestmark = pytest.mark.node
@@ -84,19 +79,6 @@ def test_an_open_angle_is_compared_with_the_fastest_approach(asker: Client) -> N
     assert first.after.duration <= first.before.duration
 
 
-def test_an_open_variable_that_no_model_uses_keeps_its_value(asker: Client) -> None:
-    request = request_of_the_paper()
-    request.chain.calls[1] = call("dribbleBall", Pose(2.0, 1.0, 1.5))
-    request.chain.calls.append(call("shoot", Pose(4.0, 0.0, 0.0), opened=("yaw",)))
-    response = refine(asker, request)
-    assert response.accepted, response.reason
-    assert response.original.calls[2].goal == response.chain.calls[2].goal
-    assert response.chain.calls[2].goal.pose == request.chain.calls[2].goal.pose
-    (told,) = response.not_free
-    assert (told.subgoal, told.name) == (2, "yaw")
-    assert told.reason == "used by no performance model of a neighbouring action"
-
-
 def test_a_chain_without_further_fields_is_predicted_and_stays_as_it_is(asker: Client) -> None:
     request = request_of_the_paper()
     request.as_given = False
@@ -111,24 +93,6 @@ def test_a_chain_without_further_fields_is_predicted_and_stays_as_it_is(asker: C
     assert not any((response.curves, response.free, response.not_free))
     assert 0.5 < response.before.duration == response.after.duration == response.cost_before < 20.0
     assert [action.duration for action in response.before_actions] == [response.before.duration]
-
-
-def test_everything_opened_lists_what_conditions_bind(asker: Client) -> None:
-    request = request_of_the_paper(yaw=3.0)
-    for step in request.chain.calls:
-        step.open = ["*"]
-    response = refine(asker, request)
-    assert response.refined
-    assert [(each.subgoal, each.name) for each in response.free] == [(0, "yaw"), (1, "yaw")]
-    reasons = {(each.subgoal, each.name): each.reason for each in response.not_free}
-    bound = "bound by the pre-condition of step 1 (goToBall): ball.{0} near goal.{0}"
-    named = 'named by the post-condition of dribbleBall: "*" leaves it, its own name opens it'
-    unused = "used by no performance model of a neighbouring action"  # the models of this test know no speed
-    expected = {(s, n): (named if s else bound.format(n)) for s in (0, 1) for n in ("x", "y")}
-    assert reasons == expected | {(0, "speed"): unused, (1, "speed"): unused}
-    for old, new in zip(request.chain.calls, response.chain.calls, strict=True):
-        assert new.goal.pose.position == old.goal.pose.position
-        assert list(new.open) == ["*"]
 
 
 def set_parameters(asker: Client, **values: ParameterValue) -> list[SetParametersResult]:
@@ -183,30 +147,6 @@ def test_health_names_what_it_was_made_with(asker: Client) -> None:
     assert values["models of default"] == "dribbleBall, goToPose, shoot"
 
 
-def test_generated_requests_are_answered_or_refused(models: Path) -> None:
-    robot = load_robot()
-    learned = load_models(robot, SOCCER.known_features, folder=models)
-    counts = fuzz(1000, 502, Refiner(robot, learned, ranges=SOCCER.ranges))
-    refused = sum(count for kind, count in counts.items() if kind.startswith("refused: "))
-    assert counts.total() == counts["refined"] + counts["left alone"] + refused
-    assert min(counts["refined"], counts["left alone"], refused) > 100
-
-
-def test_a_weight_without_a_model_is_refused(
-    host: Host, client: Client, models: Path, tmp_path: Path
-) -> None:
-    for file in models.glob("*.json"):
-        data = json.loads(file.read_text(encoding="utf-8"))
-        data["trees"] = {"duration": data["trees"]["duration"]}
-        (tmp_path / file.name).write_text(json.dumps(data), encoding="utf-8")
-    host("refinement", models=tmp_path)
-    request = request_of_the_paper(yaw=3.0)
-    request.objective.success = 1.0
-    response = refine(client, request)
-    assert not response.accepted
-    assert "expected models that predict success" in response.reason
-
-
 def test_without_models_it_says_so_and_goes_on(start, client: Client, tmp_path: Path) -> None:
     health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
     node = start("refinement", models=tmp_path)
@@ -215,17 +155,6 @@ def test_without_models_it_says_so_and_goes_on(start, client: Client, tmp_path: 
     assert str(tmp_path) in response.reason
     client.eventually(lambda: health and health[-1].status[0].level == DiagnosticStatus.ERROR, "an error")
     assert node.stop() == 0
-
-
-def test_a_damaged_model_is_named(host: Host, client: Client, models: Path, tmp_path: Path) -> None:
-    text = (models / "shoot.json").read_text(encoding="utf-8")
-    (tmp_path / "shoot.json").write_text(text[: len(text) // 2], encoding="utf-8")
-    node = host("refinement", models=tmp_path)
-    response = refine(client, request_of_the_paper())
-    assert not response.accepted
-    assert "shoot.json" in response.reason
-    assert node.running
-    assert "Traceback" not in node.output
 
 
 def test_markers_show_the_last_search_also_to_who_listens_later(asker: Client) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from action_servers import Deaf, Echo, Mute, Server
+from action_servers import Deaf, Server
 from remote_bench import GOAL, Bench
 
 from ator_ros.actions.base import Status
@@ -36,29 +36,6 @@ def test_a_goal_is_sent_as_declared_once_the_robot_stands(bench: Bench) -> None:
     assert pose_from(call.goal.pose, "goal") == pytest.approx(GOAL.pose)
     assert server.goals[0].request.fetches == 3
     assert server.goals[0].request.chain.action_set == "odom"
-
-
-def test_nothing_is_commanded_while_the_server_moves_the_robot(bench: Bench) -> None:
-    server = Server(bench.theirs)
-    bench.begin()
-    bench.drive(lambda: server.goals)
-    sent = next(number for number, step in enumerate(bench.steps) if step.command is None)
-    for v in (0.0, 0.5, 0.5, 0.0):
-        bench.tick(v)
-    server.finish()
-    step, took = bench.outcome()
-    assert (step.status, step.message, step.command) == (Status.SUCCEEDED, "drive succeeded", STOP)
-    assert {step.command for step in bench.steps[sent:-1]} == {None}
-    assert took < SLACK
-    assert not bench.server.ending()
-
-
-def test_a_rejected_goal_fails_at_once(bench: Bench) -> None:
-    Server(bench.theirs, accepts=False)
-    bench.begin()
-    step, took = bench.outcome()
-    assert (step.status, step.message) == (Status.FAILED, "drive rejected the goal")
-    assert took < SLACK
 
 
 @pytest.mark.parametrize(
@@ -140,27 +117,6 @@ def test_feedback_is_a_sign_of_life(bench: Bench) -> None:
     assert "is gone or hangs" in bench.outcome()[0].message
 
 
-def test_a_stall_of_our_own_is_no_silence_of_the_server(bench: Bench) -> None:
-    server = Server(bench.theirs)
-    bench.declare(result=600.0)
-    bench.begin()
-    drive_for(bench, 0.5)
-    time.sleep(1.0)
-    drive_for(bench, 0.3)
-    server.finish()
-    assert bench.outcome()[0].status is Status.SUCCEEDED
-
-
-def test_a_server_that_never_answers_is_given_up_and_canceled_when_it_does(bench: Bench) -> None:
-    server = Mute(bench.theirs)
-    bench.begin()
-    step, took = bench.outcome()
-    assert step.message == "drive did not answer the goal: expected that within 0.5 s"
-    assert took < 0.5 + SLACK
-    bench.theirs.executor.create_task(server.answer)
-    bench.until(lambda: server.canceled)
-
-
 def test_a_server_that_never_ends_is_given_up_and_canceled(bench: Bench) -> None:
     server = Server(bench.theirs)
     bench.begin()
@@ -174,35 +130,6 @@ def test_a_server_that_never_ends_is_given_up_and_canceled(bench: Bench) -> None
     assert bench.server.remark() == ""
 
 
-def test_a_server_that_ignores_cancellations_is_not_waited_for_long(bench: Bench) -> None:
-    server = Server(bench.theirs, cancels=False)
-    bench.begin()
-    bench.drive(lambda: server.goals)
-    began = time.monotonic()
-    bench.action.end("canceled by the client")
-    assert time.monotonic() - began < 0.1
-    assert bench.server.ending()
-    bench.until(lambda: not bench.server.ending(), patience=0.5 + SLACK)
-    assert time.monotonic() - began > 0.5
-    assert bench.server.remark() == (
-        "drive did not end its goal within 0.5 s of its cancellation: it may still move the robot"
-    )
-    assert bench.server.remark() == ""
-
-
-def test_answers_that_come_twice_count_once(bench: Bench) -> None:
-    server = Echo(bench.theirs)
-    bench.begin()
-    bench.drive(lambda: server.goals)
-    for _ in range(5):
-        assert bench.tick().status is Status.RUNNING
-    server.finish()
-    step, _ = bench.outcome()
-    assert step.status is Status.SUCCEEDED
-    for _ in range(5):
-        bench.spin()
-
-
 def test_two_servers_of_one_name_are_refused(bench: Bench) -> None:
     servers = [Server(bench.theirs), Server(bench.theirs)]
     bench.begin()
@@ -212,13 +139,3 @@ def test_two_servers_of_one_name_are_refused(bench: Bench) -> None:
     assert step.message == f"drive: {within}, got 2: each would move the robot"
     assert 0.6 < took < 0.6 + SLACK
     assert not any(server.goals for server in servers)
-
-
-def test_an_action_that_ends_before_it_was_sent_sends_nothing(bench: Bench) -> None:
-    server = Server(bench.theirs)
-    bench.begin()
-    bench.action.end("rehearsed")
-    for _ in range(5):
-        bench.spin()
-    assert not server.goals
-    assert not bench.server.ending()

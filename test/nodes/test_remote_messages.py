@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import pytest
@@ -10,7 +9,7 @@ from action_servers import declared
 
 from ator_interfaces.action import ExecuteChain
 from ator_ros.actions.base import Goal
-from ator_ros.actions.remote import Expectation, Filling, Success, failure_in, status_name
+from ator_ros.actions.remote import Expectation, Filling, Success, failure_in
 from ator_ros.geometry import Pose
 from ator_ros.nodes.remote_messages import (
     GoalWriter,
@@ -38,12 +37,6 @@ def test_poses_take_the_frame_of_the_states_unless_another_is_declared() -> None
     stamped = message.chain.calls[0].goal
     assert (stamped.pose.position.x, stamped.pose.position.y) == (1.0, -2.0)
     assert stamped.header.frame_id == "odom"
-
-
-def test_each_goal_is_a_message_of_its_own() -> None:
-    writer = GoalWriter(declared(), ExecuteChain.Goal, "odom")
-    first, second = writer.written(GOAL), writer.written(dataclasses.replace(GOAL, speed=0.1))
-    assert [message.chain.calls[0].speed for message in (first, second)] == [0.4, 0.1]
 
 
 @pytest.mark.parametrize(
@@ -113,20 +106,3 @@ def test_success_is_the_status_and_all_fields() -> None:
     assert failure(ABORTED, both, code=1) == "its goal is aborted"
     assert failure(SUCCEEDED, both, code=2) == "outcome.code: expected 1, got 2"
     assert failure(ABORTED, Success(status=("aborted",))) is None
-
-
-def test_an_item_that_is_not_there_is_no_success() -> None:
-    first = Success(fields=(Expectation("record.actions[0].action", "goToPose"),))
-    assert failure(SUCCEEDED, first) == "record.actions[0].action: expected 'goToPose', got None"
-
-
-def test_what_the_server_says_is_quoted_without_control_characters() -> None:
-    success = Success(reason="outcome.reason")
-    assert failure(ABORTED, success, reason="\x1b[31mno way") == "its goal is aborted (\\x1b[31mno way)"
-
-
-def test_states_have_names() -> None:
-    assert [status_name(number) for number in (0, 4, 5, 6, 77)] == [
-        *("unknown", "succeeded", "canceled", "aborted"),
-        "77",
-    ]

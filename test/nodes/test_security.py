@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from pathlib import Path
-from xml.etree import ElementTree as ET
 
 import pytest
 from graph import surface
 from process import Processes
 from rclpy.node import NodeNameNonExistentError
 from ros_client import Client
-from sros2_policy import allowed, faults, read_policy
+from sros2_policy import allowed, read_policy
 
 from ator_ros.nodes.network import free_domain
 from ator_ros.resources import share_folder
@@ -53,28 +51,6 @@ def test_a_node_opens_what_its_profile_allows(observer: Client, node: str) -> No
         observer.eventually(lambda: opened() == profile, "the node's whole profile")
     except AssertionError:
         assert opened() == profile  # tells the difference
-
-
-def test_the_policy_has_the_form_that_sros2_reads() -> None:
-    assert POLICY.attrib == {"version": "0.2.0"}
-    assert list(faults(POLICY)) == []
-
-
-def test_the_form_is_looked_at() -> None:
-    profiles = "<profiles><node/></profiles>"
-    wrong = f"<policy version='0.2.0'><enclaves><enclave>{profiles}</enclave></enclaves></policy>"
-    told = " ".join(faults(ET.fromstring(wrong)))  # noqa: S314
-    assert "enclave: expected the attributes ['path']" in told
-    assert "profiles: expected ['profile'], got node" in told
-
-
-def test_every_enclave_is_that_of_its_node() -> None:
-    paths = {enclave.attrib["path"]: enclave for enclave in POLICY.iter("enclave")}
-    assert set(paths) == {"/ator/simulation", "/ator/executor", "/ator/refinement", "/ator/client"}
-    for path, enclave in paths.items():
-        assert [profile.attrib for profile in enclave.iter("profile")] == [
-            {"ns": "/", "node": Path(path).name}
-        ]
 
 
 def test_a_client_uses_what_the_nodes_offer_and_does_not_steer() -> None:

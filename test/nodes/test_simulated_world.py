@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import pytest
@@ -12,25 +11,9 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.simulated_world import SimulatedRobot, SimulatedWorld
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.world.messages import MessageError
-from ator_ros.world.state import Command
 
 ROBOT = SOCCER.robot()
 START = Pose(-2.0, 0.0, 0.0)
-
-
-def test_placing_a_robot_leaves_the_odometry_of_the_others() -> None:
-    config = SensorConfig(drift=0.1)
-    ann = SimulatedRobot("ann", ROBOT, Sensors(config, 1), Pose(0.0, 0.0, 0.0))
-    bob = SimulatedRobot("bob", ROBOT, Sensors(config, 2), Pose(0.0, 2.0, 0.0))
-    world = SimulatedWorld([ann, bob], {})
-    for _ in range(40):
-        world.command(Command(0.6, 0.0), 0)
-        list(world.tick())
-    before = ann.observed.robot.pose
-    world.place_robot(Pose(-1.0, -2.0, 0.0), 1, v=0.0, w=0.0)
-    after = ann.observed.robot.pose
-    assert math.hypot(after.x - before.x, after.y - before.y) < 1e-3
-    assert bob.observed.robot.pose.distance(Pose(-1.0, -2.0, 0.0)) < 1e-6
 
 
 # Bodies that would overlap are not placed
@@ -78,20 +61,6 @@ def test_nothing_is_placed_in_another_body(place, expected: str) -> None:
     assert math.hypot(after.objects["ball"].x, after.objects["ball"].y) < 1e-3
 
 
-def test_a_refused_place_does_not_stop_a_robot_that_drives() -> None:
-    (world, robot), (other, undisturbed) = single(), single()
-    for each in (world, other):
-        for _ in range(10):
-            each.command(Command(0.5, 0.2), 0)
-            list(each.tick())
-    with pytest.raises(MessageError, match="overlaps the ball"):
-        world.place_robot(Pose(0.1, 0.0, 0.0), 0, v=0.0, w=0.0)
-    for each in (world, other):
-        list(each.tick())
-    assert robot.observed.robot.pose.distance(undisturbed.observed.robot.pose) < 1e-9
-    assert robot.observed.robot.v > 0.1
-
-
 def test_a_ball_can_be_placed_in_the_holder() -> None:
     world, robot = single()
     world.place_object("ball", -2.0 + ROBOT.hold, 0.0, vx=0.0, vy=0.0)
@@ -113,13 +82,3 @@ def test_a_world_does_not_start_with_bodies_in_each_other(
 ) -> None:
     with pytest.raises(MessageError, match=expected):
         single(start, ball)
-
-
-def test_two_objects_are_not_placed_in_each_other() -> None:
-    objects = {"ball": ROBOT.scene.objects["ball"], "box": ROBOT.scene.objects["ball"]}
-    robot = dataclasses.replace(ROBOT, scene=dataclasses.replace(ROBOT.scene, objects=objects))
-    ann = SimulatedRobot("", robot, Sensors(SensorConfig(), 1), Pose(-2.0, 0.0, 0.0))
-    world = SimulatedWorld([ann], {"ball": (0.0, 0.0), "box": (1.0, 0.0)})
-    with pytest.raises(MessageError, match="overlaps the ball"):
-        world.place_object("box", 0.5 * BALL, 0.0, vx=0.0, vy=0.0)
-    world.place_object("box", 2.0 * BALL, 0.0, vx=0.0, vy=0.0)

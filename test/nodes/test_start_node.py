@@ -71,6 +71,15 @@ def test_words_that_are_not_ros_s_end_a_node(ended: Ended) -> None:
             "robot_frame: expected another",
         ),
         ("executor", {"fence": "[0.0, 0.0, 0.0]"}, "parameter fence: expected"),
+        ("executor", {"fence": "[]"}, "all 0: area and margin): expected a value, or a list of one or more"),
+        (
+            "learning",
+            {"records": "[ ]"},
+            "parameter records (topics of the records, of one or several robots)",
+        ),
+        ("simulation", {"seed": "[]"}, "parameter seed (of the sensors' noise): expected a value, or a list"),
+        ("simulation", {"seed": "{}"}, "seed:={}"),
+        ("simulation", {"seed": ""}, "seed:="),
         ("executor", {"robot_from": "tf", "robot_frame": "odom"}, "robot_frame: expected another frame than"),
         ("learning", {"records": "[told, /told]"}, "parameter records: expected different topics"),
         ("learning", {"records": "['bad topic']"}, "parameter records: "),
@@ -103,8 +112,11 @@ def test_a_wrong_parameter_ends_the_process_with_one_line(start: Start) -> None:
     assert "Traceback" not in node.output
 
 
+EMPTY = "/**/executor:\n  ros__parameters:\n    frame: []\n"
+
+
 @pytest.mark.parametrize(
-    "content", [None, "{", "executor: [", "/**:\n  ros__parameters:\n    frame: [1, a]\n"]
+    "content", [None, "{", "executor: [", "/**:\n  ros__parameters:\n    frame: [1, a]\n", EMPTY]
 )
 def test_a_damaged_parameter_file_ends_a_node_with_one_line(
     ended: Ended, tmp_path: Path, content: str | None

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import dataclasses
 import subprocess
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
 
-import numpy as np
 import pandas as pd
 import pytest
 from ament_index_python.packages import get_package_prefix
 
-from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.collect import FinishedEpisodes, collect
-from ator_ros.experience.episode import run_episode
-from ator_ros.experience.table import episode_frame, join, library_versions, read_experience
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.experience.table import join, library_versions, read_experience
 from ator_ros.tools import collect as collect_tool
-from ator_ros.tools.command_line import NodesError, settled
-from ator_ros.tops.outcome import top_of
+from ator_ros.tools.command_line import settled
 
 BIN = Path(get_package_prefix("ator_ros"), "lib", "ator_ros")
 TOUR = find_domain("tour")
@@ -103,34 +96,3 @@ def test_drives_are_kept_until_the_table_is_written(tmp_path: Path, monkeypatch:
     assert list(tmp_path.iterdir()) == [table]
     frame = read_experience(table).frame
     pd.testing.assert_frame_equal(frame, join(kept.frames.values()), check_exact=True, check_dtype=False)
-
-
-def test_nodes_that_do_not_do_what_is_expected_are_told_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def without_servers(*_: object, **__: object) -> Iterator[NoReturn]:
-        raise NodesError("expected the action servers, got none")
-        yield
-
-    monkeypatch.setattr("ator_ros.tools.own_nodes.drives", without_servers)
-    words = ["--domain", "tour", "--over-ros", "--episodes", "1", "--out", str(tmp_path / "drives.parquet")]
-    assert collect_tool.main(words) == 1
-    assert capsys.readouterr().err == "collect: expected the action servers, got none\n"
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_finished_drives_keep_the_values_of_declared_goal_variables(tmp_path: Path) -> None:
-    spec = dataclasses.replace(TOUR.actions()["drive_to"], goal_variables=(GoalVariable("lift", "m", 0, 1),))
-    domain = dataclasses.replace(TOUR, action_sets={"default": (spec,)})
-    rng = np.random.default_rng(SEED)
-    sampled = spec.sample(domain.robot(), rng)
-    situation = dataclasses.replace(sampled, goal=dataclasses.replace(sampled.goal, values={"lift": 0.3}))
-    with Simulation(domain.robot()) as simulation:
-        top = top_of(situation, domain.tops, domain.robot())
-        episode = run_episode(simulation, spec.factory(domain.robot()), situation, top=top)
-    first = FinishedEpisodes(tmp_path / "drives.parquet", {})
-    first.add(episode_frame(0, episode, domain.objects))
-    first.close()
-    (frame,) = FinishedEpisodes(tmp_path / "drives.parquet", {}).frames.values()
-    assert set(frame["liftg"]) == {0.3}
-    pd.testing.assert_frame_equal(frame, episode_frame(0, episode, domain.objects), check_exact=True)

@@ -103,18 +103,6 @@ def test_time_is_resumed_if_a_start_fails_and_at_the_end(played: Played) -> None
     assert not nodes.paused
 
 
-def test_what_is_not_moved_is_reported_until_it_is(played: Played) -> None:
-    backend, _ = played
-    assert backend.refused == ""
-    backend.place_robot(Pose(9.0, 0.0, 0.0))
-    backend.place_object("ball", 9.0, 0.0)
-    until(lambda: set(backend.refused.split("; ")) == {"robot: off the floor", "ball: off the floor"}, "both")
-    backend.place_robot(Pose(1.0, 0.0, 0.0))
-    until(lambda: backend.refused == "ball: off the floor", "that of the ball alone")
-    backend.place(PLACES)
-    assert backend.refused == ""
-
-
 def test_a_chain_without_status_is_lost_unless_time_stands_still(played: Played) -> None:
     backend, nodes = played
     nodes.accepts = True

@@ -1,0 +1,48 @@
+"""The example server `drive_to_server`: status and result of its goals."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from conftest import Start
+from moving_base import MovingBase
+from process import PATIENCE
+from rclpy.action import ActionClient
+from ros_client import Client
+
+from ator_interfaces.action import DriveTo
+from ator_ros.geometry import Pose
+from ator_ros.nodes.messages import pose_of
+
+
+def test_a_goal_is_executing_until_it_has_arrived_is_canceled_or_superseded(
+    start: Start, client: Client
+) -> None:
+    base = MovingBase(client)
+    start("drive_to_server")
+    server = ActionClient(client.node, DriveTo, "drive_to")
+    assert server.wait_for_server(timeout_sec=PATIENCE)
+    client.meet("drive_to")
+
+    def sent(x: float) -> Any:
+        goal = DriveTo.Goal()
+        goal.goal.pose = pose_of(Pose(x, 0.0, 0.0))
+        future = client.within(lambda: server.send_goal_async(goal))
+        client.eventually(future.done, "an answer")
+        handle = future.result()
+        client.eventually(lambda: handle.status == GoalStatus.STATUS_EXECUTING, "it is executed")
+        return handle
+
+    def ended(handle: Any) -> Any:
+        future = client.within(handle.get_result_async)
+        client.eventually(future.done, "the result")
+        return future.result()
+
+    older = sent(5.0)
+    client.eventually(lambda: base.pose.x > 0.05, "the base drives")
+    newer = sent(4.0)
+    assert ended(older).result.error_code == DriveTo.Result.SUPERSEDED
+    client.within(newer.cancel_goal_async)
+    assert ended(newer).status == GoalStatus.STATUS_CANCELED
+    assert ended(sent(base.pose.x + 0.2)).status == GoalStatus.STATUS_SUCCEEDED
