@@ -77,7 +77,7 @@ def test_words_that_are_not_ros_s_end_a_node(ended: Ended) -> None:
             {"records": "[ ]"},
             "parameter records (topics of the records, of one or several robots)",
         ),
-        ("simulation", {"seed": "[]"}, "parameter seed (of the sensors' noise): expected a value, or a list"),
+        ("simulation", {"seed": "[]"}, "parameter seed (of the sensors' noise): expected a value, or"),
         ("simulation", {"seed": "{}"}, "seed:={}"),
         ("simulation", {"seed": ""}, "seed:="),
         ("executor", {"robot_from": "tf", "robot_frame": "odom"}, "robot_frame: expected another frame than"),
