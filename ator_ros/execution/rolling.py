@@ -117,7 +117,7 @@ class Rolling:
             self._robot = dataclasses.replace(self._described, scene=scene)
         return self._robot
 
-    def told(self) -> dict[str, str]:
+    def diagnostics(self) -> dict[str, str]:
         """Return by object how it slows down where the description says otherwise."""
         items = self._described.scene.objects
         return {

@@ -178,7 +178,7 @@ class Learner:
         told = {n: v for n, v in actions.items() if v["kind"] or n.count("/") == 1}
         return "; ".join(f"{name}: {verdict['reason']}" for name, verdict in told.items()) or "none yet"
 
-    def told(self) -> dict[str, object]:
+    def diagnostics(self) -> dict[str, object]:
         """Return what diagnostics tell, by name."""
         values: dict[str, object] = {
             "records stored": self.stored,

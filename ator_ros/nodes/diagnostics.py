@@ -59,7 +59,7 @@ class Ticks(Lateness):
         self._slowest = max(self._slowest, duration)
         self._newest.append(duration)
 
-    def told(self) -> dict[str, object]:
+    def diagnostics(self) -> dict[str, object]:
         """Return values of diagnostics.
 
         The longest gap and tick are those since they were last told.

@@ -31,12 +31,10 @@ from ator_ros.execution.supervisor import (
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.diagnosis import Diagnosis, rival_senders
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Ticks
-from ator_ros.nodes.execution_drawing import ExecutionDrawing
+from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
 from ator_ros.nodes.inputs import ObjectSources, RobotSource, TfListener
-from ator_ros.nodes.learned_sets import LEARNED
-from ator_ros.nodes.loading import rehearsed_predictors
-from ator_ros.nodes.model_sets import problems_of, startup_text, told_of
+from ator_ros.nodes.models import LEARNED, model_diagnostics, problems_of, rehearsed_predictors, startup_text
 from ator_ros.nodes.parameters import (
     DOMAIN,
     FENCE,
@@ -442,16 +440,16 @@ class ExecutorNode(Node):
         known = {} if self._world is None else self._world.objects
         values: dict[str, object] = {
             "odom": "none yet" if silence is None else f"{1000.0 * silence:.0f} ms ago",
-            **self._objects.told(known, self._inputs.overdue),
-            **self._rolling.told(),
-            **self._ticks.told(),
+            **self._objects.diagnostics(known, self._inputs.overdue),
+            **self._rolling.diagnostics(),
+            **self._ticks.diagnostics(),
             "goal": "none" if self._run is None else self._run.supervisor.phase.value,
             "goals": self._goals,
             "times real time, by odometry": f"{self._inputs.pace:.2f}",
             "last error": self._last_error,
             **self._digests,
-            **told_of(self._sets.present.models),
-            **self._sets.told(),
+            **model_diagnostics(self._sets.present.models),
+            **self._sets.diagnostics(),
         }
         lost = self._objects.missing(known)
         missing = ""

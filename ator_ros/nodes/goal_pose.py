@@ -7,12 +7,10 @@ from typing import Any
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionClient
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
-from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import chain_of
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -30,21 +28,13 @@ from ator_ros.tops.library import driving_top
 from ator_ros.world import messages
 from ator_ros.world.messages import MessageError, pose_from
 
-_PERIOD = 0.2
-"""Real s between two goals: the executor refuses floods, and the last pose of one must not be refused."""
 _WARNING_PERIOD = 2.0  # s
 
-PARAMETERS = (
-    FRAME,
-    DOMAIN,
-    ROBOT,
-)
+PARAMETERS = (FRAME, DOMAIN, ROBOT)
 
 
 class GoalPoseNode(Node):
     """Sends the executor a chain of one step for each pose that comes; a newer pose preempts.
-
-    Of poses that come faster than five a second the newest is sent, and others are left out.
 
     Parameters: see `PARAMETERS`.
 
@@ -65,9 +55,6 @@ class GoalPoseNode(Node):
             raise SetupError(f"domain {domain.name}: expected a TOP that only drives to a pose, found none")
         self._top = top
         self._chains = ActionClient(self, ExecuteChain, "execute_chain")
-        self._newest: Pose | None = None
-        self._sending = self.create_timer(_PERIOD, self._send, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._sending.cancel()
         self.create_subscription(PoseStamped, "goal_pose", self._take, RESULTS)
         self.get_logger().info(
             f"poses on goal_pose in {self._frame} become goals of {top.name} (domain {domain.name})"
@@ -79,17 +66,6 @@ class GoalPoseNode(Node):
             pose = pose_from(message.pose, "goal_pose.pose")
         except MessageError as error:
             self.get_logger().warning(f"ignored: {error}", throttle_duration_sec=_WARNING_PERIOD)
-            return
-        self._newest = pose
-        if self._sending.is_canceled():
-            self._send()
-            self._sending.reset()
-
-    def _send(self) -> None:
-        """Send the newest pose; without one, wait for the next."""
-        pose, self._newest = self._newest, None
-        if pose is None:
-            self._sending.cancel()
             return
         if not self._chains.server_is_ready():
             self.get_logger().warning("ignored: expected the action execute_chain, it is not there")

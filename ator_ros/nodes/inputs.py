@@ -288,7 +288,7 @@ class ObjectSources:
             return
         self._take(name, time, there)
 
-    def told(self, known: Container[str], overdue: Container[str]) -> dict[str, str]:
+    def diagnostics(self, known: Container[str], overdue: Container[str]) -> dict[str, str]:
         """Return the state of each object for diagnostics."""
         return {
             source.name: ("overdue" if source.name in overdue else "known")

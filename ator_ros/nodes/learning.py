@@ -23,7 +23,7 @@ from ator_ros.learning.learner import Learner, LearningPace
 from ator_ros.learning.process import RoundProcess
 from ator_ros.learning.sets import LearnedSetError, locked
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
-from ator_ros.nodes.model_sets import read_models
+from ator_ros.nodes.models import read_models
 from ator_ros.nodes.parameters import (
     DOMAIN,
     MODELS,
@@ -109,7 +109,7 @@ class LearningNode(Node):
         self._diagnostics = Diagnostics(self, self._health, dict.fromkeys(topics, ActionPerformance))
         self.get_logger().info(
             f"learning from {', '.join(settings['records'])} into {folder}: {self._learner.stored} records, "
-            f"set {self._learner.told()['set']}{', frozen' if self._learner.frozen else ''}"
+            f"set {self._learner.diagnostics()['set']}{', frozen' if self._learner.frozen else ''}"
         )
 
     def _check_topics(self, names: Sequence[str]) -> None:
@@ -164,7 +164,7 @@ class LearningNode(Node):
         return response
 
     def _health(self) -> Health:
-        return Health(self._learner.problem, values=self._learner.told())
+        return Health(self._learner.problem, values=self._learner.diagnostics())
 
     def stop(self) -> None:
         """End a round under way, and close the files."""

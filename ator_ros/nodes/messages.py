@@ -18,7 +18,7 @@ import ator_interfaces.msg as msg
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
-from ator_ros.actions.goal_variables import GOAL_VARIABLES, MOST_GOAL_VARIABLES, GoalVariable, goal_values
+from ator_ros.actions.goal_variables import GOAL_VARIABLES, GoalVariable, goal_values
 from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.refinement import RefinementError
@@ -134,16 +134,8 @@ def action_set_from(chain: msg.TopChain, *, allowed: Collection[str], where: str
 
 
 def echo_of(chain: msg.TopChain) -> msg.TopChain:
-    """Return a chain as it came, to be sent back or kept; an empty one where it is too large for that."""
-    if len(chain.calls) > LONGEST_CHAIN:
-        return msg.TopChain()
-    texts = [chain.action_set]
-    for call in chain.calls:
-        most = MOST_GOAL_VARIABLES
-        if len(call.values) > most or len(call.open) > len(GOAL_VARIABLES) + most + 1:  # and `EVERYTHING`
-            return msg.TopChain()
-        texts += [call.top, call.goal.header.frame_id, *call.open, *(item.name for item in call.values)]
-    return chain if all(len(text) <= checks.LONGEST_NAME for text in texts) else msg.TopChain()
+    """Return a chain as it came, to be sent back or kept; an empty one if it is too long for that."""
+    return chain if len(chain.calls) <= LONGEST_CHAIN else msg.TopChain()
 
 
 def chain_from(

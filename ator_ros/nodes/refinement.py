@@ -17,10 +17,17 @@ from ator_ros.compiled import use_cores
 from ator_ros.execution.fence import Fence
 from ator_ros.nodes import messages
 from ator_ros.nodes.diagnostics import Diagnostics, Health
-from ator_ros.nodes.learned_sets import LEARNED, LearnedSets
-from ator_ros.nodes.loading import Refiners, load_refiners, set_gates
-from ator_ros.nodes.markers import LazyPublisher, marker_array
-from ator_ros.nodes.model_sets import problems_of, startup_text, told_of
+from ator_ros.nodes.drawing import LazyPublisher, marker_array
+from ator_ros.nodes.models import (
+    LEARNED,
+    LearnedSets,
+    Refiners,
+    load_refiners,
+    model_diagnostics,
+    problems_of,
+    set_gates,
+    startup_text,
+)
 from ator_ros.nodes.parameters import (
     DOMAIN,
     FENCE,
@@ -170,8 +177,8 @@ class RefinementNode(Node):
             problem if present.by_set else problem or "no models for any action set",
             error=not present.by_set,
             values={
-                **told_of(present.models),
-                **self._sets.told(),
+                **model_diagnostics(present.models),
+                **self._sets.diagnostics(),
                 "requests answered": self._answered,
                 "requests refused": self._refused,
                 "plans": self._plans.answered,

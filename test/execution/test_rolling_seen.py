@@ -60,7 +60,7 @@ def test_a_ball_that_rolls_twice_as_far_is_noticed(noise: float) -> None:
     rolling = Rolling(ROBOT)
     roll(rolling, DESCRIBED / 2.0, noise=noise)
     assert deceleration(rolling) == pytest.approx(DESCRIBED / 2.0, abs=0.051)
-    assert "0.35" in rolling.told()["ball rolls"] or noise
+    assert "0.35" in rolling.diagnostics()["ball rolls"] or noise
     same = dataclasses.replace(rolling.robot(), scene=ROBOT.scene)
     assert same == ROBOT  # nothing else differs
 
@@ -71,7 +71,7 @@ def test_a_ball_that_rolls_about_as_described_changes_nothing(share: float, libr
     roll(rolling, share * DESCRIBED, noise=0.01)
     assert rolling.robot() is ROBOT
     assert rolling.library(library) is library
-    assert rolling.told() == {}
+    assert rolling.diagnostics() == {}
 
 
 def test_what_the_robot_may_push_and_what_rolls_too_briefly_tell_nothing() -> None:

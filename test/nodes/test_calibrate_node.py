@@ -117,22 +117,3 @@ def test_another_publisher_of_commands_is_refused(
     assert done.returncode == 1
     assert "cmd_vel: expected no other publisher" in done.stderr
     assert not (tmp_path / "mine.yaml").exists()
-
-
-@pytest.mark.long
-def test_without_odometry_it_says_so(start: Start, domain: int, tmp_path: Path) -> None:
-    done = calibrate(domain, "--out", str(tmp_path / "mine.yaml"))
-    assert done.returncode == 1
-    told = done.stderr.splitlines()[-1]
-    assert told.startswith(
-        "calibrate: odom: expected a message within 5 s, got none; no node publishes /odom"
-    )
-
-
-@pytest.mark.long
-def test_a_base_of_the_other_type_of_commands_is_named(start: Start, domain: int, tmp_path: Path) -> None:
-    start("simulation", stamped_commands=True)
-    done = calibrate(domain, "--stamped", "false", "--out", str(tmp_path / "mine.yaml"))
-    assert done.returncode == 1
-    assert " subscribes to geometry_msgs/TwistStamped, this node publishes Twist" in done.stderr
-    assert "set --stamped true" in done.stderr

@@ -11,7 +11,7 @@ import pytest
 from conftest import Host, Start
 from ros_client import Client
 
-from ator_interfaces.srv import PlaceObject, RefineSubgoal
+from ator_interfaces.srv import PlaceObject
 from ator_ros.examples.call import CallError, filled
 
 pytestmark = pytest.mark.node
@@ -86,21 +86,6 @@ def test_what_cannot_be_called_is_reported(words: tuple[str, ...], message: str,
     assert code == 1
     assert errors.startswith("call: ")
     assert message in errors
-
-
-def test_lists_of_messages_are_filled() -> None:
-    calls = [
-        {"top": "goToBall", "open": ["yaw"]},
-        {"top": "dribbleBall", "goal": {"pose": {"position": {"y": 2}}}},
-    ]
-    request = filled(
-        RefineSubgoal.Request,
-        {"chain": {"calls": calls}, "situation": {"robot": {"position": {"x": -2.0}}}},
-    )
-    assert [each.top for each in request.chain.calls] == ["goToBall", "dribbleBall"]
-    assert request.chain.calls[0].open == ["yaw"]
-    assert request.chain.calls[1].goal.pose.position.y == 2.0
-    assert request.situation.robot.position.x == -2.0
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ from ator_ros.world.messages import (
     command_from,
     robot_from,
 )
-from ator_ros.world.state import Command, ObjectState, RobotState, World
+from ator_ros.world.state import ObjectState, RobotState, World
 
 LIBRARY = SOCCER.library(load_robot())
 FRAME = "odom"
@@ -124,15 +124,6 @@ def test_values_that_are_not_those_declared_are_refused(chain: TopChain, expecte
         messages.chain_from(chain, LIFTING, frame=FRAME)
 
 
-def test_a_goal_is_not_judged_by_the_area_but_by_the_speed_that_the_robot_reaches() -> None:
-    chain = TopChain(calls=[TopCall(top="goToPose", speed=3.1 * LIBRARY.robot.limits.v)])
-    chain.calls[0].goal.pose = messages.pose_of(Pose(500_010.0, 5_200_000.0, 0.0))
-    with pytest.raises(MessageError, match=r"speed: expected a finite number from 0 to .* m/s, got"):
-        messages.chain_from(chain, LIBRARY, frame=FRAME)
-    chain.calls[0].speed = 0.0
-    assert messages.chain_from(chain, LIBRARY, frame=FRAME).calls[0].goal.pose.y == 5_200_000.0
-
-
 def scrambled(message: Any, draw: st.DrawFn) -> Any:
     """Fill every field of a message, whatever its type, with anything that the type allows."""
     for name, kind in message.get_fields_and_field_types().items():
@@ -172,18 +163,3 @@ def test_whatever_comes_in_is_read_or_refused(data: st.DataObject) -> None:
     except MessageError as error:
         reason = str(error)
     assert "expected" in reason
-
-
-def test_a_command_that_a_wheeled_robot_cannot_follow_is_refused() -> None:
-    message = messages.twist_of(Command(0.5, 0.1))
-    assert command_from(message, "cmd_vel") == Command(0.5, 0.1)
-    message.linear.y = 0.2
-    with pytest.raises(MessageError, match=r"linear\.y.*expected 0"):
-        command_from(message, "cmd_vel")
-
-
-def test_a_top_without_its_action_is_refused_by_name() -> None:
-    small = TopLibrary(LIBRARY.robot, "small", tops=LIBRARY.values(), actions={"goToPose": Shoot})
-    told = r"^chain.calls\[0\].top: shoot needs the action shoot; action set small has none of that name$"
-    with pytest.raises(MessageError, match=told):
-        messages.chain_from(TopChain(calls=[TopCall(top="shoot")]), small, frame="odom")

@@ -13,7 +13,6 @@ from ator_ros.nodes.diagnosis import (
     Reception,
     TopicFacts,
     input_cause,
-    motion_cause,
     publishers_of,
     rate_problem,
     subscriptions_of,
@@ -124,20 +123,6 @@ def test_the_cause_of_missing_odometry(
     facts: TopicFacts, reception: Reception, clock: ClockFacts, expected: str
 ) -> None:
     assert input_cause(facts, reception, clock, timeout=0.3) == expected
-
-
-@pytest.mark.parametrize(
-    ("stamp", "reference", "expected"),
-    [
-        (1.7e9, 12.0, "the wall clock, odometry with simulated time"),
-        (12.0, 1.7e9, "simulated time, odometry with"),
-    ],
-)
-def test_stamps_of_another_clock_are_recognized(stamp: float, reference: float, expected: str) -> None:
-    reception = received(stamp, error=ValueError("another clock"))
-    said = input_cause(topic(BASE), reception, ClockFacts(), timeout=0.3, reference=reference)
-    assert f"odom: /base stamps with {expected}" in said
-    assert said.endswith("set use_sim_time alike for both")
 
 
 def test_odometry_too_rare_to_drive_by_is_named_with_what_to_do() -> None:

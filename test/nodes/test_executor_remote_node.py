@@ -106,24 +106,3 @@ def test_an_action_whose_type_is_not_installed_leaves_the_others_alone(hall: Hal
     sent = hall.chains.send([call("visit", Pose(1.0, 0.0, 0.0))])
     hall.reach(server, 1, Pose(1.0, 0.0, 0.0))
     assert sent.outcome().code == Outcome.SUCCEEDED
-
-
-def test_a_tracked_object_is_waited_for_and_used(hall: Hall) -> None:
-    heard = hall.client.listen(DiagnosticArray, "/diagnostics", RESULTS)
-    server, there = hall.serve(), Pose(1.0, 0.5, 0.0)
-    hall.client.eventually(
-        lambda: any(
-            "cart: expected recent messages; tracked_cart: " in status.message
-            for each in heard
-            for status in each.status
-        ),
-        "diagnostics of the missing cart",
-    )
-    outcome = hall.chains.send([call("follow", there)]).outcome()
-    assert outcome.code == Outcome.INPUT_LOST
-    assert outcome.reason.startswith("cart is missing: follow needs it")
-    assert not server.goals
-    hall.track(1.2, 0.5)
-    sent = hall.chains.send([call("follow", there)])
-    hall.reach(server, 1, there)
-    assert sent.outcome().code == Outcome.SUCCEEDED

@@ -68,13 +68,15 @@ def test_a_long_chain_is_answered_at_its_deadline_and_says_so(asker: Any) -> Non
     assert min(answer.computation_time for answer in told) < 3.0 * DEADLINE
 
 
-def test_ten_megabytes_are_refused_in_a_short_line(asker: Any) -> None:
-    request = short_request()
-    request.chain.calls[0].top = "\x1b" * 10_000_000
-    answer = asker.call(request, timeout_sec=PATIENCE)
-    assert not answer.accepted
-    assert len(answer.reason) <= 200
-    assert not answer.chain.calls
+def test_what_is_too_large_is_refused_in_a_short_line(asker: Any) -> None:
+    long = short_request()
+    long.chain.calls = long.chain.calls * 1000
+    text = short_request()
+    text.chain.calls[0].top = "\x1b" * 10_000_000
+    answers = [asker.call(request, timeout_sec=PATIENCE) for request in (long, text)]
+    assert not any(answer.accepted for answer in answers)
+    assert all(len(answer.reason) <= 200 and answer.reason.isprintable() for answer in answers)
+    assert not answers[0].chain.calls
 
 
 def test_each_of_many_goals_is_accepted_and_has_its_result(nodes: Nodes) -> None:

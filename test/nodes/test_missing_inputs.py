@@ -12,11 +12,9 @@ from geometry_msgs.msg import PoseStamped
 from moving_base import MovingBase
 from nav_msgs.msg import Odometry
 from ros_client import Client
-from rosgraph_msgs.msg import Clock
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
-from ator_ros.nodes.messages import stamp_of
 from ator_ros.nodes.qos import RESULTS, STATES
 
 pytestmark = pytest.mark.node
@@ -75,20 +73,6 @@ def test_odometry_that_never_comes(
     assert expected in outcome.reason
     assert expected in node.output
     client.eventually(lambda: expected in health[-1].status[0].message, "diagnostics")
-
-
-def test_a_clock_that_stands_is_a_paused_simulation(host: Host, client: Client) -> None:
-    host("executor", odom_timeout=1.0)
-    base, chains = MovingBase(client), ChainClient(client)
-    clock = client.node.create_publisher(Clock, "/clock", STATES)
-    ticking = client.node.create_timer(0.01, lambda: clock.publish(Clock(clock=stamp_of(base.time))))
-    sent = chains.send(AWAY)
-    client.eventually(lambda: base.pose.x > 0.2, "the robot drives")
-    base.pause()
-    ticking.cancel()
-    outcome = sent.outcome()
-    assert outcome.code == Outcome.INPUT_LOST
-    assert "/clock of /test_client does not advance: the simulation is paused" in outcome.reason
 
 
 def test_an_object_with_stamps_of_another_clock_is_named(host: Host, client: Client) -> None:

@@ -112,25 +112,6 @@ def test_a_robot_without_a_holder_does_what_needs_none(
     assert "none of" not in output
 
 
-def test_an_incomplete_set_of_actions_is_told_once_and_the_rest_works(host: Host, tmp_path: Path) -> None:
-    hold = [{"variable": "hold.x", "target": "goal.x", "tolerance": 0.1}]
-    place = [{"variable": f"robot.{name}", "target": f"goal.{name}", "tolerance": 0.1} for name in "xy"]
-    file = tmp_path / "small.yaml"
-    content = {
-        "name": "small",
-        "tops": [
-            {"name": "go", "action": "goToPose", "post": place},
-            {"name": "lift", "action": "lift", "post": hold},
-        ],
-        "actions": [{"name": "goToPose", "local": {"domain": "soccer"}}],
-        "chains": [],
-    }
-    file.write_text(yaml.safe_dump(content), encoding="utf-8")
-    output = host("executor", domain=file).output
-    assert "ready for chains" in output
-    assert output.count("action set default: without lift: expected also the actions lift") == 1
-
-
 @pytest.mark.parametrize(
     ("remove", "settings", "told"),
     [

@@ -16,7 +16,7 @@ from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import odometry_of
 from ator_ros.nodes.qos import SENSOR_DATA
-from ator_ros.world.state import STOP, Command, RobotState
+from ator_ros.world.state import STOP, RobotState
 
 Quirk = Callable[[Odometry, float], None]
 """Changes an odometry message of a robot with a heading (rad)."""
@@ -92,11 +92,6 @@ def no_direction(message: Odometry, yaw: float) -> None:
     turn.z = turn.w = 0.0
 
 
-def twist_in_odom_unsaid(message: Odometry, yaw: float) -> None:
-    twist_in_odom(message, yaw)
-    message.child_frame_id = "base_link"
-
-
 @pytest.fixture
 def base(client: Client) -> Iterator[QuirkyBase]:
     made = QuirkyBase(client)
@@ -141,14 +136,3 @@ def test_odometry_at_5_hz_is_named_with_what_to_do(host: Host, client: Client, b
     assert outcome.code == Outcome.FAILED, outcome.reason
     assert "odom: messages came 0.2" in outcome.reason
     assert "set odom_timeout:=" in outcome.reason
-
-
-def test_a_twist_that_contradicts_the_poses_is_named_once(
-    host: Host, client: Client, base: QuirkyBase
-) -> None:
-    base.quirk = twist_in_odom_unsaid
-    base.pose = Pose(0.0, 0.0, 2.0)
-    node = host("executor", *REMAPPED, **SETTINGS)
-    base.commanded = Command(0.4, 0.3)
-    client.eventually(lambda: "contradict each other" in node.output, "a warning")
-    assert node.output.count("contradict each other") == 1

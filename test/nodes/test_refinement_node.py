@@ -15,7 +15,6 @@ from refinement_requests import refine, request_of_the_paper, save_small_models
 from ros_client import Client
 from visualization_msgs.msg import MarkerArray
 
-from ator_interfaces.msg import TopCall
 from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.performance.model_file import model_path
@@ -77,22 +76,6 @@ def test_an_open_angle_is_compared_with_the_fastest_approach(asker: Client) -> N
     assert (first.chain, first.original, first.free) == (second.chain, second.original, second.free)
     assert first.free[0].before != pytest.approx(3.0)
     assert first.after.duration <= first.before.duration
-
-
-def test_a_chain_without_further_fields_is_predicted_and_stays_as_it_is(asker: Client) -> None:
-    request = request_of_the_paper()
-    request.as_given = False
-    request.chain.calls = [TopCall(top="goToBall")]
-    response = refine(asker, request)
-    assert response.accepted
-    assert (response.refined, response.reason) == (
-        False,
-        "nothing is open: the plan commits to every goal variable",
-    )
-    assert response.chain.calls[0].goal.pose == request.chain.calls[0].goal.pose
-    assert not any((response.curves, response.free, response.not_free))
-    assert 0.5 < response.before.duration == response.after.duration == response.cost_before < 20.0
-    assert [action.duration for action in response.before_actions] == [response.before.duration]
 
 
 def set_parameters(asker: Client, **values: ParameterValue) -> list[SetParametersResult]:

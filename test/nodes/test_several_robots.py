@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,9 +13,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from ator_interfaces.srv import PlaceRobot
 from ator_ros.geometry import Pose
-from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.parameters import SetupError
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.simulation import names_of, parameters_for, robots_of, simulated_of, world_of
@@ -58,39 +55,6 @@ def test_each_robot_is_commanded_and_observed_in_its_namespace(host: Host, pair:
     assert joints
     assert bob.call(Trigger, "reset").success
     ann.eventually(lambda: ann.robot().pose.distance(Pose(-1.0, 0.0, 0.0)) < 0.01, "a new world for all")
-
-
-def test_a_tick_waits_for_everybody_who_steers(host: Host, pair: dict[str, Client]) -> None:
-    ann, bob = pair.values()
-    host("simulation", robots="[ann, bob]", real_time_factor=0.0, command_wait=10.0)
-    for client in pair.values():
-        client.robot()
-        client.eventually(lambda c=client: c.node.count_subscribers("cmd_vel"), "who is commanded")
-    began = time.monotonic()
-    while time.monotonic() - began < 1.0:  # until both are known to be steered
-        ann.command(v=0.1)
-        bob.command(v=0.1)
-        time.sleep(0.01)
-    time.sleep(0.2)
-    heard = len(ann.robots)
-    for _ in range(10):
-        ann.command(v=0.1)
-        time.sleep(0.02)
-    assert len(ann.robots) - heard <= 1  # bob is awaited
-    bob.command(v=0.0)
-    ann.eventually(lambda: len(ann.robots) > heard + 5 or ann.command(v=0.1), "ann goes on", patience=4.0)
-
-
-def test_robots_are_not_placed_upon_each_other(host: Host, pair: dict[str, Client]) -> None:
-    host("simulation", robots="[ann, bob]")
-    request = PlaceRobot.Request()
-    request.pose.pose = pose_of(Pose(-2.0, 0.8, 0.0))
-    answer = pair["ann"].call(PlaceRobot, "place_robot", request)
-    assert not answer.success
-    assert answer.message == "pose.pose.position: expected ann at least 0.70 m from bob, got 0.20 m"
-    request.pose.header.frame_id = "bob/odom"
-    answer = pair["ann"].call(PlaceRobot, "place_robot", request)
-    assert "expected the frame 'ann/odom', got 'bob/odom'" in answer.message
 
 
 def settings(**changes: object) -> dict[str, object]:

@@ -6,13 +6,9 @@ import time
 
 import pytest
 from conftest import Host
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from ros_client import Client
-from std_srvs.srv import SetBool, Trigger
-
-from ator_ros.nodes.qos import RESULTS
 
 pytestmark = pytest.mark.node
 
@@ -34,10 +30,6 @@ def test_as_fast_as_possible_waits_for_who_steers(host: Host, client: Client) ->
     client.eventually(lambda: is_silent(client), "the simulation waits", patience=9.0)
 
 
-LAPSE = 5.0
-"""Real s for which time passes no faster than in reality, when nobody steers any more."""
-
-
 @pytest.mark.parametrize("factor", [0.0, 1.5, 5.0])
 def test_who_is_held_up_for_a_moment_loses_that_moment_only(
     host: Host, client: Client, factor: float
@@ -47,49 +39,6 @@ def test_who_is_held_up_for_a_moment_loses_that_moment_only(
     client.command(v=0.3)
     time.sleep(0.5)  # the command holds no longer
     assert 0.7 < pace(client, 1.5) < 1.1
-
-
-def test_after_a_while_time_hurries_again(host: Host, client: Client) -> None:
-    host("simulation", real_time_factor=0.0, command_wait=0.05)
-    steer_a_little(client)
-    before = client.robots[-1][0]
-    client.eventually(lambda: client.robots[-1][0] > before + 30.0, "time hurries", patience=LAPSE + 10.0)
-
-
-@pytest.mark.parametrize("way", ["reset", "another factor", "no waiting"])
-def test_time_hurries_at_once(host: Host, client: Client, way: str) -> None:
-    host("simulation", real_time_factor=0.0, command_wait=0.0 if way == "no waiting" else 0.05)
-    steer_a_little(client)
-    client.command(v=0.3)
-    time.sleep(0.5)
-    if way == "reset":
-        client.call(Trigger, "reset", Trigger.Request())
-    elif way == "another factor":
-        set_factor(client, 20.0)
-    time.sleep(0.2)  # what was published before may still be on its way
-    assert pace(client, 1.0) > 3.0
-
-
-def test_a_pause_uses_up_nothing(host: Host, client: Client) -> None:
-    host("simulation", real_time_factor=0.0, command_wait=0.05)
-    steer_a_little(client)
-    client.command(v=0.3)
-    time.sleep(0.5)
-    client.call(SetBool, "pause", SetBool.Request(data=True))
-    time.sleep(LAPSE)
-    client.call(SetBool, "pause", SetBool.Request(data=False))
-    assert pace(client, 1.0) < 1.5
-
-
-def test_a_lapse_is_no_problem(host: Host, client: Client) -> None:
-    host("simulation", real_time_factor=5.0, command_wait=0.05)
-    told = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
-    steer_a_little(client)
-    client.command(v=0.3)
-    time.sleep(1.0)  # what is told then concerns this lapse only
-    told.clear()
-    client.eventually(lambda: len(told) >= 3, "diagnostics")
-    assert {status.level for each in told for status in each.status} == {DiagnosticStatus.OK}
 
 
 def pace(client: Client, seconds: float) -> float:

@@ -9,9 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from chain_client import ChainClient, Sent, call
+from chain_client import ChainClient, call
 from conftest import Host
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TransformStamped, Twist
 from ros_client import Client
 from tf2_msgs.msg import TFMessage
@@ -23,7 +22,7 @@ from ator_ros.nodes.simulation import transform_of
 from ator_ros.robot.description import StopBraking, load_robot
 from ator_ros.robot.response import ramped
 from ator_ros.world.messages import command_from
-from ator_ros.world.state import STOP, Command
+from ator_ros.world.state import STOP
 
 PERIOD = 0.025
 LIMITS = load_robot().limits
@@ -120,11 +119,6 @@ def base(client: Client) -> Iterator[Base]:
 SETTINGS = {"frame": "map", "robot_from": "tf", "odom_timeout": 1.0, "start_timeout": 1.0}
 
 
-def underway(client: Client, base: Base, sent: Sent) -> None:
-    client.eventually(lambda: sent.ended() or abs(base.velocity.v) > 0.3, "the robot drives")
-    assert not sent.ended(), sent.outcome().reason
-
-
 def test_a_chain_is_driven_by_tf_in_the_map(host: Host, client: Client, base: Base) -> None:
     host("executor", **SETTINGS)
     goals = [Pose(1.0, 0.3, 1.5), Pose(1.0, 0.8, 2.0)]
@@ -134,44 +128,6 @@ def test_a_chain_is_driven_by_tf_in_the_map(host: Host, client: Client, base: Ba
     assert math.cos(base.in_map.yaw - 2.0) > math.cos(0.08)
     assert result.record.header.frame_id == "map"
     assert all(record.actual.accuracy < 0.03 for record in result.record.actions)
-
-
-@pytest.mark.long
-def test_silence_blocked_wheels_and_the_fence_end_a_goal_as_with_odometry(
-    host: Host, client: Client, base: Base
-) -> None:
-    health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
-    host("executor", **SETTINGS, fence="[-3.0, -3.0, 3.0, 3.0]")
-    chains = ChainClient(client)
-    assert chains.send([call("goToPose", Pose(3.5, 0.0, 0.0))]).outcome().code == Outcome.REFUSED
-
-    sent = chains.send([call("goToPose", Pose(2.5, 2.0, 0.0))])
-    underway(client, base, sent)
-    base.silent = True
-    outcome = sent.outcome()
-    assert (outcome.code, base.velocity) == (Outcome.INPUT_LOST, STOP)
-    assert "odom is missing: expected newer odometry within 1 s" in outcome.reason
-    wanted = "tf is missing; tf: expected newer transforms from map to base_link"
-    client.eventually(
-        lambda: any(wanted in status.message for each in list(health) for status in each.status),
-        "diagnostics",
-    )
-    base.silent = False
-
-    sent = chains.send([call("goToPose", Pose(-2.0, 1.5, 0.0))])
-    underway(client, base, sent)
-    base.blocked = True
-    outcome = sent.outcome()
-    assert outcome.code == Outcome.BASE_FAULT, outcome.reason
-    assert "the base does not move" in outcome.reason or "the base hardly moves" in outcome.reason
-    base.blocked = False
-
-    base.pose, base.origin, base.velocity = Pose(0.0, 0.0, 0.0), Pose(-2.0, 0.0, 0.0), Command()
-    sent = chains.send([call("goToPose", Pose(2.5, 0.0, 0.0))])
-    client.eventually(lambda: base.pose.x > 1.5, "half the way")
-    base.origin = Pose(2.3 - base.pose.x, 0.0, 0.0)  # the map corrects the robot to before the fence
-    outcome = sent.outcome()
-    assert outcome.code == Outcome.OUT_OF_BOUNDS, outcome.reason
 
 
 def test_an_object_is_found_through_the_robots_camera(

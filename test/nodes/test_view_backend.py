@@ -12,13 +12,11 @@ from conftest import Start
 from played_nodes import PlayedNodes
 from ros_client import Client
 
-from ator_interfaces.msg import ChainPerformance, Outcome
+from ator_interfaces.msg import Outcome
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.geometry import Pose
-from ator_ros.nodes.client_node import ClientNode
-from ator_ros.nodes.qos import LATCHED
-from ator_ros.nodes.view_backend import GoalMonitor, RosBackend, objective_of
+from ator_ros.nodes.view_backend import RosBackend, objective_of
 from ator_ros.refinement.objective import expected_time
 from ator_ros.view.backend import BackendError, Run
 from ator_ros.view.draft import Draft
@@ -145,24 +143,6 @@ def test_the_cost_of_a_failure_is_left_to_the_node_until_it_is_weighed() -> None
     assert objective_of(draft.with_weight("success", 12.0).objective).success == 12.0
 
 
-def test_a_goal_of_another_client_that_cannot_be_read_is_ignored(domain: int, client: Client) -> None:
-    own = ClientNode("view", domain=domain)
-    monitor = GoalMonitor(own.node, LIBRARIES, frame="odom")
-    own.start()
-    try:
-        topic = client.node.create_publisher(ChainPerformance, "chain_under_way", LATCHED)
-        message = ChainPerformance()
-        for chain_id, calls in (("x", chain_of_the_paper()), ("0" * 32, [])):
-            message.chain_id, message.chain.calls = "1" * 32, chain_of_the_paper()
-            topic.publish(message)
-            client.eventually(lambda: monitor.external is not None, "a goal")
-            message.chain_id, message.chain.calls = chain_id, calls
-            topic.publish(message)
-            client.eventually(lambda: monitor.external is None, "that it is ignored")
-    finally:
-        own.close()
-
-
 # Beside real nodes
 
 
@@ -268,26 +248,3 @@ def is_ball_at(backend: RosBackend, x: float, y: float) -> bool:
     world = backend.world()
     ball = None if world is None else world.objects.get("ball")
     return ball is not None and abs(ball.x - x) < 0.02 and abs(ball.y - y) < 0.02
-
-
-@pytest.mark.long
-def test_an_executor_that_dies_ends_the_run_and_another_one_plays(domain: int, start: Start) -> None:
-    start("simulation", command_wait=10.0)
-    start("refinement", deadline=5.0)
-    executor = start("executor", **BUSY)
-    backend = RosBackend(SOCCER, ROBOT, ros_domain=domain, start_timeout=PATIENCE, timeout=PATIENCE / 4.0)
-    try:
-        backend.ready(simulated=False)
-        editor = attached(backend)
-        editor.execute(NAIVE)
-        steps(editor, lambda: bool(editor.runs), "a run")
-        executor.kill()
-        steps(editor, lambda: editor.runs[-1].ended, "the loss of the chain")
-        assert editor.runs[-1].status == LOST
-        start("executor", **BUSY)
-        backend.ready(simulated=False)
-        editor.execute(NAIVE)
-        steps(editor, lambda: bool(editor.runs) and editor.runs[-1].ended, "the chain")
-        assert editor.runs[-1].duration > 0.0, editor.runs[-1].status
-    finally:
-        backend.close()

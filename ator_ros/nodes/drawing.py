@@ -1,29 +1,37 @@
-"""Topics of the executor for RViz and the view: the active chain, its planned path, objects, surroundings."""
+"""What RViz and the view draw: markers, and the executor's topics of the active chain, path and objects."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
+from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import Point, PoseStamped
 from nav_msgs.msg import Path
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
-from visualization_msgs.msg import MarkerArray
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
 
 from ator_interfaces.msg import ChainPerformance
 from ator_ros.domains.domain import Domain
 from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.nodes.goal_run import GoalRun
-from ator_ros.nodes.markers import LazyPublisher, marker_array, object_array
 from ator_ros.nodes.messages import pose_of, stamp_of
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
-from ator_ros.view.shapes import executed_chain_shapes, surroundings
-from ator_ros.world.state import World
+from ator_ros.view.shapes import ORANGE, Arrow, Segments, Shape, executed_chain_shapes, surroundings
+from ator_ros.world.scene import Scene
+from ator_ros.world.state import ObjectState, World
 
+_ABOVE_FLOOR = 0.02
+_SHAFT = 0.05
+_POINT = 0.05
+"""Radius in m with which an object of unknown size is drawn."""
 _PERIOD = 0.2
 """Time in s, on odometry's clock, between two updates of the path, which an action may plan in each tick."""
 _OBJECTS_PERIOD = 0.1
@@ -95,14 +103,10 @@ class ExecutionDrawing:
             self._path_drawn = path
             self._path.publish(partial(self._path_message, path, now))
 
-    @property
-    def watched(self) -> bool:
-        """Whether the objects have a subscriber."""
-        return bool(self._objects.get_subscription_count())
-
     def objects(self, world: World) -> None:
         """Draw the objects of the newest state, at most ten times a second."""
-        if abs(world.time - self._objects_drawn) < _OBJECTS_PERIOD - _ROUNDING or not self.watched:
+        early = abs(world.time - self._objects_drawn) < _OBJECTS_PERIOD - _ROUNDING
+        if early or not self._objects.get_subscription_count():
             return
         self._objects_drawn = world.time
         self._objects.publish(object_array(world.objects, self._scene, self._frame))
@@ -118,3 +122,85 @@ class ExecutionDrawing:
         for row in path[kept[: len(path)]].tolist():
             message.poses.append(PoseStamped(header=message.header, pose=pose_of(Pose(*row))))
         return message
+
+
+class LazyPublisher:
+    """A latched topic whose newest message is built only once it has a subscriber, early or late.
+
+    Parameters
+    ----------
+    node : Node
+        The node that publishes.
+    kind : type
+        Of the messages.
+    topic : str
+        Name of the topic.
+    """
+
+    def __init__(self, node: Node, kind: type[Any], topic: str) -> None:
+        self._factory: Callable[[], Any] | None = None
+        matched = PublisherEventCallbacks(matched=lambda _: self._send(), use_default_callbacks=False)
+        self._publisher = node.create_publisher(kind, topic, LATCHED, event_callbacks=matched)
+
+    def publish(self, factory: Callable[[], Any]) -> None:
+        """Publish what `factory` returns, now or once there is a subscriber; a newer one replaces it."""
+        self._factory = factory
+        self._send()
+
+    def _send(self) -> None:
+        if self._factory is not None and self._publisher.get_subscription_count():
+            factory, self._factory = self._factory, None
+            self._publisher.publish(factory())
+
+
+def marker_array(shapes: Iterable[Shape], space: str, frame: str) -> MarkerArray:
+    """Return markers in the namespace `space`; all that were there before are deleted."""
+    return _array(
+        (
+            _segments(shape) if isinstance(shape, Segments) else _arrow(shape)
+            for shape in shapes
+            if not isinstance(shape, Segments) or len(shape.points)
+        ),
+        space,
+        frame,
+    )
+
+
+def object_array(objects: Mapping[str, ObjectState], scene: Scene, frame: str) -> MarkerArray:
+    """Return spheres where objects are; those that were there before are deleted."""
+    return _array((_sphere(there, scene.radius(name)) for name, there in objects.items()), "objects", frame)
+
+
+def _array(drawn: Iterable[Marker], space: str, frame: str) -> MarkerArray:
+    markers = [Marker(action=Marker.DELETEALL), *drawn]
+    for number, marker in enumerate(markers):
+        marker.header.frame_id, marker.ns, marker.id = frame, space, number
+    return MarkerArray(markers=markers)
+
+
+def _segments(shape: Segments) -> Marker:
+    marker = Marker(type=Marker.LINE_LIST, pose=pose_of(Pose(0.0, 0.0, 0.0)))
+    marker.scale.x = shape.width
+    for ends, colour in zip(shape.points.tolist(), shape.colours.tolist(), strict=True):
+        marker.points += [Point(x=x, y=y, z=_ABOVE_FLOOR) for x, y in ends]
+        marker.colors += [_colour(*colour)] * 2
+    return marker
+
+
+def _arrow(shape: Arrow) -> Marker:
+    marker = Marker(type=Marker.ARROW, color=_colour(*shape.colour), pose=pose_of(shape.pose))
+    marker.pose.position.z = _ABOVE_FLOOR
+    marker.scale.x, marker.scale.y, marker.scale.z = shape.length, _SHAFT, _SHAFT
+    return marker
+
+
+def _sphere(there: ObjectState, radius: float) -> Marker:
+    marker = Marker(type=Marker.SPHERE, color=_colour(*ORANGE), pose=pose_of(Pose(there.x, there.y, 0.0)))
+    size = 2.0 * max(radius, _POINT)
+    marker.pose.position.z = size / 2.0
+    marker.scale.x = marker.scale.y = marker.scale.z = size
+    return marker
+
+
+def _colour(red: float, green: float, blue: float) -> ColorRGBA:
+    return ColorRGBA(r=float(red), g=float(green), b=float(blue), a=1.0)

@@ -1,0 +1,216 @@
+"""Inputs fall silent, nodes freeze, die and start in any order, goals end at any moment: the robot stands."""
+
+from __future__ import annotations
+
+import itertools
+import random
+import signal
+import time
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from arena import LONGEST_STOP, Arena, Visit, arena_with
+from chain_client import Sent
+from nav_msgs.msg import Odometry
+from ros_client import Client, stamp
+from selection import few
+from stages import CHAIN, MOVING, STAGES, Stage, dribble, refining, waiting
+
+from ator_interfaces.msg import Outcome
+from ator_ros.nodes.qos import SENSOR_DATA
+
+pytestmark = pytest.mark.node
+
+INPUTS = ("odom", "ball")
+SETTINGS: dict[str, dict[str, object]] = {
+    "executor": {"remap": {name: f"relayed/{name}" for name in INPUTS}},
+}
+DROPOUTS, LATE_TICKS = 0.05, 2
+
+
+class Relay:
+    """Stands between the simulation and the executor, and passes on what it is not told to keep back.
+
+    What is in `silent` is kept back; `poor` has messages lost at random and the ball late, as a camera's.
+    """
+
+    def __init__(self, client: Client) -> None:
+        self.silent: set[str] = set()
+        self.poor = False
+        self.last: dict[str, float] = {}
+        self._random, self._balls = random.Random(5), deque[Odometry](maxlen=1 + LATE_TICKS)
+        self._publishers = {
+            name: client.node.create_publisher(Odometry, f"relayed/{name}", SENSOR_DATA) for name in INPUTS
+        }
+        for name in INPUTS:
+            client.node.create_subscription(
+                Odometry, name, lambda message, name=name: self._pass(name, message), SENSOR_DATA
+            )
+
+    def _pass(self, name: str, message: Odometry) -> None:
+        now = stamp(message)
+        if name == "ball":
+            self._balls.append(message)
+            message = self._balls[0] if self.poor else message
+        if name in self.silent or (self.poor and self._random.random() < DROPOUTS):
+            return
+        self.last[name] = now
+        self._publishers[name].publish(message)
+
+
+@pytest.fixture(scope="module")
+def arena(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Arena]:
+    with arena_with(tmp_path_factory.mktemp("logs"), SETTINGS) as made:
+        made.start("simulation", "executor", "refinement")
+        yield made
+
+
+@pytest.fixture(scope="module")
+def relay(arena: Arena) -> Relay:
+    return Relay(arena.observer)
+
+
+@pytest.fixture(autouse=True)
+def recovery(arena: Arena, relay: Relay) -> Iterator[None]:
+    """Mend what a test has broken; then a new goal works, and what must hold always has held."""
+    yield
+    relay.silent.clear()
+    relay.poor = False
+    for node in arena.nodes.values():
+        node.send(signal.SIGCONT)
+    arena.visit().succeed()
+    arena.check()
+
+
+@pytest.mark.parametrize("stage", few(MOVING, dribble))
+@pytest.mark.parametrize("name", INPUTS)
+def test_an_input_falls_silent(arena: Arena, relay: Relay, name: str, stage: Stage) -> None:
+    visit = arena.visit()
+    sent = stage(arena, visit)
+    stops = len(arena.stops())
+    relay.silent.add(name)
+    outcome = visit.ended(sent).outcome
+    visit.ros.eventually(lambda: len(arena.stops()) > stops, "the robot stands")
+    assert outcome.code == Outcome.INPUT_LOST
+    assert f"{name} is missing" in outcome.reason
+    _, stood = arena.stops()[stops]
+    assert stood - relay.last[name] <= LONGEST_STOP + 1e-6
+
+
+@pytest.mark.long
+def test_a_chain_succeeds_with_lost_messages_and_a_late_ball(arena: Arena, relay: Relay) -> None:
+    visit = arena.visit()
+    relay.poor = True
+    outcome = visit.ended(dribble(arena, visit)).outcome
+    assert outcome.code == Outcome.SUCCEEDED, outcome.reason
+
+
+@pytest.mark.parametrize("stage", few(STAGES, dribble))
+def test_the_executor_freezes(arena: Arena, stage: Stage) -> None:
+    visit = arena.visit()
+    sent = stage(arena, visit)
+    stops = len(arena.stops())
+    arena.nodes["executor"].send(signal.SIGSTOP)
+    frozen = visit.ros.time()
+    visit.ros.eventually(lambda: visit.ros.time() > frozen + 2.0, "two seconds pass")
+    if stage in MOVING:
+        assert len(arena.stops()) > stops
+    arena.nodes["executor"].send(signal.SIGCONT)
+    if stage is waiting:
+        visit.place()
+    visit.ended(sent)
+
+
+def recovers(arena: Arena, name: str) -> None:
+    """Start a node again and show that a new goal works."""
+    arena.nodes["refinement"].send(signal.SIGCONT)
+    arena.start(name)
+    arena.visit().succeed()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("stage", few(STAGES, dribble))
+def test_the_executor_is_killed(arena: Arena, stage: Stage) -> None:
+    visit = arena.visit()
+    stage(arena, visit)
+    stops = len(arena.stops())
+    arena.nodes["executor"].kill()
+    if stage in MOVING:
+        visit.ros.eventually(lambda: len(arena.stops()) > stops, "the robot stands")
+    recovers(arena, "executor")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("stage", few(STAGES, dribble))
+def test_the_simulation_is_killed(arena: Arena, stage: Stage) -> None:
+    visit = arena.visit()
+    sent = stage(arena, visit)
+    arena.nodes["simulation"].kill()
+    outcome = visit.ended(sent).outcome
+    assert outcome.code == Outcome.INPUT_LOST
+    assert "odom is missing" in outcome.reason
+    recovers(arena, "simulation")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("stage", few(STAGES, refining))
+def test_refinement_is_killed(arena: Arena, stage: Stage) -> None:
+    visit = arena.visit()
+    sent = stage(arena, visit)
+    arena.nodes["refinement"].kill()
+    if stage is waiting:
+        visit.place()
+    result = visit.ended(sent)
+    assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
+    if stage is refining:
+        assert "executed as sent, refinement failed: no answer within 3 s" in result.record.refinement
+    recovers(arena, "refinement")
+
+
+ORDERS = list(itertools.permutations(["executor", "refinement", "simulation"]))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("order", few(ORDERS, ORDERS[0]))
+def test_nodes_start_in_any_order(order: tuple[str, ...], tmp_path: Path) -> None:
+    with arena_with(tmp_path) as arena:
+        for name in order:
+            arena.start(name)
+        visit = arena.visit()
+        visit.place()
+        result = visit.ended(visit.send(CHAIN[:1], refine=True))
+        assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
+        assert "refinement failed" not in result.record.refinement
+        arena.check()
+
+
+@pytest.mark.parametrize("seed", few(range(6), 0, 1))
+def test_goals_are_canceled_and_preempted_at_any_moment(arena: Arena, seed: int) -> None:
+    """Send goals, each ended after a random time by a cancel or by the next goal; the last one succeeds."""
+    draw = random.Random(seed)
+    visit = arena.visit()
+    visit.place()
+    sent, canceled = [], set()
+    for number in range(draw.randint(3, 6)):
+        sent.append(visit.send([*CHAIN, *CHAIN[1:]], refine=draw.random() < 0.3))
+        time.sleep(draw.choice((0.0, 0.01, draw.uniform(0.0, 0.8))))
+        if draw.random() < 0.4 and canceling(visit, sent[-1]):
+            canceled.add(number)
+    visit.succeed()
+    for number, goal in enumerate(sent):
+        outcome = visit.ended(goal).outcome
+        allowed = {Outcome.CANCELED} if number in canceled else {Outcome.PREEMPTED}
+        # The next chain begins where the last one was broken off: it may fail before its time.
+        assert outcome.code in allowed | {Outcome.REFUSED, Outcome.FAILED, Outcome.OBJECT_LOST}, (
+            outcome.reason
+        )
+    arena.check()
+
+
+def canceling(visit: Visit, sent: Sent) -> bool:
+    """Ask for a goal's end and say whether it still ran."""
+    future = visit.ros.within(sent.handle.cancel_goal_async)
+    visit.ros.eventually(future.done, "an answer to cancel")
+    return bool(future.result().goals_canceling)
