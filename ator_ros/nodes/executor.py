@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -173,7 +172,7 @@ class ExecutorNode(Node):
         self._fence, self._rolling = fence_of(self._settings, robot), rolling_of(self._settings, robot)
         self._world: World | None = None
         self._run: GoalRun | None = None
-        self._heard, self._jumped, self._stopping = 0.0, -math.inf, False
+        self._odom_at, self._jumped, self._stopping = 0.0, -math.inf, False
         self._stop_until = -math.inf
         self._slow = ""  # what was last said of a base that is slower than commanded
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
@@ -202,11 +201,9 @@ class ExecutorNode(Node):
         self._state = RobotSource(self, settings, robot, self._take_robot, self._ignore, self._note, self._tf)
         inputs = {"odom": self._state.input, **self._objects.inputs}
         self._diagnosis = Diagnosis(self, inputs, self._tf)
-        # The odometry callback drives a goal, whose coroutine waits for its end: see `GoalRun.execute`.
         self._server = ActionServer(
-            self, ExecuteChain, "execute_chain", ExecuteChain.Result,
+            self, ExecuteChain, "execute_chain", self._execute,
             goal_callback=lambda _: GoalResponse.REJECT if self._stopping else GoalResponse.ACCEPT,
-            handle_accepted_callback=self._accept,
             cancel_callback=self._cancel,
             goal_service_qos_profile=SERVICES,
             result_service_qos_profile=SERVICES,
@@ -244,7 +241,7 @@ class ExecutorNode(Node):
         if self._run is not None and self._driving.remark not in ("", self._slow):
             self._slow = self._driving.remark
             self.get_logger().warning(self._slow)
-        self._world, self._heard = world, now
+        self._world, self._odom_at = world, now
         self._rolling.observe(world)  # also between goals, when the robot has lost an object
         self._ticks.came(now)
         if self._run is not None:
@@ -304,7 +301,7 @@ class ExecutorNode(Node):
             self._note(remark)
         self._commands.adapt()
         now = time.monotonic()
-        silence, ending = now - self._heard, self._remotes.ending()
+        silence, ending = now - self._odom_at, self._remotes.ending()
         fresh = silence <= self._odom_timeout
         self._diagnosis.watch(now, missing=silence > 0.5 * self._odom_timeout)
         if self._run is None:
@@ -317,7 +314,8 @@ class ExecutorNode(Node):
         self._run.supervisor.watch(now)
         self._follow(self._run)
 
-    def _accept(self, handle: ServerGoalHandle) -> None:
+    async def _execute(self, handle: ServerGoalHandle) -> Any:
+        """Begin a goal and wait for its end, which the odometry callback and the watchdog bring about."""
         self._goals += 1
         try:
             models = self._sets.present.by_set
@@ -331,9 +329,7 @@ class ExecutorNode(Node):
                 self._rolling,
             )
         except MessageError as error:  # the running goal continues
-            self._refuse(handle, str(error))
-            return
-        handle.execute(run.execute)
+            return self._refused(handle, str(error))
         self._driving.begin(self._settings["latency"], preempts=self._run is not None)
         self._end(Ending.PREEMPTED, _PREEMPTED, at_once=True)
         self._run, self._stop_until = run, -math.inf
@@ -342,12 +338,14 @@ class ExecutorNode(Node):
         self._adjust_watchdog()
         # A simulation as fast as possible waits for commands, also while the first action plans.
         self._send(STOP)
+        return concluded(await run.finished, handle)
 
-    def _refuse(self, handle: ServerGoalHandle, reason: str) -> None:
+    def _refused(self, handle: ServerGoalHandle, reason: str) -> Any:
+        """Return the result of a goal that cannot be used."""
         self._note(f"refused: {reason}")
         result = unstarted(handle, Ending.REFUSED, reason, frame=self._settings["frame"])
         self._chains.publish(result.record)
-        handle.execute(partial(concluded, result))
+        return concluded(result, handle)
 
     def _adjust_watchdog(self) -> None:
         """Watch closely while a goal is under way."""
@@ -384,14 +382,14 @@ class ExecutorNode(Node):
             return
         self._run = None
         now = time.monotonic()
-        silent = now - self._heard > 0.5 * self._odom_timeout
+        silent = now - self._odom_at > 0.5 * self._odom_timeout
         self._stop_until = now + LONGEST_STOP if silent else -math.inf
         self._adjust_watchdog()
         self._send(STOP)
         run.supervisor.explain(self._cause(run.supervisor))
         result = run.result(self._world)
         self._chains.publish(result.record)
-        run.finish(result)
+        run.finished.set_result(result)
         if run.supervisor.ending is not Ending.SUCCEEDED:
             self._last_error = run.supervisor.reason
         self.get_logger().info(f"goal ended: {run.summary}")
@@ -406,7 +404,7 @@ class ExecutorNode(Node):
             return self._driving.remark or self._diagnosis.rate_problem("odom", self._odom_timeout)
         if run.ending is not Ending.INPUT_LOST:
             return ""
-        if self._world is None or time.monotonic() - self._heard > 0.5 * self._odom_timeout:
+        if self._world is None or time.monotonic() - self._odom_at > 0.5 * self._odom_timeout:
             return self._diagnosis.cause("odom", self._odom_timeout)
         lost = missing_in(run.executor.chain.calls, self._world)
         if lost is not None:
@@ -422,7 +420,7 @@ class ExecutorNode(Node):
         """Send a command, as of now or of the state that it `answers`; None where others move the robot."""
         if self._inputs.time is not None:
             now = time.monotonic()
-            self._driving.sent(self._inputs.time + (0.0 if answers else now - self._heard), command, now)
+            self._driving.sent(self._inputs.time + (0.0 if answers else now - self._odom_at), command, now)
         if command is not None:
             self._commands.publish(command, self._inputs.time or 0.0)
 
@@ -435,7 +433,7 @@ class ExecutorNode(Node):
         self.get_logger().warning(error, throttle_duration_sec=_WARNING_PERIOD)
 
     def _health(self) -> Health:
-        silence = time.monotonic() - self._heard if self._heard else None
+        silence = time.monotonic() - self._odom_at if self._odom_at else None
         stale = silence is None or silence > self._odom_timeout
         known = {} if self._world is None else self._world.objects
         values: dict[str, object] = {

@@ -54,6 +54,8 @@ class GoalRun:
         The goal.
     supervisor : Supervisor
         Executes it.
+    finished : Future
+        Of the result, which the executor gives after the last tick.
 
     Parameters
     ----------
@@ -115,15 +117,7 @@ class GoalRun:
         self._request: Future | None = None
         self._asked: Question | None = None
         self._feedback = ("", 0.0)  # status and time of the last one
-        self._finished = Future()
-
-    async def execute(self, handle: ServerGoalHandle) -> Any:
-        """Wait for the result, which `finish` gives, and return it: the callback of the action server."""
-        return concluded(await self._finished, handle)
-
-    def finish(self, result: Any) -> None:
-        """End the goal with its result, after the last tick."""
-        self._finished.set_result(result)
+        self.finished = Future()
 
     @property
     def ended(self) -> bool:

@@ -111,11 +111,11 @@ class TfListener:
         if TFMessage is None:
             raise SetupError(f"{child} is to come from tf: expected the package tf2_msgs, got none")
         if not self.used:
-            self._node.create_subscription(TFMessage, "/tf_static", partial(self._hear, fixed=True), _FIXED)
-            self._node.create_subscription(TFMessage, "/tf", partial(self._hear, fixed=False), RESULTS)
+            self._node.create_subscription(TFMessage, "/tf_static", partial(self._take, fixed=True), _FIXED)
+            self._node.create_subscription(TFMessage, "/tf", partial(self._take, fixed=False), RESULTS)
         self._followed.append(_Followed(frame, child, take))
 
-    def _hear(self, message: Any, *, fixed: bool) -> None:
+    def _take(self, message: Any, *, fixed: bool) -> None:
         for transform in itertools.islice(message.transforms, MOST_FRAMES):
             try:
                 self._add(transform, fixed=fixed)

@@ -256,7 +256,7 @@ class RemoteServer:
 
     def send(self, goal: Goal) -> RemoteGoal:
         """Send a goal."""
-        return RemoteGoal(self._client, self._writer.written(goal), self._heartbeat.heard)
+        return RemoteGoal(self._client, self._writer.written(goal), self._heartbeat.reset)
 
     def accepted(self, now: float) -> None:
         """Watch over the server from `now` on, in real s: it has accepted a goal."""
@@ -309,7 +309,7 @@ class RemoteGoal:
         Of the server.
     message : object
         The goal.
-    heard : callable
+    on_feedback : callable
         Called when feedback comes.
 
     Attributes
@@ -324,14 +324,14 @@ class RemoteGoal:
         What went wrong with an answer; empty if nothing did.
     """
 
-    def __init__(self, client: ActionClient, message: Any, heard: Callable[[], None]) -> None:
+    def __init__(self, client: ActionClient, message: Any, on_feedback: Callable[[], None]) -> None:
         self.accepted: bool | None = None
         self.status = GoalStatus.STATUS_UNKNOWN
         self.result: Any = None
         self.fault = ""
         self._handle: ClientGoalHandle | None = None
         self._canceled = False
-        sent = client.send_goal_async(message, feedback_callback=lambda _: heard())
+        sent = client.send_goal_async(message, feedback_callback=lambda _: on_feedback())
         sent.add_done_callback(self._take_answer)
 
     @property
@@ -353,8 +353,6 @@ class RemoteGoal:
                 self._handle.cancel_goal_async()
 
     def _take_answer(self, future: Future) -> None:
-        if self.accepted is not None:  # answered twice: the first answer counts
-            return
         try:
             handle = future.result()
         except Exception as error:  # whatever another program's answer makes rclpy raise
@@ -369,8 +367,6 @@ class RemoteGoal:
             self._send_cancel()
 
     def _take_result(self, future: Future) -> None:
-        if self.result is not None:
-            return
         try:
             answer = future.result()
         except Exception as error:  # as above
@@ -410,7 +406,7 @@ class Heartbeat:
         self.end()
         self._next, self._checked, self._quiet = now + self._period, now, 0.0
 
-    def heard(self) -> None:
+    def reset(self) -> None:
         """Record a sign of life, as feedback."""
         self._quiet = 0.0
 
@@ -428,7 +424,7 @@ class Heartbeat:
     def _take_answer(self, future: Future) -> None:
         if future is self._asked:
             self._asked, self._answers = None, True
-            self.heard()
+            self.reset()
 
     def end(self) -> None:
         """Stop asking: the goal is over."""

@@ -118,7 +118,7 @@ def _slot(kind: Any, path: str, where: str) -> Any:
             {} if kind is None else dict(zip(kind.get_fields_and_field_types(), kind.SLOT_TYPES, strict=True))
         )
         if name not in fields:
-            known = f"one of {', '.join(fields)}" if fields else f"nothing within {_told(slot)}"
+            known = f"one of {', '.join(fields)}" if fields else f"nothing within {_described(slot)}"
             if isinstance(slot, definition.AbstractNestedType):
                 known = f"{path.partition('.' + name)[0]}[0].{name}, as it is a list"
             raise RemoteError(f"{where}.field: expected {known}, got {quoted(name)} in {quoted(path)}")
@@ -169,7 +169,7 @@ def _fitting(value: Any, slot: Any, where: str) -> Any:
         _require(fits, where, f"a whole number from {low} to {high}", value)
     else:
         raise RemoteError(
-            f"{where}: expected a field for a text, a number or a truth value, got {_told(slot)}"
+            f"{where}: expected a field for a text, a number or a truth value, got {_described(slot)}"
         )
     return value
 
@@ -181,10 +181,10 @@ def _whole_range(kind: str) -> tuple[int, int]:
 
 def _require(holds: bool, where: str, expected: str, got: Any) -> None:
     if not holds:
-        raise RemoteError(f"{where}: expected {expected}, got {_told(got)}")
+        raise RemoteError(f"{where}: expected {expected}, got {_described(got)}")
 
 
-def _told(got: Any) -> str:
+def _described(got: Any) -> str:
     """Return a value, or the type of a field, as a message tells it."""
     if isinstance(got, definition.NamespacedType):
         return "/".join((got.namespaces[0], got.name))

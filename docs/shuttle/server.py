@@ -36,12 +36,17 @@ class Shuttle(Node):
 
     async def execute(self, goal: ServerGoalHandle) -> Any:
         """Wait until `steer` has ended the drive; return the result."""
+        if self.goal is not None:  # a newer goal ends the one before
+            self.ended.set_result(False)
         self.near, self.ended = False, Future()
         self.goal = goal
-        await self.ended
+        alone = await self.ended
         if goal.is_cancel_requested:
             goal.canceled()
             return Go.Result(text="canceled")
+        if not alone:
+            goal.abort()
+            return Go.Result(text="a newer goal took over")
         goal.succeed()
         return Go.Result(arrived=True)
 
@@ -58,7 +63,7 @@ class Shuttle(Node):
         command = Twist()
         if self.goal.is_cancel_requested or (self.near and abs(off) < 0.05):
             self.goal = None
-            self.ended.set_result(None)
+            self.ended.set_result(True)
         else:
             command.angular.z = max(-1.5, min(1.5, 2.0 * off))
             command.linear.x = min(0.6, max(0.1, distance)) if abs(off) < 0.3 and not self.near else 0.0
