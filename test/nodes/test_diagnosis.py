@@ -13,6 +13,7 @@ from ator_ros.nodes.diagnosis import (
     Reception,
     TopicFacts,
     input_cause,
+    motion_cause,
     publishers_of,
     rate_problem,
     subscriptions_of,
