@@ -333,8 +333,7 @@ class ExecutorNode(Node):
         self._driving.begin(self._settings["latency"], preempts=self._run is not None)
         self._end(Ending.PREEMPTED, _PREEMPTED, at_once=True)
         self._run, self._stop_until = run, -math.inf
-        # Not at once: while rclpy takes a goal, the publisher of the former type cannot be destroyed.
-        self.executor.create_task(self._commands.adapt)
+        self._commands.adapt()  # here, not as rclpy takes the goal: it then keeps the former publisher in use
         self._adjust_watchdog()
         # A simulation as fast as possible waits for commands, also while the first action plans.
         self._send(STOP)
