@@ -79,12 +79,6 @@ class TestPolicies:
         ball, goal = chosen.calls[0].goal.pose, chosen.calls[1].goal.pose
         assert robot.distance(ball) + ball.distance(goal) == pytest.approx(robot.distance(goal))
 
-    def test_closed_gate_leaves_the_naive_chain(self, tools: Toolset) -> None:
-        closed = dataclasses.replace(tools, gate=ThresholdGate(1000.0))
-        drawn = trial(4)
-        gated, naive = POLICIES["gated"](closed, drawn).chain, POLICIES["naive"](closed, drawn).chain
-        assert [call.goal for call in gated.calls] == [call.goal for call in naive.calls]
-
     def test_arrival_speed_is_refined_only_where_asked(self, tools: Toolset) -> None:
         # The fakes' probability of failure grows with the speed; here a failure costs next to nothing.
         bold = dataclasses.replace(tools, domain=dataclasses.replace(tools.domain, time_limit=0.1))

@@ -7,11 +7,7 @@ from collections.abc import Callable
 import pytest
 from carried import CALL, ROBOT, Ledger, Sent, begun
 
-from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step, finished
-from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.field import BALL, field_of
-from ator_ros.domains.soccer.planned.holding import entry_sides, exit_sides, release_sides, run_up_sides
-from ator_ros.domains.soccer.planned.planner import free_sides, run_sides
+from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.execution.motion_watch import Driving
 from ator_ros.execution.supervisor import Phase
@@ -19,6 +15,7 @@ from ator_ros.geometry import Pose
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition
 from ator_ros.tops.library import TopLibrary
+from ator_ros.world.inputs import Inputs
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 
@@ -27,18 +24,9 @@ def succeed(ledger: Ledger, goal: Sent) -> None:
     goal.tick()
 
 
-def fail(ledger: Ledger, goal: Sent) -> None:
-    ledger.outcome = Status.FAILED
-    goal.tick()
-
-
 def take_too_long(ledger: Ledger, goal: Sent) -> None:
     for _ in range(22):
         goal.tick()
-
-
-def lose_odometry(ledger: Ledger, goal: Sent) -> None:
-    goal.execution.watch(goal.now + 1.0)
 
 
 def lose_the_object(ledger: Ledger, goal: Sent) -> None:
@@ -47,26 +35,15 @@ def lose_the_object(ledger: Ledger, goal: Sent) -> None:
         goal.execution.tick(World(goal.now, RobotState(Pose(0.0, 0.0, 0.0))), goal.now)
 
 
-def leave_the_fence(ledger: Ledger, goal: Sent) -> None:
-    goal.tick(x=9.0)
-    goal.tick(x=9.0)
-
-
-def end_by(ending: Ending) -> Callable[[Ledger, Sent], None]:
-    return lambda _, goal: goal.execution.end(ending, f"it is {ending.name}")
+def cancel(ledger: Ledger, goal: Sent) -> None:
+    goal.execution.end(Ending.CANCELED, "by the client")
 
 
 ENDINGS: dict[str, tuple[Callable[[Ledger, Sent], None], Ending, str]] = {
     "success": (succeed, Ending.SUCCEEDED, "carried: succeeded"),
-    "failure": (fail, Ending.FAILED, "carried: failed"),
     "time limit": (take_too_long, Ending.FAILED, "visit took longer than 1 s"),
-    "odometry": (lose_odometry, Ending.INPUT_LOST, "odom is missing"),
     "object": (lose_the_object, Ending.INPUT_LOST, "mark is missing"),
-    "fence": (leave_the_fence, Ending.OUT_OF_BOUNDS, "fence"),
-    "cancel": (end_by(Ending.CANCELED), Ending.CANCELED, "it is CANCELED"),
-    "preemption": (end_by(Ending.PREEMPTED), Ending.PREEMPTED, "it is PREEMPTED"),
-    "shutdown": (end_by(Ending.SHUTDOWN), Ending.SHUTDOWN, "it is SHUTDOWN"),
-    "base": (end_by(Ending.BASE_FAULT), Ending.BASE_FAULT, "it is BASE_FAULT"),
+    "cancel": (cancel, Ending.CANCELED, "by the client"),
 }
 
 
@@ -191,17 +168,35 @@ def test_an_action_that_cannot_be_set_up_fails_its_step() -> None:
     assert (step.status, step.message) == (Status.FAILED, "expected a table, found none")
 
 
-@pytest.mark.parametrize("name", ["goToPose", "dribbleBall", "shoot"])
-def test_the_first_search_from_rest_finds_its_tables_ready(name: str) -> None:
-    action = SOCCER.actions()[name].factory(ROBOT)
-    action.setup()
-    caches = (free_sides, run_sides, entry_sides, exit_sides, run_up_sides, release_sides)
-    before = [cache.cache_info().misses for cache in caches]
-    assert sum(cache.cache_info().currsize for cache in caches) > 0
-    ball = ROBOT.hold_point(Pose(0.0, 0.0, 0.0))
-    objects = {} if name == "goToPose" else {BALL: ObjectState(ball.x, ball.y)}
-    world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), objects)
-    mouth = Pose(*field_of(ROBOT).goal_centre(), 0.0)
-    action.start(world, Goal(mouth if name == "shoot" else Pose(1.0, 0.5, 0.0), 0.0, Point.HOLD))
-    action.end("planned")
-    assert [cache.cache_info().misses for cache in caches] == before
+def late(goal: Sent) -> World:
+    """Return the next state, in which the object that the step needs is overdue."""
+    return World(goal.now + 0.05, RobotState(Pose(0.0, 0.0, 0.0)), {"mark": ObjectState(2.0, 0.0)})
+
+
+def test_an_overdue_object_does_not_pause_it() -> None:
+    goal = begun(Ledger())
+    state = late(goal)
+    assert goal.execution.tick(state, state.time, overdue=frozenset({"mark"})) is None
+
+
+def test_late_odometry_does_not_stop_it_until_the_goal_ends() -> None:
+    goal = begun(Ledger())
+    assert not goal.execution.silent(goal.now + 0.2)
+    goal.execution.watch(goal.now + 0.4)
+    assert goal.execution.phase is Phase.ENDED
+    assert "odom is missing" in goal.execution.reason
+
+
+def test_after_a_pause_the_robot_stands_soon_and_the_goal_waits_longer() -> None:
+    inputs, robot, slowdown = Inputs({}), RobotState(Pose(0.0, 0.0, 0.0)), 1.0
+    for tick in range(80):
+        inputs.robot(0.05 * tick, robot, 0.05 * tick + (3.0 if tick >= 60 else 0.0))
+        slowdown = max(slowdown, inputs.slowdown)
+    assert slowdown > 8.0
+    goal = Sent(Ledger(), TopChain((CALL,)))
+    goal.tick()
+    goal.execution.slowdown = slowdown
+    assert not goal.execution.silent(goal.now + 0.7)
+    assert goal.execution.silent(goal.now + 0.8)  # five times half of 0.3 s
+    goal.execution.watch(goal.now + 1.2)
+    assert goal.execution.phase is Phase.EXECUTING

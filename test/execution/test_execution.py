@@ -1,4 +1,4 @@
-"""The executor node's core, without ROS: phases, deadlines, reasons."""
+"""The executor node's core, without ROS: phases, deadlines, reasons, and a ball that is silent or lost."""
 
 from __future__ import annotations
 
@@ -6,20 +6,17 @@ import dataclasses
 import math
 
 import pytest
-from executions import FORWARD, FORWARD_LEFT, LIBRARY, ROBOT, chain, execution, world
+from executions import FORWARD, FORWARD_LEFT, ROBOT, chain, execution, world
 
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.supervisor import Phase
+from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.geometry import Pose
 from ator_ros.performance.model_file import load_models
-from ator_ros.tops.objects import objects_in
-from ator_ros.world.state import STOP, ObjectState
-
-
-def test_which_tops_need_the_ball_follows_from_their_conditions() -> None:
-    assert {name for name in LIBRARY if objects_in(LIBRARY[name])} == {"goToBall", "dribbleBall", "shoot"}
+from ator_ros.simulation.simulation import Simulation
+from ator_ros.world.state import STOP, ObjectState, World
 
 
 def test_an_execution_answers_once_then_drives_and_stands_before_it_ends() -> None:
@@ -65,17 +62,10 @@ def test_a_robot_that_never_stands_does_not_hold_the_goal_for_ever() -> None:
 def test_a_goal_that_is_canceled_before_any_odom_ends() -> None:
     run = execution(FORWARD)
     run.end(Ending.CANCELED, "canceled by the client")
+    assert run.executor.records == []
     assert run.phase is Phase.STOPPING  # the robot may still move, as after the goal before
     run.watch(100.35)
     assert (run.phase, run.ending, run.reason) == (Phase.ENDED, Ending.CANCELED, "canceled by the client")
-
-
-def test_a_goal_that_is_canceled_long_before_any_odom_ends_at_once() -> None:
-    run = execution(FORWARD)
-    run.watch(101.0)
-    run.end(Ending.CANCELED, "canceled by the client")
-    run.watch(101.0)
-    assert run.phase is Phase.ENDED
 
 
 def test_half_of_the_silence_is_told_so_that_the_robot_may_stand() -> None:
@@ -232,30 +222,7 @@ def test_an_action_that_is_broken_off_leaves_its_record(ending: Ending) -> None:
     told = record.top, record.reason, record.ending, record.end.time
     assert told == ("goToPose", "for some reason", ending, 1.1)
     assert record.duration == pytest.approx(0.05)
-
-
-def test_a_goal_that_ends_before_its_first_action_has_no_record() -> None:
-    run = execution(FORWARD, refine=True)
-    run.tick(world(), 100.0)
-    run.end(Ending.CANCELED, "canceled by the client")
-    assert run.executor.records == []
-
-
-def test_an_action_that_has_ended_is_recorded_once() -> None:
-    run = execution(chain(("goToPose", Pose(0.0, 0.0, 0.0))))
-    for tick in range(4):
-        run.tick(world(1.0 + 0.05 * tick), 100.0)
-    assert (run.ending, [record.ending for record in run.executor.records]) == (
-        Ending.SUCCEEDED,
-        [Ending.SUCCEEDED],
-    )
-
-
-def test_nothing_remains_of_a_goal_that_has_ended() -> None:
-    run = execution(FORWARD)
-    run.tick(world(), 100.0)
-    run.end(Ending.CANCELED, "canceled by the client")
-    assert run.predicted_remaining(1.0) == 0.0
+    assert run.predicted_remaining(1.1) == 0.0
 
 
 DRIBBLE = chain(("dribbleBall", Pose(1.0, 0.0, 0.0)))
@@ -295,3 +262,70 @@ class TestAlternatives:
         run.refined_to(FORWARD, True, "nonsense", chosen=3)
         assert run.executor.chain == FORWARD
         assert "chosen: expected an index from 0 to 0, got 3" in run.refining.reason
+
+
+def test_a_goal_that_comes_before_the_ball_waits_for_it_standing() -> None:
+    run = execution(chain(("goToPose", Pose(-1.0, 0.0, 0.0)), ("goToBall", Pose(1.0, 0.0, 0.0))))
+    for tick in range(10):
+        assert run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick) == STOP
+    assert (run.phase, run.reason) == (Phase.WAITING, "waiting for the ball")
+    run.tick(world(1.5, ball=ObjectState(1.0, 0.0)), 100.5)
+    assert run.phase is Phase.EXECUTING
+    assert run.start is not None
+    assert run.start.time == 1.5
+
+
+def test_one_state_without_the_ball_is_a_pause() -> None:
+    run, ball = execution(chain(("goToBall", Pose(1.0, 0.0, 0.0)))), ObjectState(1.0, 0.0)
+    run.tick(world(ball=ball), 100.0)
+    for tick in range(1, 9, 2):
+        assert run.tick(world(1.0 + 0.05 * tick), 100.0) == STOP
+        assert run.tick(world(1.05 + 0.05 * tick, ball=ball), 100.0) != STOP
+    assert run.ending is None
+
+
+def test_a_ball_that_is_silent_when_its_step_comes_ends_the_goal() -> None:
+    run = execution(chain(("goToPose", Pose(0.0, 0.0, 0.0)), ("goToBall", Pose(1.0, 0.0, 0.0))))
+    run.tick(world(ball=ObjectState(1.0, 0.0)), 100.0)
+    for tick in range(1, 5):
+        run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick)
+    assert (run.ending, len(run.executor.records)) == (
+        Ending.INPUT_LOST,
+        1,
+    )  # of goToPose: goToBall has not begun
+
+
+CARRY = chain(("goToBall", Pose(1.0, 0.0, 0.0)), ("dribbleBall", Pose(2.5, 0.0, 0.0)))
+
+
+def carrying(*, fetches: int = 0) -> tuple[Supervisor, World]:
+    """Return an execution of CARRY that dribbles, and the state that it is in."""
+    run = execution(CARRY, fetches=fetches)
+    with Simulation(ROBOT) as simulation:
+        simulation.place_object(BALL, 1.0, 0.0)
+        while run.executor.call.top.name != "dribbleBall":
+            simulation.command(run.tick(simulation.world(), 100.0))
+            simulation.tick()
+            assert run.ending is None
+        return run, simulation.world()
+
+
+def test_a_ball_that_is_lost_ends_the_goal_under_that_name() -> None:
+    run, state = carrying()
+    assert run.tick(state.with_object(BALL, ObjectState(1.0, 0.5)), 100.0) == STOP
+    assert run.ending is Ending.OBJECT_LOST
+    assert run.reason.startswith("ball lost in dribbleBall: lost the ball, it is")
+    assert run.executor.records[-1].lost
+
+
+def test_a_ball_that_is_lost_is_fetched_where_it_is() -> None:
+    run, state = carrying(fetches=1)
+    lost = state.with_object(BALL, ObjectState(1.0, 0.9))
+    run.tick(lost, 100.0)
+    assert (run.ending, run.executor.fetched, run.executor.call.top.name) == (None, 1, "goToBall")
+    run.tick(dataclasses.replace(lost, time=state.time + 0.05), 100.05)  # one action is planned a tick
+    assert run.executor.chain.calls[0].goal.pose == Pose(1.0, 0.9, 0.0)
+    for wait in (0.1, 0.15):
+        assert run.tick(world(state.time + wait), 100.1) == STOP
+    assert run.ending is Ending.INPUT_LOST
+    assert "ball is missing: goToBall needs it" in run.reason

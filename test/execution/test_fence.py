@@ -10,9 +10,8 @@ from driving import drive
 from executions import LIBRARY, ROBOT, chain
 
 from ator_ros.domains.soccer.field import BALL
-from ator_ros.domains.soccer.planned.planned_action import POSITION_TOLERANCE
 from ator_ros.execution.chain_executor import Ending
-from ator_ros.execution.fence import Fence, FenceWatch, room_inside
+from ator_ros.execution.fence import Fence, FenceWatch
 from ator_ros.execution.supervisor import Deadlines
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import TopChain
@@ -25,11 +24,6 @@ def test_the_fence_is_the_field_and_its_margin() -> None:
     assert Fence(-5.0, -3.5, 5.0, 3.5) == FENCE
     assert FENCE.outside(4.9, -3.4) == 0.0
     assert FENCE.outside(8.0, 7.5) == pytest.approx(5.0)
-
-
-def test_a_goal_has_room_for_the_tolerance_of_planned_actions() -> None:
-    reaction = 0.05 + ROBOT.motor_time_constant  # a tick, and the lag of the motors
-    assert room_inside(ROBOT) >= POSITION_TOLERANCE + ROBOT.limits.v * reaction - 1e-9
 
 
 @pytest.mark.parametrize("edges", [[1.0, 2.0, 3.0], [2.0, 0.0, 1.0, 1.0], [0.0, 0.0, math.inf, 1.0]])

@@ -1,10 +1,12 @@
-"""Refinement is asked again when the ball has moved, while the robot drives on."""
+"""What is left of a goal is refined again along the way, other plans included, while the robot drives on."""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -15,57 +17,92 @@ from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.refining import Question, refined_chain
+from ator_ros.execution.refining import Question, continuations, refined_chain, with_followed
 from ator_ros.execution.supervisor import Deadlines, Supervisor
 from ator_ros.geometry import Pose
+from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
-from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
+from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, ObjectState, RobotState, World
 
 ROBOT = load_robot()
 LIBRARY = SOCCER.library(ROBOT)
+GOAL = (4.0, 0.0)
+
+
+def call(top: str, x: float, y: float, yaw: float = 0.0, *opened: str) -> TopCall:
+    return TopCall(LIBRARY[top], Goal(Pose(x, y, yaw), 0.0, LIBRARY[top].point), frozenset(opened))
+
+
+FETCH = call("goToBall", 2.0, 0.0, 0.0, "yaw", "speed")
+SHOOT = call("shoot", *GOAL)
+ROUND = call("goToPose", 1.2, 0.6, 0.0, "yaw", "speed")
+DRIBBLE = call("dribbleBall", 2.6, 0.5, 0.0, "x", "y", "yaw", "speed")
+HERE, ANYWHERE = TopChain((FETCH, SHOOT)), TopChain((FETCH, DRIBBLE, SHOOT))
+AROUND = TopChain((ROUND, FETCH, SHOOT))
+CHAIN = TopChain((call("goToBall", 0.0, 0.0, 0.0, "yaw"), call("dribbleBall", 2.0, 0.5, 0.0, "yaw")))
 NEW_YAW = -0.6
+START = Pose(-1.5, -1.0, 0.5)
 
 
-def call(top: str, x: float, y: float) -> TopCall:
-    return TopCall(LIBRARY[top], Goal(Pose(x, y, 0.0), 0.0, LIBRARY[top].point), frozenset({"yaw"}))
+class CountsSteps(Predictor):
+    """Predicts a second for each step."""
 
+    def __init__(self) -> None:
+        super().__init__(ROBOT, {})
 
-CHAIN = TopChain((call("goToBall", 0.0, 0.0), call("dribbleBall", 2.0, 0.5)))
+    def chain(self, world: World, chain: TopChain) -> ChainPrediction:
+        return ChainPrediction(tuple({"duration": 1.0} for _ in chain.calls), float(len(chain)))
 
 
 class Drive:
-    """An execution of CHAIN in the simulation, for which the test answers in refinement's place."""
+    """An execution in the simulation, for which the test answers in refinement's place."""
 
     def __init__(
-        self, simulation: Simulation, *, refine: bool, again_after: float, answer: TopChain = CHAIN
+        self,
+        simulation: Simulation,
+        *plans: TopChain,
+        refine: bool = True,
+        again_after: float = 0.15,
+        start: Pose = START,
+        ball: tuple[float, float] = (2.0, 0.0),
     ) -> None:
-        self.simulation = simulation
-        simulation.place_robot(Pose(-2.0, 0.0, 0.0))
-        simulation.place_object(BALL, 0.0, 0.0)
+        self.simulation, self.commands = simulation, list[Command]()
+        simulation.place_robot(start)
+        simulation.place_object(BALL, *ball)
         self.run = Supervisor(
             LIBRARY,
-            CHAIN,
+            plans[0],
             refine=refine,
             again_after=again_after,
             now=0.0,
-            predictor=Predictor(ROBOT, {}),
+            predictor=CountsSteps(),
             deadlines=Deadlines(),
             fence=Fence.around(ROBOT),
+            alternatives=plans[1:],
         )
-        self.commands: list[Command] = []
         self.tick()
         if refine:
-            self.run.refined_to(answer, False, "the first answer")
+            self.run.refined_to(plans[0], False, "the first answer")
 
     def tick(self, times: int = 1) -> None:
         for _ in range(times):
             command = self.run.tick(self.simulation.world(), self.simulation.time)
             self.run.watch(self.simulation.time)
+            assert command is not None
             self.commands.append(command)
             self.simulation.command(command)
             self.simulation.tick()
+
+    def asked(self, ticks: int = 30, ball: tuple[float, float] = (2.0, 0.4)) -> Question:
+        """Let the ball be moved on the way, and give the question that this raises."""
+        self.tick(ticks)
+        assert self.run.question is None
+        self.simulation.place_object(BALL, *ball)
+        self.tick()
+        assert self.run.question is not None
+        return self.run.question
 
     def to_the_end(self) -> Ending | None:
         while self.run.ending is None:
@@ -73,14 +110,19 @@ class Drive:
         return self.run.ending
 
 
-def start(**options: object) -> Iterator[Drive]:
+@pytest.fixture
+def simulation() -> Iterator[Simulation]:
     with Simulation(ROBOT) as simulation:
-        yield Drive(simulation, **{"refine": True, "again_after": 0.15, **options})  # type: ignore[arg-type]
+        yield simulation
+
+
+def on_chain(simulation: Simulation, **options: Any) -> Drive:
+    return Drive(simulation, CHAIN, start=Pose(-2.0, 0.0, 0.0), ball=(0.0, 0.0), **options)
 
 
 @pytest.fixture
-def drive() -> Iterator[Drive]:
-    yield from start()
+def drive(simulation: Simulation) -> Drive:
+    return on_chain(simulation)
 
 
 def with_yaw(chain: TopChain, yaw: float) -> TopChain:
@@ -89,13 +131,135 @@ def with_yaw(chain: TopChain, yaw: float) -> TopChain:
 
 
 def asked(drive: Drive) -> Question:
-    """Drive, move the ball aside, and give the question that this raises."""
+    return drive.asked(20, (0.3, 0.4))
+
+
+def assert_smooth(commands: list[Command]) -> None:
+    """Make sure that commands change in a tick by hardly more than the base can.
+
+    A new plan begins with what makes up for the motors' lag: up to half as much again in turning.
+    """
+    limits = ROBOT.limits
+    for one, other in itertools.pairwise(commands):
+        change = other.v - one.v
+        most = (limits.a if abs(other.v) > abs(one.v) else limits.brake) * CONTROL_PERIOD
+        assert abs(change) <= 1.1 * most + 1e-6, f"{one} to {other}"
+        assert abs(other.w - one.w) <= 1.5 * limits.aw * CONTROL_PERIOD + 1e-6, f"{one} to {other}"
+
+
+def test_a_question_on_the_way_offers_the_other_plans_with_their_goals_at_the_ball(
+    simulation: Simulation,
+) -> None:
+    question = Drive(simulation, HERE, ANYWHERE, TopChain((SHOOT,))).asked()
+    (other,) = question.others  # the last is no valid plan from here
+    assert other.number == 1
+    assert other.chain.calls[0].goal.pose == Pose(2.0, 0.4, 0.0)
+    assert other.chain.calls[1:] == ANYWHERE.calls[1:]
+    assert question.cause == "the ball comes to rest 0.40 m from the forecast"
+
+
+def test_another_plan_is_taken_up_without_a_stop_and_carried_out(simulation: Simulation) -> None:
+    drive = Drive(simulation, ANYWHERE, HERE, AROUND)
+    question = drive.asked()
+    assert [other.number for other in question.others] == [1, 2]
+    drive.run.refined_to(question.others[1].chain, False, "3 s faster", chosen=2)
+    drive.tick(20)
+    assert [c.top.name for c in drive.run.executor.chain.calls] == ["goToPose", "goToBall", "shoot"]
+    assert drive.run.executor.chain.calls[1].goal.pose == Pose(2.0, 0.4, 0.0)
+    assert STOP not in drive.commands[3:]
+    assert_smooth(drive.commands[3:])
+    assert drive.run.predicted_remaining(drive.simulation.time) == pytest.approx(2.0 + 0.0, abs=0.1)
+    assert drive.run.refining.again == 1
+    told = "as the ball comes to rest 0.40 m from the forecast: alternative 2 is chosen: 3 s faster"
+    assert told in drive.run.refining.reason
+    assert drive.to_the_end() is Ending.SUCCEEDED, drive.run.reason
+    assert [r.top for r in drive.run.executor.records if r.ending is Ending.SUCCEEDED] == [
+        "goToPose",
+        "goToBall",
+        "shoot",
+    ]
+
+
+def test_a_plan_with_more_steps_is_predicted_to_its_end(simulation: Simulation) -> None:
+    drive = Drive(simulation, HERE, ANYWHERE)
+    question = drive.asked()
+    drive.run.refined_to(question.others[0].chain, False, "better", chosen=1)
+    seen = set()
+    while drive.run.ending is None:
+        seen.add(
+            (drive.run.executor.index, math.isfinite(drive.run.predicted_remaining(drive.simulation.time)))
+        )
+        drive.tick()
+    assert drive.run.ending is Ending.SUCCEEDED, drive.run.reason
+    assert seen == {(0, True), (1, True), (2, True)}
+
+
+def test_a_choice_that_was_not_offered_or_changes_what_it_may_not_is_left_alone(
+    simulation: Simulation,
+) -> None:
+    drive = Drive(simulation, HERE, ANYWHERE)
+    drive.asked()
+    before = drive.run.executor.chain
+    drive.run.refined_to(ANYWHERE, False, "nonsense", chosen=2)
+    assert "chosen: expected an index from 0 to 1, got 2" in drive.run.refining.reason
+    drive.simulation.place_object(BALL, 2.0, 0.0)
+    drive.tick()
+    question = drive.run.question
+    assert question is not None
+    other = question.others[0].chain
+    astray = other.with_goal(2, dataclasses.replace(other.calls[2].goal, pose=Pose(4.0, 1.0, 0.0)))
+    drive.run.refined_to(astray, True, "nonsense", chosen=1)
+    drive.tick()
+    assert "y of step 3 (shoot): expected 0 as planned, got 1" in drive.run.refining.reason
+    assert drive.run.executor.chain.calls[1:] == before.calls[1:]
+    assert drive.run.refining.again == 0
+
+
+def test_a_robot_that_keeps_to_its_way_raises_no_question(simulation: Simulation) -> None:
+    drive = Drive(simulation, ANYWHERE)
+    while drive.run.ending is None:
+        drive.tick()
+        assert drive.run.question is None
+    assert drive.run.ending is Ending.SUCCEEDED
+
+
+def test_a_robot_that_is_pushed_off_its_way_raises_one_question(simulation: Simulation) -> None:
+    drive = Drive(simulation, ANYWHERE)
+    drive.tick(30)
+    there = simulation.world().robot
+    simulation.place_robot(there.pose._replace(y=there.pose.y - 0.3), v=there.v, w=there.w)
+    drive.tick(2)
+    question = drive.run.question
+    assert question is not None
+    assert question.cause.endswith("m off its way")
+    drive.run.refined_to(question.chain, False, "no better")
     drive.tick(20)
     assert drive.run.question is None
-    drive.simulation.place_object(BALL, 0.3, 0.4)
-    drive.tick()
-    assert drive.run.question is not None
-    return drive.run.question
+    assert "asked again after" in drive.run.refining.reason
+    assert drive.to_the_end() is Ending.SUCCEEDED
+
+
+def test_goals_of_later_steps_follow_the_ball_until_a_step_moves_it() -> None:
+    world = World(0.0, RobotState(Pose(-1.5, -1.0, 0.5)), {BALL: ObjectState(1.5, 1.0)})
+    moved = with_followed(AROUND, world, ROBOT)
+    assert moved.calls[1].goal.pose == Pose(1.5, 1.0, 0.0)
+    assert (moved.calls[0], moved.calls[2]) == (ROUND, SHOOT)
+    twice = TopChain((FETCH, DRIBBLE, call("goToBall", 2.6, 0.5)))
+    assert with_followed(twice, world, ROBOT).calls[2] == twice.calls[2]
+
+
+def test_what_is_done_in_common_is_not_done_again() -> None:
+    hold = ROBOT.pose_holding(Pose(2.0, 0.0, 0.2))
+    world = World(0.0, RobotState(hold), {BALL: ObjectState(2.0, 0.0)})
+    plans = (ANYWHERE, HERE, AROUND)
+    after = continuations(plans, 0, ANYWHERE, 1, world, ROBOT)
+    assert [(c.number, [step.top.name for step in c.chain.calls]) for c in after] == [
+        (1, ["shoot"]),
+        (2, ["goToPose", "goToBall", "shoot"]),  # anew: it began otherwise
+    ]
+    elsewhere = TopChain((call("goToPose", -1.0, 0.0), FETCH, SHOOT))
+    shared = continuations((AROUND, elsewhere), 0, AROUND, 1, world, ROBOT)
+    assert [len(c.chain) for c in shared] == [3]
 
 
 def test_the_question_is_about_the_robot_in_motion_and_the_ball_where_it_is(drive: Drive) -> None:
@@ -143,14 +307,6 @@ def test_without_an_answer_it_goes_on(drive: Drive) -> None:
     assert drive.run.refining.again == 0
 
 
-def test_an_answer_with_other_steps_is_left_alone(drive: Drive) -> None:
-    asked(drive)
-    drive.run.refined_to(TopChain(CHAIN.calls[1:]), True, "nonsense")
-    drive.tick()
-    assert "expected the steps of the question" in drive.run.refining.reason
-    assert drive.run.ending is None
-
-
 @pytest.mark.parametrize(
     ("step", "change", "told"),
     [
@@ -179,23 +335,6 @@ def test_a_long_refusal_on_the_way_is_told_in_short(drive: Drive) -> None:
     assert len(drive.run.refining.reason) < 250
 
 
-def test_of_an_answer_that_is_no_plan_one_reason_is_told(drive: Drive) -> None:
-    question = asked(drive)
-    plan = TopChain(question.chain.calls[1:])  # dribbles where no ball is
-    asked_so = dataclasses.replace(question, chain=plan, step=1)
-    with pytest.raises(InvalidChainError, match=r"^no valid plan: pre-condition of step 1 [^;]* more\)$"):
-        refined_chain(CHAIN, asked_so, plan, question.world, LIBRARY)
-
-
-def test_the_first_answer_is_looked_at_too() -> None:
-    with Simulation(ROBOT) as simulation:
-        drive = Drive(simulation, refine=True, again_after=0.15, answer=TopChain(CHAIN.calls[:1]))
-        assert drive.run.executor.chain is CHAIN
-        told = "the answer cannot be used: expected the steps of the question"
-        assert drive.run.refining.reason == f"executed as sent, refinement failed: {told}"
-        assert not drive.run.refining.refined
-
-
 def test_a_question_on_the_way_is_a_valid_plan_also_while_the_ball_rolls(drive: Drive) -> None:
     drive.tick(20)
     drive.simulation.place_object(BALL, 0.3, 0.4, vx=0.5)
@@ -218,17 +357,14 @@ def test_a_small_move_raises_no_question(drive: Drive) -> None:
 
 
 @pytest.mark.parametrize("options", [{"refine": False}, {"again_after": 0.0}])
-def test_who_does_not_want_it_is_not_asked(options: dict[str, object]) -> None:
-    for drive in start(**options):
-        drive.tick(20)
-        drive.simulation.place_object(BALL, 0.3, 0.4)
-        drive.tick()
-        assert drive.run.question is None
-        assert drive.run.executor.chain.calls[0].goal.pose == Pose(0.3, 0.4, 0.0)
-
-
-def test_before_an_answer_it_says_whether_one_is_awaited() -> None:
-    for drive in start(refine=False):
+def test_who_does_not_want_it_is_not_asked(simulation: Simulation, options: dict[str, Any]) -> None:
+    drive = on_chain(simulation, **options)
+    drive.tick(20)
+    drive.simulation.place_object(BALL, 0.3, 0.4)
+    drive.tick()
+    assert drive.run.question is None
+    assert drive.run.executor.chain.calls[0].goal.pose == Pose(0.3, 0.4, 0.0)
+    if "refine" in options:
         assert drive.run.refining.reason == "executed as sent; the goal has refine: false"
 
 

@@ -14,7 +14,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.view.backend import OTHERS, BackendError, ExternalGoal, Run, UnavailableError
 from ator_ros.view.draft import Draft, situation_draft
-from ator_ros.view.editor import NAIVE, REFINED, CommandQueue, Editor, Race
+from ator_ros.view.editor import NAIVE, REFINED, Editor, Race
 from ator_ros.world.state import World
 
 
@@ -90,17 +90,6 @@ def test_the_best_alternative_is_chosen_and_executed(editor: Editor, backend: In
     editor.step([editor.forget_alternatives])
     assert editor.answer is not None
     assert editor.answer.candidates == ()
-
-
-def test_of_commands_with_the_same_key_the_newest_is_executed() -> None:
-    commands, done = CommandQueue(), list[int]()
-    for number in range(3):
-        commands.put("drag", lambda number=number: done.append(number))
-    commands.put("press", lambda: done.append(10))
-    for command in commands.take():
-        command()
-    assert done == [2, 10]
-    assert commands.take() == []
 
 
 COMMANDS: dict[str, Callable[[Editor], object]] = {

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import socket
 from collections.abc import Callable, Iterator
 
-import numpy as np
 import pytest
 from free_port import free_port
 
@@ -23,7 +21,7 @@ from ator_ros.view.draft import situation_draft
 from ator_ros.view.editor import NAIVE, Editor
 from ator_ros.view.page import Page
 from ator_ros.view.panel import clock_text, gate_text, rules_text, times_text
-from ator_ros.view.scene import LOOPBACK, on_floor, serve
+from ator_ros.view.scene import LOOPBACK, serve
 from ator_ros.world.state import RobotState, World
 
 ROBOT = SOCCER.robot()
@@ -196,10 +194,3 @@ def test_the_clock_reports_silence_and_what_was_not_moved() -> None:
     assert clock_text(world, paused=True, status="waits", silence=7.3) == "**3.00 s** (paused) · waits"
     text = clock_text(world, paused=False, status="drives", refused="ball: off [it]")
     assert text == "**3.00 s** · drives\n\n**not moved:** ball: off \\[it\\]"
-
-
-def test_a_pointer_that_meets_no_floor_moves_nothing() -> None:
-    camera = np.array([0.0, 0.0, 2.0])
-    assert on_floor(camera, np.array([0.5, 0.0, 1.0]), 0.0) == pytest.approx((1.0, 0.0))
-    assert on_floor(camera, np.array([0.5, 0.0, 3.0]), 0.0) is None
-    assert on_floor(camera, np.array([math.inf, 0.0, 1.0]), 0.0) is None

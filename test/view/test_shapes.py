@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from view.in_process import InProcessBackend
 
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.view.backend import Answer
 from ator_ros.view.shapes import (
@@ -18,7 +17,6 @@ from ator_ros.view.shapes import (
     executed_chain_shapes,
     refinement_shapes,
     ring,
-    surroundings,
 )
 
 
@@ -69,8 +67,3 @@ def test_naive_is_grey_and_the_chain_to_execute_is_coloured(answer: Answer) -> N
     assert isinstance(first, Arrow)
     assert isinstance(second, Arrow)
     assert first.colour == blue.colour != second.colour
-
-
-def test_surroundings_hold_area_bays_and_the_domains_lines() -> None:
-    names = [shape.name for shape in surroundings(SOCCER, SOCCER.robot())]
-    assert names == ["area", "line0", "line1", "bay0", "bay1"]
