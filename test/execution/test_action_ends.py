@@ -7,7 +7,11 @@ from collections.abc import Callable
 import pytest
 from carried import CALL, ROBOT, Ledger, Sent, begun
 
-from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
+from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step, finished
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.field import BALL, field_of
+from ator_ros.domains.soccer.planned.holding import entry_sides, exit_sides, release_sides, run_up_sides
+from ator_ros.domains.soccer.planned.planner import free_sides, run_sides
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.execution.motion_watch import Driving
 from ator_ros.execution.supervisor import Phase
@@ -200,3 +204,19 @@ def test_after_a_pause_the_robot_stands_soon_and_the_goal_waits_longer() -> None
     assert goal.execution.silent(goal.now + 0.8)  # five times half of 0.3 s
     goal.execution.watch(goal.now + 1.2)
     assert goal.execution.phase is Phase.EXECUTING
+
+
+@pytest.mark.parametrize("name", ["goToPose", "dribbleBall", "shoot"])
+def test_the_first_search_from_rest_finds_its_tables_ready(name: str) -> None:
+    action = SOCCER.actions()[name].factory(ROBOT)
+    action.setup()
+    caches = (free_sides, run_sides, entry_sides, exit_sides, run_up_sides, release_sides)
+    before = [cache.cache_info().misses for cache in caches]
+    assert sum(cache.cache_info().currsize for cache in caches) > 0
+    ball = ROBOT.hold_point(Pose(0.0, 0.0, 0.0))
+    objects = {} if name == "goToPose" else {BALL: ObjectState(ball.x, ball.y)}
+    world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), objects)
+    mouth = Pose(*field_of(ROBOT).goal_centre(), 0.0)
+    action.start(world, Goal(mouth if name == "shoot" else Pose(1.0, 0.5, 0.0), 0.0, Point.HOLD))
+    action.end("planned")
+    assert [cache.cache_info().misses for cache in caches] == before

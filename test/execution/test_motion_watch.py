@@ -258,6 +258,16 @@ def test_odometry_at_5_hz_blames_no_base_that_stands_between_two_messages() -> N
         watch.sent(time + 0.15, STOP)
 
 
+def test_a_base_a_third_as_strong_as_described_is_not_called_weak() -> None:
+    watch, v, x = MotionWatch(ROBOT, 0.0), 0.0, 0.0
+    for tick in range(200):
+        target = ROBOT.limits.v * (-1.0 if 80 <= tick < 140 else 1.0) / 3.0
+        v += max(-1.0, min(1.0, (target - v) / (ROBOT.limits.a * TICK / 3.0))) * ROBOT.limits.a * TICK / 3.0
+        x += v * TICK
+        assert watch.fault(tick * TICK, RobotState(Pose(x, 0.0, 0.0), v), tick * TICK) is None
+        watch.sent(tick * TICK, Command(3.0 * target, 0.0))
+
+
 @pytest.mark.parametrize("rate", [2.0, 3.0, 5.0, 10.0])
 def test_odometry_that_froze_while_standing_is_noticed_however_rarely_it_comes(rate: float) -> None:
     watch, said, tick = MotionWatch(ROBOT, 0.0), None, 0
