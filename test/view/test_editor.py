@@ -218,15 +218,6 @@ def test_a_running_robot_is_followed_until_something_is_moved_or_executed(
     assert "place" in backend.calls
 
 
-def test_another_robot_is_selected_where_it_is(running: Editor) -> None:
-    other = InProcessBackend()
-    other.observe(10.0, Pose(1.0, -1.0, 2.0), (0.5, 0.75))
-    running.step([lambda: running.select(other), lambda: running.execute(NAIVE)])
-    [chain] = other.executed
-    assert chain.calls[0].goal.pose[:2] == (0.5, 0.75)
-    assert running.problem == ""
-
-
 def test_refinement_that_comes_back_is_asked_again(running: Editor, backend: InProcessBackend) -> None:
     backend.fails = UnavailableError("expected the service refine_subgoal, it is not there")
     running.step([lambda: running.move_goal(1, Pose(0.5, 0.25, 1.0))])
