@@ -117,6 +117,17 @@ def test_a_base_that_suddenly_drives_the_other_way_is_stopped(name: str) -> None
         assert done.late <= 0.5, f"{since:.2f} s"
 
 
+@pytest.mark.parametrize("since", [0.6, 1.0, 1.5, 2.0, 3.0])
+def test_a_base_that_keeps_driving_is_stopped_although_plans_begin_at_its_speed(since: float) -> None:
+    failure = Failure("constant", "v", since, "motion", 0.8)
+    base = KinematicBase(PIONEER, Pose(-2.0, 0.0, 0.0), failure=failure)
+    chain = go(PIONEER, Pose(2.0, 1.0, 0.0))
+    done = execute(SOCCER.library(PIONEER), chain, base, rate=25.0, longest=since + 3.0, until_stood=False)
+    assert done.ending is Ending.BASE_FAULT
+    assert done.ended is not None
+    assert done.ended - since <= 0.5
+
+
 @pytest.mark.parametrize("moment", [0.15, 0.25, 0.4])
 def test_a_base_that_keeps_the_speed_of_a_moment_is_stopped(moment: float) -> None:
     library, chain = SOCCER.library(PIONEER), go(PIONEER, Pose(3.0, 1.0, 0.0))
