@@ -9,7 +9,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.recordings import USUAL, TopicNames, read_recording
 from ator_ros.experience.records import Vocabulary
-from ator_ros.experience.store_reading import is_store, read_store
+from ator_ros.experience.store import is_store, read_store
 from ator_ros.experience.table import Experience, join, read_experience
 from ator_ros.printable import quoted
 from ator_ros.robot.description import Robot

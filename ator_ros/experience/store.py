@@ -1,17 +1,15 @@
 """A bounded store of episodes on disk, to which a node appends while others read it.
 
     FOLDER/store.json                      of which robot and domain
-    FOLDER/default/000000.parquet ...      closed parts of an action set, as `train` reads them
-    FOLDER/default/000007.jsonl            the part that grows: one episode a line
+    FOLDER/default/000000.jsonl ...        parts of an action set: one episode a line
 
 A line is written at once, so that a process that is killed loses nothing that it has appended; `sync` brings
-it to the disk. A line that was cut off is dropped when the store is opened again. Closed parts are converted
-to Parquet by whoever reads them for learning (`ator_ros.experience.store_reading`).
+it to the disk. A line that was cut off is dropped when the store is opened again.
 """
 
 from __future__ import annotations
 
-import itertools
+import errno
 import json
 import math
 import os
@@ -19,18 +17,30 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from ator_ros.actions.base import Point
-from ator_ros.actions.goal_variables import direct_name
-from ator_ros.experience.columns import STATE_COLUMNS, ExperienceError, object_columns
+import numpy as np
+import pandas as pd
+
+from ator_ros.actions import DEFAULT_SET
+from ator_ros.actions.goal_variables import MOST_GOAL_VARIABLES, direct_name
+from ator_ros.experience.columns import (
+    MOST_OBJECTS,
+    ExperienceError,
+    columns,
+    goal_variables_of_columns,
+    object_columns,
+    objects_of_columns,
+)
 from ator_ros.experience.episode import Episode
+from ator_ros.experience.table import Experience, checked_rows, join, library_versions, start_row
 from ator_ros.files import is_name, load, save
 
 KIND = "record store"
 STORE = "store.json"
 PART = 1000
 """Episodes of a part: what is dropped at once when the store is full."""
-_UNKNOWN = (None, None)
-_NUMBER = re.compile(r"(\d{6,})\.(jsonl|parquet)")
+NUMBER = "number"
+"""Column of a store's episodes: their numbers, which rise with time and are never used twice."""
+_NUMBER = re.compile(r"(\d{6,})\.jsonl")
 
 
 @dataclass(frozen=True)
@@ -41,51 +51,11 @@ class StoreInfo:
     domain: str
 
 
-def read_info(folder: Path) -> StoreInfo:
-    """Return of which robot and domain the episodes of a store are.
-
-    Raises
-    ------
-    ExperienceError
-        `folder` is no store.
-    """
-    return load(folder / STORE, KIND, StoreInfo, error=ExperienceError)
-
-
-def parts_of(place: Path) -> dict[int, Path]:
-    """Return the parts of an action set by number, in order; of a part in both formats, the converted one."""
-    found: dict[int, Path] = {}
-    for file in sorted(place.iterdir()) if place.is_dir() else ():  # .jsonl comes before .parquet
-        if (match := _NUMBER.fullmatch(file.name)) is not None:
-            found[int(match[1])] = file
+def _parts_of(place: Path) -> dict[int, Path]:
+    """Return the parts of an action set by number, in order."""
+    files = place.glob("*.jsonl")  # none of a folder that is missing
+    found = {int(match[1]): file for file in files if (match := _NUMBER.fullmatch(file.name))}
     return dict(sorted(found.items()))
-
-
-def line_of(episode: Episode) -> bytes:
-    """Return the start of an episode as a line of JSON: columns of a table by name, null where not known."""
-    robot, goal = episode.situation.robot, episode.situation.goal
-    there = episode.situation.objects
-    places = [(there[name].x, there[name].y) if name in there else _UNKNOWN for name in episode.objects]
-    row = {
-        "action": episode.situation.action,
-        "t": 0.0,
-        **dict(zip(STATE_COLUMNS[1:], (*robot.pose, robot.v, robot.w), strict=True)),
-        **dict(zip(object_columns(episode.objects), itertools.chain.from_iterable(places), strict=True)),
-        "xg": goal.pose.x,
-        "yg": goal.pose.y,
-        "yawg": goal.pose.yaw,
-        "speedg": goal.speed,
-        **{direct_name(name): value for name, value in goal.values.items()},
-        "hold": int(goal.point is Point.HOLD),
-        "time_to_go": episode.duration,
-        "duration": episode.duration,
-        "success": episode.success,
-        "reason": episode.reason,
-        "position_error": episode.position_error,
-        "heading_error": episode.heading_error,
-    }
-    plain = {name: None if value != value else value for name, value in row.items()}  # NaN
-    return json.dumps(plain, allow_nan=False, separators=(",", ":")).encode() + b"\n"
 
 
 class RecordStore:
@@ -113,86 +83,66 @@ class RecordStore:
     def __init__(self, folder: Path, info: StoreInfo, *, most: int) -> None:
         self._folder, self._most = folder, most
         folder.mkdir(parents=True, exist_ok=True)
-        if (folder / STORE).exists():
-            if (there := read_info(folder)) != info:
-                raise ExperienceError(
-                    f"{folder / STORE}: expected {info}, got {there}: choose another folder"
-                )
-        else:
+        if not is_store(folder):
             save(folder / STORE, KIND, info)
-        self._open: dict[str, _Part] = {}
-        for place in sorted(folder.iterdir()):
-            if place.is_dir() and is_name(place.name):
-                self._open[place.name] = _last_part(place)
+        elif (there := load(folder / STORE, KIND, StoreInfo, error=ExperienceError)) != info:
+            raise ExperienceError(f"{folder / STORE}: expected {info}, got {there}: choose another folder")
+        places = [folder / name for name in action_sets_in(folder)]
+        self._parts = {place.name: _Part(place, max(_parts_of(place))) for place in places}
 
     @property
     def ends(self) -> dict[str, int]:
         """The number that the next episode of each action set gets; numbers are never used twice."""
-        return {name: part.number * PART + part.lines for name, part in self._open.items()}
+        return {name: part.number * PART + part.lines for name, part in self._parts.items()}
 
     def append(self, action_set: str, episode: Episode) -> None:
         """Append an episode; it is written whole or, when OSError is raised, not at all."""
-        line = line_of(episode)
-        part = self._open.get(action_set)
+        place, part = self._folder / action_set, self._parts.get(action_set)
         if part is None:
-            (self._folder / action_set).mkdir(exist_ok=True)
-            part = _last_part(self._folder / action_set)
+            place.mkdir(exist_ok=True)
+            part = self._parts[action_set] = _Part(place, 0)
         elif part.lines >= PART:
             part.sync()
-            part.close()
-            part = _Part(part.place, part.number + 1)
-            self._open[action_set] = part
-            self._drop_oldest(part)
-        part.append(line)
-        self._open[action_set] = part
+            full, part = part, _Part(place, part.number + 1)
+            self._parts[action_set] = part
+            full.close()
+            kept = math.ceil(self._most / PART)
+            for number, file in _parts_of(place).items():
+                if number < part.number - kept:
+                    file.unlink()
+        row = {name: None if value != value else value for name, value in start_row(episode).items()}  # NaN
+        part.append(json.dumps(row, allow_nan=False, separators=(",", ":")).encode() + b"\n")
 
     def sync(self) -> None:
         """Bring what was appended to the disk, so that it outlasts a loss of power."""
-        for part in self._open.values():
+        for part in self._parts.values():
             part.sync()
 
     def close(self) -> None:
         """Close the files."""
-        for part in self._open.values():
+        for part in self._parts.values():
             part.close()
-
-    def _drop_oldest(self, newest: _Part) -> None:
-        kept = math.ceil(self._most / PART)
-        for number in parts_of(newest.place):
-            if number < newest.number - kept:
-                for suffix in ("jsonl", "parquet"):
-                    (newest.place / f"{number:06d}.{suffix}").unlink(missing_ok=True)
-
-
-def _last_part(place: Path) -> _Part:
-    """Return the part of an action set that grows: the last one, or the one after where that is converted."""
-    parts = parts_of(place)
-    if not parts:
-        return _Part(place, 0)
-    number, file = next(reversed(parts.items()))
-    return _Part(place, number + (file.suffix == ".parquet"))
+        self._parts.clear()
 
 
 class _Part:
-    """The part that grows; opened when the first line is appended."""
+    """The part of an action set that grows, open for appending."""
 
     def __init__(self, place: Path, number: int) -> None:
-        self.place, self.number = place, number
-        self._file = place / f"{number:06d}.jsonl"
-        self._handle = -1
-        self._dirty = False
-        self._size, self.lines = _whole_lines(self._file)
+        self.number, self._dirty = number, False
+        file = place / f"{number:06d}.jsonl"
+        self._handle = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        lines = file.read_bytes().split(b"\n")
+        self.lines = len(lines) - 1
+        self._size = file.stat().st_size - len(lines[-1])
+        os.ftruncate(self._handle, self._size)  # a line that was cut off
 
     def append(self, line: bytes) -> None:
-        handle = self._opened()
         try:
-            written = os.write(handle, line)
-            if written < len(line):  # the disk is full
-                written += os.write(handle, line[written:])
-            if written < len(line):
-                raise OSError(28, os.strerror(28), str(self._file))
+            if os.write(self._handle, line) < len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError:
-            os.ftruncate(handle, self._size)
+            os.ftruncate(self._handle, self._size)
             raise
         self._size, self.lines, self._dirty = self._size + len(line), self.lines + 1, True
 
@@ -202,22 +152,118 @@ class _Part:
             self._dirty = False
 
     def close(self) -> None:
-        if self._handle >= 0:
-            os.close(self._handle)
-            self._handle = -1
-
-    def _opened(self) -> int:
-        if self._handle < 0:
-            flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC
-            self._handle = os.open(self._file, flags, 0o644)
-            os.ftruncate(self._handle, self._size)  # a line that was cut off
-        return self._handle
+        os.close(self._handle)
 
 
-def _whole_lines(file: Path) -> tuple[int, int]:
-    """Return the size in bytes up to the end of the last whole line, and the number of lines."""
-    if not file.exists():
-        return 0, 0
-    with file.open("rb") as opened:
-        lengths = [len(line) for line in opened if line.endswith(b"\n")]
-    return sum(lengths), len(lengths)
+@dataclass(frozen=True)
+class StoredRecords:
+    """What a store holds of one action set.
+
+    Attributes
+    ----------
+    rows : pandas.DataFrame
+        The starts of the episodes, oldest first, with the columns of a table and `NUMBER`.
+    damaged : int
+        Lines that could not be read, and were left out.
+    """
+
+    rows: pd.DataFrame
+    damaged: int
+
+
+def is_store(path: Path) -> bool:
+    """Return whether `path` is the folder of a store."""
+    return (path / STORE).is_file()
+
+
+def action_sets_in(folder: Path) -> list[str]:
+    """Return the action sets of which a store holds episodes."""
+    places = [place for place in folder.iterdir() if place.is_dir() and is_name(place.name)]
+    return sorted(place.name for place in places if _parts_of(place))
+
+
+def read_store(folder: Path, action_set: str | None = None) -> Experience:
+    """Read the episodes of an action set as experience.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the store.
+    action_set : str, optional
+        Name of the set; it may be left out where the store holds one only.
+
+    Raises
+    ------
+    ExperienceError
+        `folder` is no store, or holds no episodes of the set.
+    """
+    info = load(folder / STORE, KIND, StoreInfo, error=ExperienceError)
+    there = action_sets_in(folder)
+    if action_set is None and len(there) > 1:
+        raise ExperienceError(f"{folder}: expected --action-set, one of {', '.join(there)}")
+    name = action_set or (there[0] if there else DEFAULT_SET)
+    stored = read_records(folder, name)
+    if stored.rows.empty:
+        raise ExperienceError(f"{folder}: expected episodes of the action set {name}, found none")
+    metadata = {
+        "seed": None,
+        "robot_digest": info.robot_digest,
+        "domain": info.domain,
+        "action_set": name,
+        "command": "learning",
+        "versions": library_versions(),
+        "records_left_out": stored.damaged,
+    }
+    return Experience(stored.rows.drop(columns=NUMBER), metadata)
+
+
+def read_records(folder: Path, action_set: str) -> StoredRecords:
+    """Read all episodes of an action set; what is damaged is left out, and counted."""
+    frames: list[pd.DataFrame] = []
+    numbers: list[np.ndarray] = []
+    damaged = 0
+    for number, file in _parts_of(folder / action_set).items():
+        try:
+            lines = file.read_bytes().split(b"\n")[:-1]
+        except FileNotFoundError:  # dropped meanwhile
+            continue
+        rows = [row for n, line in enumerate(lines) if (row := _row(line, n)) is not None]
+        frame = _frame(file, rows, action_set)
+        if frame is None:  # a line that is no episode shall not cost the others
+            rows = [row for row in rows if _frame(file, [row], action_set) is not None]
+            frame = _frame(file, rows, action_set)
+        damaged += len(lines)
+        if frame is not None:
+            damaged -= len(frame)
+            frames.append(frame)
+            numbers.append(number * PART + frame["episode"].to_numpy(dtype=np.int64))
+    joined = join(frames)
+    joined["episode"] = np.arange(len(joined), dtype=np.int32)
+    joined[NUMBER] = np.concatenate(numbers) if numbers else np.empty(0, dtype=np.int64)
+    return StoredRecords(joined, damaged)
+
+
+def _row(line: bytes, number: int) -> dict[str, object] | None:
+    """Return a line's columns, with its number as `episode`; None if it is no JSON or lacks some."""
+    try:
+        row = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    whole = isinstance(row, dict) and columns(()).keys() - {"episode"} <= row.keys()
+    return {**row, "episode": number} if whole else None
+
+
+def _frame(file: Path, rows: list[dict[str, object]], action_set: str) -> pd.DataFrame | None:
+    """Return lines as checked rows of experience; None where there are none, or one of them is no episode."""
+    objects = tuple(dict.fromkeys(name for row in rows for name in objects_of_columns(row)))
+    declared = tuple(dict.fromkeys(name for row in rows for name in goal_variables_of_columns(row)))
+    few = len(objects) <= MOST_OBJECTS and len(declared) <= MOST_GOAL_VARIABLES
+    if not (few and all(map(is_name, (*objects, *declared)))):
+        return None
+    frame = pd.DataFrame(rows, columns=list(columns(objects, declared)))
+    numbers = {*object_columns(objects), *map(direct_name, declared), "position_error", "heading_error"}
+    try:
+        # All of these may be null.
+        return checked_rows(file, frame.astype(dict.fromkeys(numbers, float)), action_set)
+    except (ValueError, TypeError, OverflowError):  # ExperienceError among them
+        return None

@@ -186,30 +186,49 @@ def episode_frame(number: int, episode: Episode, objects: tuple[str, ...]) -> pd
     objects : tuple of str
         The objects whose places are kept, NaN where the episode does not know them.
     """
-    goal = episode.situation.goal
-    samples = episode.samples
-    if len(samples) == 0:
-        start = World(0.0, episode.situation.robot, episode.situation.objects)
-        samples = np.array([sample_of(start, 0.0, episode.objects)])
-    frame = pd.DataFrame(samples, columns=[*STATE_COLUMNS, *object_columns(episode.objects)])
+    samples = episode.samples if len(episode.samples) else np.array([_start(episode)])
+    frame = pd.DataFrame(samples, columns=_state_columns(episode))
     constants = {
         **dict.fromkeys(object_columns(name for name in objects if name not in episode.objects), np.nan),
-        "action": episode.situation.action,
+        **_constants(episode),
         "episode": number,
+        "time_to_go": episode.duration - samples[:, 0],
+    }
+    return frame.assign(**constants)[list(columns(objects, episode.situation.goal.values))]
+
+
+def start_row(episode: Episode) -> dict[str, Any]:
+    """Return the first row of an episode by column, without its number."""
+    start = dict(zip(_state_columns(episode), _start(episode), strict=True))
+    return {**start, **_constants(episode), "time_to_go": episode.duration}
+
+
+def _state_columns(episode: Episode) -> list[str]:
+    return [*STATE_COLUMNS, *object_columns(episode.objects)]
+
+
+def _start(episode: Episode) -> tuple[float, ...]:
+    start = World(0.0, episode.situation.robot, episode.situation.objects)
+    return sample_of(start, 0.0, episode.objects)
+
+
+def _constants(episode: Episode) -> dict[str, Any]:
+    """Return the columns that are the same in all rows of an episode."""
+    goal = episode.situation.goal
+    return {
+        "action": episode.situation.action,
         "xg": goal.pose.x,
         "yg": goal.pose.y,
         "yawg": goal.pose.yaw,
         "speedg": goal.speed,
         **{direct_name(name): value for name, value in goal.values.items()},
         "hold": int(goal.point is Point.HOLD),
-        "time_to_go": episode.duration - samples[:, 0],
         "duration": episode.duration,
         "success": episode.success,
         "reason": episode.reason,
         "position_error": episode.position_error,
         "heading_error": episode.heading_error,
     }
-    return frame.assign(**constants)[list(columns(objects, goal.values))]
 
 
 def join(frames: Iterable[pd.DataFrame]) -> pd.DataFrame:

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from ator_ros.experience.store_reading import NUMBER
+from ator_ros.experience.store import NUMBER
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import Feature, feature_table, names_of

@@ -17,7 +17,7 @@ from ator_ros.actions.goal_variables import direct_name
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.gate_from_episodes import usual_widths
 from ator_ros.experience.columns import goal_variables_of_columns
-from ator_ros.experience.store_reading import NUMBER, action_sets_in, convert_closed, read_records
+from ator_ros.experience.store import NUMBER, action_sets_in, read_records
 from ator_ros.experience.table import library_versions
 from ator_ros.learning.candidates import Lessons, Records, constant
 from ator_ros.learning.judging import RoundVerdict, judge
@@ -272,7 +272,6 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
         `RoundVerdict` but the tree.
     """
     records, place = source.folder / RECORDS, current_set(source.folder)
-    convert_closed(records)
     seen = read_manifest(place).seen if place is not None else {}
     verdicts: dict[str, ActionVerdict] = {}
     ends: dict[str, int] = {}

@@ -17,8 +17,7 @@ from stored import INFO, ROBOT, episodes, stored
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.sources import read_sources
-from ator_ros.experience.store import PART, RecordStore, parts_of
-from ator_ros.experience.store_reading import NUMBER, convert_closed, read_records, read_store
+from ator_ros.experience.store import NUMBER, PART, RecordStore, read_records, read_store
 
 
 def durations(folder: Path) -> list[float]:
@@ -58,15 +57,11 @@ def test_it_goes_on_after_the_last_episode(tmp_path: Path) -> None:
     assert len(durations(tmp_path)) == 5
 
 
-def test_closed_parts_become_parquet_and_the_oldest_are_dropped(tmp_path: Path) -> None:
+def test_the_oldest_parts_are_dropped(tmp_path: Path) -> None:
     told = list(episodes(50))
     store = RecordStore(tmp_path, INFO, most=2 * PART)
     for number in range(4 * PART + 10):
         store.append("default", told[number % 50])
-        if number % PART == 7:
-            convert_closed(tmp_path)
-    kinds = {number: file.suffix for number, file in parts_of(tmp_path / "default").items()}
-    assert kinds == {2: ".parquet", 3: ".parquet", 4: ".jsonl"}
     rows = read_records(tmp_path, "default").rows
     assert rows[NUMBER].tolist() == list(range(2 * PART, 4 * PART + 10))
     assert np.allclose(rows["duration"], [told[n % 50].duration for n in rows[NUMBER]])
@@ -92,17 +87,6 @@ def test_garbage_costs_no_other_line(tmp_path: Path, line: bytes) -> None:
     file.write_bytes(b"\n".join([first, line, *others]))
     read = read_records(tmp_path, "default")
     assert read.rows[NUMBER].tolist() == [0, 2, 3]
-    assert read.damaged == 1
-
-
-def test_a_damaged_part_costs_no_other(tmp_path: Path) -> None:
-    store = stored(tmp_path, episodes(1))
-    for _ in range(2 * PART):
-        store.append("default", next(episodes(1)))
-    convert_closed(tmp_path)
-    (tmp_path / "default" / "000000.parquet").write_bytes(b"PAR1 nothing of the kind")
-    read = read_records(tmp_path, "default")
-    assert read.rows[NUMBER].tolist() == list(range(PART, 2 * PART + 1))
     assert read.damaged == 1
 
 

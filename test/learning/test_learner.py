@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from stored import INFO, episodes
 
-from ator_ros.experience.store_reading import read_records
+from ator_ros.experience.store import read_records
 from ator_ros.learning.learner import ROUND, Learner, LearningPace
 from ator_ros.learning.sets import RECORDS
 

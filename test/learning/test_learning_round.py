@@ -14,8 +14,7 @@ from experience_rows import made_up_model
 from stored import ROBOT, episodes, stored
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.store import PART
-from ator_ros.experience.store_reading import read_records
+from ator_ros.experience.store import PART, read_records
 from ator_ros.learning.round import Source, learn
 from ator_ros.learning.sets import RECORDS, current_set, digest_of, publish, read_manifest, sets_in
 from ator_ros.performance.model import PerformanceModel

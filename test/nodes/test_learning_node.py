@@ -24,7 +24,7 @@ from test_models_node import status_of
 from ator_interfaces.msg import ActionPerformance, ObjectState, Outcome
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.episode import Episode
-from ator_ros.experience.store_reading import read_records
+from ator_ros.experience.store import read_records
 from ator_ros.learning.round import Source, learn
 from ator_ros.learning.sets import RECORDS, current_set, point_to, publish, read_manifest
 from ator_ros.nodes.messages import pose_of
