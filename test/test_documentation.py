@@ -63,7 +63,7 @@ BY_TEST = {
     r"colcon build --base-paths .*": f"{_ROS}::test_a_workspace_is_built",
     r"\. install/setup\.sh && .*": f"{_ROS}::test_a_workspace_is_built",
     r"(scripts/run python -m )?colcon build": f"{_ROS}::test_a_checkout_is_built_by_hand",
-    r"export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET": "nodes/test_network.py::test_only_who_asks_",
+    r"export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET": "nodes/test_network.py::test_what_the_user_has_set_stays",
     r"ros2 run ator_ros \w+ .*domain:=stat.*": "nodes/test_executor_remote_node.py::test_a_",
     r"ros2 run ator_ros learning": "nodes/test_learning_node.py::test_learning_can_be_frozen_and_",
     r"scripts/run pip install .* \./my_package": "nodes/test_outside_domain.py::test_a_domain_from_another_",
