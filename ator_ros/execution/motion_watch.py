@@ -30,7 +30,7 @@ _CONSTANT = 0.25  # s of motion that are judged, besides the lag of the motors
 _FEWEST = 4  # messages in that time, and messages from which the share is known
 _VARIES = 0.5  # times the tolerance
 _TOP = 0.75  # of the described limit; a base that is as fast may have a somewhat lower limit of its own
-_ONCE_MORE = 0.06  # s for which it persists
+_ONCE_MORE = 0.06  # s for which it persists, in two messages at least
 _ROUNDING = 1e-6
 
 
@@ -113,9 +113,9 @@ class Axis:
     """Compares one velocity of the base with the commands.
 
     The speed that was measured a window ago is predicted forward under the commands sent since, for a base
-    that may be late. The base must have made at least a quarter of the predicted change. So one that keeps a
-    speed whatever is commanded is noticed, even if each new plan begins at that speed. A base that reaches
-    a quarter of the commanded speeds or more is slow, which is no fault.
+    that may be late. The base must have made at least a quarter of the predicted change. A base that reaches
+    a quarter of the commanded speeds or more is slow, which is no fault, unless it keeps a constant speed
+    that is not its share of the commands: plans that begin at the measured speed hide such a base.
     """
 
     def __init__(self, thresholds: Thresholds) -> None:
@@ -127,7 +127,8 @@ class Axis:
         self._slow_for, self._share = 0.0, 1.0
         self._lost, self._eased, self._lost_for, self._commanded = 0.0, 0.0, 0.0, 0.0
         self._shares: deque[tuple[float, float]] = deque(maxlen=_FEWEST)
-        self._paused = -math.inf
+        self._last_response = -math.inf, 0.0
+        self._constant, self._paused = False, -math.inf
 
     @property
     def share(self) -> float:
@@ -147,12 +148,12 @@ class Axis:
     def update(self, time: float, speed: float, commands: Commands, gap: Gap) -> Fault | None:
         """Take the speed at `time` (s); return the fault that persists."""
         reverses = self._reverses(time, speed, gap)
+        self._observe_response(time, speed, commands)
         self._measured.append((time, speed))
         while self._measured[0][0] < time - _SMOOTHING + _ROUNDING:
             self._measured.popleft()
         speed = sum(value for _, value in self._measured) / len(self._measured)
         self._smooth.append((time, speed))
-        self._observe_response(time, commands, gap.elapsed)
         self._paused = time if gap.elapsed > _LONG_GAP else self._paused
         while len(self._smooth) > 1 and self._smooth[1][0] <= time - self.thresholds.window + _ROUNDING:
             self._smooth.popleft()
@@ -161,7 +162,8 @@ class Axis:
         limit = self.thresholds.limit
         recent = [clip(command, limit) for command in commands.between(time - _DELAY, time)]
         fault = self._judge(time, speed, recent, commands, gap)
-        needed = _ONCE_MORE if fault is Fault.CONSTANT else _PERSISTS
+        was_constant, self._constant = self._constant, fault is Fault.CONSTANT
+        needed = _ONCE_MORE if was_constant and self._constant else _PERSISTS
         persists = self._fault.update(fault is not None, gap, needed)
         stood = 0.0 in commands.between(time - _DELAY - 2.0 * self.thresholds.lag, time)
         loses = not stood and self._loses(speed, min(recent), max(recent), gap)
@@ -302,17 +304,17 @@ class Axis:
         enough = self._lost >= max(2.0 * tolerance, self._eased + 0.5 * tolerance)
         return enough and self._lost_for >= _LOSES - _ROUNDING
 
-    def _observe_response(self, time: float, commands: Commands, elapsed: float) -> None:
+    def _observe_response(self, time: float, speed: float, commands: Commands) -> None:
         """Note which share of the commands the base reaches while its speed changes, if it is late or not."""
-        earlier = [value for then, value in self._measured if then <= time - 0.5 * _SMOOTHING + _ROUNDING]
-        if not earlier:
+        most, (then, before) = self.thresholds, self._last_response
+        if time - then < 0.5 * _SMOOTHING - _ROUNDING:
             return
-        most, before, speed = self.thresholds, self._measured[-2][1], self._measured[-1][1]
-        if abs(speed - earlier[-1]) < 0.05 * most.tolerance:
+        self._last_response = time, speed
+        if abs(speed - before) < 0.05 * most.tolerance:
             return
-        if abs(speed - before) > 1.5 * most.rate * elapsed + most.tolerance:
+        if abs(speed - before) > 1.5 * most.rate * (time - then) + most.tolerance:
             self._shares.clear()  # a jump: what was before says nothing any more
-        sent = [clip(commands.between(then, then)[0], most.limit) for then in (time, time - _DELAY)]
+        sent = [clip(commands.between(late, late)[0], most.limit) for late in (time, time - _DELAY)]
         if min(abs(command) for command in sent) >= 2.0 * most.tolerance and sent[0] * sent[1] > 0.0:
             self._shares.append((speed / sent[0], speed / sent[1]))
 
