@@ -25,8 +25,9 @@ def _cache_folder() -> str:
     numba alone notices a change of a function's own file, not of the functions that it calls.
     """
     package = Path(__file__).resolve().parent
-    folders = ("motion", "performance", "domains")
-    digest = hashlib.sha256()
+    # Compiled code is in the last three; `world` has constants that it contains.
+    folders = ("world", "motion", "performance", "domains")
+    digest = hashlib.sha256(Path(__file__).read_bytes())
     for file in sorted(file for name in folders for file in (package / name).rglob("*.py")):
         digest.update(file.read_bytes())
     # Variables such as NUMBA_BOUNDSCHECK change the code.

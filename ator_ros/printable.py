@@ -30,8 +30,7 @@ def quoted(value: object, most: int = LONGEST) -> str:
 
 def short(value: object) -> str:
     """Return `value` as Python writes it; of a long one, its beginning and its end."""
-    text = repr(value)
-    return text if len(text) <= _LONGEST_WHOLE else f"{text[:80]} … {text[-80:]}"
+    return short_path(repr(value))
 
 
 def short_path(path: str) -> str:

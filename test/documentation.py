@@ -49,7 +49,7 @@ def commands() -> list[Printed]:
 
 
 def _is_command(span: str) -> bool:
-    """Return whether a code span is a command; a single word is one only in the README's tables."""
+    """Return whether a code span is a command; a single word is one if it names one of our tools."""
     if not _FIRST.match(span) or re.match(r"\w+=[~$']", span):
         return False
     return " " in span or span in TOOLS

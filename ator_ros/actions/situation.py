@@ -16,7 +16,7 @@ from ator_ros.world.state import ObjectState, RobotState
 
 T = TypeVar("T")
 
-MOST_DRAWS = 10_000
+_MOST_DRAWS = 10_000
 """Draws after which a sampler gives up: scenes in which samplers have room need some tens at most."""
 
 SHORT = 0.5
@@ -54,7 +54,7 @@ class Situation:
 
 
 def drawn_until(
-    draw: Callable[[], T], fits: Callable[[T], bool], expected: Callable[[], str], *, most: int = MOST_DRAWS
+    draw: Callable[[], T], fits: Callable[[T], bool], expected: Callable[[], str], *, most: int = _MOST_DRAWS
 ) -> T:
     """Draw until something fits.
 

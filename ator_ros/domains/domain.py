@@ -21,7 +21,7 @@ from ator_ros.actions.goal_variables import (
     GoalVariable,
     direct_name,
 )
-from ator_ros.actions.remote import RemoteCall, UnreachableAction
+from ator_ros.actions.remote import UnreachableAction
 from ator_ros.actions.situation import Situation
 from ator_ros.actions.specification import ActionFactory, ActionSpec
 from ator_ros.domains import DEFAULT, DRIVE
@@ -156,12 +156,6 @@ class Domain:
         """The goal variables that actions declare, by name: each means the same in all of them."""
         specs = itertools.chain.from_iterable(self.action_sets.values())
         return {variable.name: variable for spec in specs for variable in spec.goal_variables}
-
-    @cached_property
-    def remote_calls(self) -> Mapping[str, RemoteCall]:
-        """How the servers of remote actions are called, by the names of the actions of the default set."""
-        specs = self.action_sets[DEFAULT_SET]
-        return {spec.name: spec.remote for spec in specs if spec.remote is not None}
 
     @cached_property
     def ranges(self) -> Ranges:
@@ -316,7 +310,13 @@ def find_domain(name: str = DEFAULT) -> Domain:
         `Domain`; or the file cannot be used.
     """
     if "/" in name or name.endswith(_ENDINGS):
-        return read_domain(Path(name))
+        domain = declared_domain(Path(name))
+        if domain.name in installed_domains():
+            raise DomainError(
+                f"{name}: name: expected none of the installed domains, whose models have that name, "
+                f"got {domain.name!r}"
+            )
+        return domain
     found = installed_domains()
     if name not in found:
         raise DomainError(
@@ -336,25 +336,14 @@ def find_domain(name: str = DEFAULT) -> Domain:
     return domain
 
 
-def read_domain(path: Path) -> Domain:
-    """Read a domain from a YAML file (docs/remote_actions.md describes it).
+def declared_domain(path: Path) -> Domain:
+    """Read a domain from a YAML file (docs/remote_actions.md describes it), whatever its name is.
 
     Raises
     ------
     DomainError
         The file cannot be used; the message names file, field, what was expected and what came.
     """
-    domain = declared_domain(path)
-    if domain.name in installed_domains():
-        raise DomainError(
-            f"{path}: name: expected none of the installed domains, whose models have that name, "
-            f"got {domain.name!r}"
-        )
-    return domain
-
-
-def declared_domain(path: Path) -> Domain:
-    """Read a domain as `read_domain` does, under whatever name: for a package that installs its file."""
     try:
         data = content_if_stated(read_yaml(path, largest=_LARGEST_FILE), "domain")
         declared = structured(data, DeclaredDomain, closed=True)

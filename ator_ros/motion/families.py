@@ -3,7 +3,7 @@
 A family is some kinds of motion, each a turn, a straight drive, a turn and a straight run. Kinds are given as
 shares of the limits. `needed_kinds` chooses them for a robot from a fine grid: the next one is that which
 brings the times nearest to those of the whole grid, until the rest would hardly bring them nearer, or at
-`MOST` kinds (docs/motion_families.json).
+`MOST` kinds.
 
 The times come from the direct variables and the robot's description alone, and know nothing of an action's
 state or plan. But they are motions of the shape that our own actions drive best, so much of what there is to

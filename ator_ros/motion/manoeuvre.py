@@ -139,9 +139,6 @@ class Bundle:
     distance: FloatArray
     limits: Limits
 
-    def __len__(self) -> int:
-        return len(self.first)
-
 
 def side_table(sides: Sequence[Side]) -> FloatArray:
     """Return the numbers of sides as a bundle has them, shape (5, sides)."""

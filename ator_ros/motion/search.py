@@ -179,9 +179,6 @@ class Candidates:
     distance: FloatArray
     times: FloatArray
 
-    def __len__(self) -> int:
-        return len(self.times)
-
     def __getitem__(self, index: int) -> Manoeuvre:
         return Manoeuvre(
             self.start,

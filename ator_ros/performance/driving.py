@@ -41,14 +41,9 @@ class DrivingStyle:
     steady: tuple[float, ...] = _FULL
     braking: tuple[float, ...] = _FULL
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain data, from which `from_dict` makes the same again."""
-        lists = {"steady": list(self.steady), "braking": list(self.braking)}
-        return asdict(self) | lists
-
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> DrivingStyle:
-        """Return what `to_dict` turned into data.
+        """Return the style whose fields are in `data`, as `dataclasses.asdict` gives them to a JSON file.
 
         Raises
         ------

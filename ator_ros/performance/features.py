@@ -120,9 +120,6 @@ PAPER_11 = (
 )
 """The candidates of the paper; its angles are the same to the left and to the right."""
 
-PAPER_6 = PAPER_11[:6]
-"""The direct variables of both poses, which the paper transforms into three features (Figures 3 and 5)."""
-
 PAPER_3 = PAPER_11[-3:]
 """Those that the paper's model trees chose."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -122,7 +122,7 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         at_goal=model.at_goal,
         trees={measure: stored(tree) for measure, tree in model.trees.items()},
         kinds=kinds_of(model.features.values()) or None,
-        driving=None if model.driving is None else model.driving.to_dict(),
+        driving=None if model.driving is None else asdict(model.driving),
     )
     save(path, KIND, file)
 

@@ -87,6 +87,10 @@ TERMS = tuple(terms_of(PredictedStep(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
 """The names of all terms."""
 
 
+_Seconds = Annotated[float, Within(-1e6, 1e6)]
+"""Eleven days, longer than any action; sums of such numbers keep a resolution of 1 ns."""
+
+
 @dataclass(frozen=True, slots=True)
 class Shortfall:
     """By how much an action in a chain takes longer than predicted, on average: linear in `TERMS`.
@@ -101,13 +105,23 @@ class Shortfall:
         Bounds in s of what is added.
     model : str
         Digest of the performance model whose predictions it belongs to, see `model_digest`.
+
+    Raises
+    ------
+    ValueError
+        `low` is above `high`.
     """
 
-    constant: float
-    slopes: Mapping[str, float]
-    low: float
-    high: float
+    constant: _Seconds
+    slopes: Mapping[Annotated[str, OneOf(TERMS)], _Seconds]
+    low: _Seconds
+    high: _Seconds
     model: str
+
+    def __post_init__(self) -> None:
+        """Check the bounds."""
+        if self.low > self.high:
+            raise ValueError(f"expected low at most high, got {self.low:g} and {self.high:g}")
 
     def of(self, step: PredictedStep) -> float:
         """Return the expected shortfall of the prediction of `step` in s."""
@@ -256,24 +270,6 @@ def model_digest(model: Any) -> str:
 
 KIND = "calibration"
 CALIBRATION = "calibration.json"
-_Seconds = Annotated[float, Within(-1e6, 1e6)]
-"""Eleven days, longer than any action; sums of such numbers keep a resolution of 1 ns."""
-
-
-@dataclass(frozen=True)
-class _Shortfall:
-    """The fields of a `Shortfall`."""
-
-    constant: _Seconds
-    slopes: dict[Annotated[str, OneOf(TERMS)], _Seconds]
-    low: _Seconds
-    high: _Seconds
-    model: str
-
-    def __post_init__(self) -> None:
-        """Check the bounds of a correction."""
-        if self.low > self.high:
-            raise ValueError(f"expected low at most high, got {self.low:g} and {self.high:g}")
 
 
 @dataclass(frozen=True)
@@ -281,7 +277,7 @@ class _CalibrationFile:
     """The fields of a calibration's file; shortfalls: by the name of the action."""
 
     # More than any domain has.
-    shortfalls: Annotated[dict[Annotated[str, Name()], _Shortfall], AtMost(100)]
+    shortfalls: Annotated[dict[Annotated[str, Name()], Shortfall], AtMost(100)]
 
 
 def save_calibration(path: Path, calibration: Calibration, training: Mapping[str, Any]) -> None:
@@ -301,8 +297,7 @@ def load_calibration(path: Path) -> Calibration:
     RefinementError
         The file cannot be read or is no calibration; the message names file and field.
     """
-    file = load(path, KIND, _CalibrationFile, error=RefinementError)
-    return Calibration({name: Shortfall(**vars(item)) for name, item in file.shortfalls.items()})
+    return Calibration(load(path, KIND, _CalibrationFile, error=RefinementError).shortfalls)
 
 
 def load_calibration_if_any(folder: Path) -> Calibration:

@@ -12,12 +12,10 @@ import pytest
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.gate import (
     FEATURES,
-    GateTraining,
     OpenGate,
     ThresholdGate,
     TreeGate,
     load_gate,
-    load_training,
     save_gate,
 )
 
@@ -104,15 +102,6 @@ def test_foreign_and_damaged_files_are_refused(change: dict[str, Any], message: 
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
     with pytest.raises(RefinementError, match=message):
         load_gate(path)
-
-
-def test_how_a_gate_was_chosen_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "gate.json"
-    save_gate(path, ThresholdGate(0.1), {"seed": 3, "cross_validation": {"open": {"higher": 2}}, "more": 1})
-    assert load_training(path) == GateTraining(seed=3, cross_validation={"open": {"higher": 2}})
-    save_gate(path, ThresholdGate(0.1), {"cross_validation": {"open": 3}})
-    with pytest.raises(RefinementError, match=r"gate\.json: training\.cross_validation\.open: expected a"):
-        load_training(path)
 
 
 @pytest.mark.parametrize("gate", [OpenGate(), ThresholdGate(0.05)])

@@ -75,7 +75,7 @@ class Field:
 
 
 def field_of(robot: Robot) -> Field:
-    """Return the field of a robot's scene, which `goals_in` has checked, or which has no goals."""
+    """Return the field of a robot's scene, which `field_in` has checked, or which has no goals."""
     area, bays = robot.scene.area, robot.scene.bays
     width, depth = (bays[0].width, bays[0].depth) if bays else (0.0, 0.0)
     return Field(area.length, area.width, width, depth, area.x, area.y)
@@ -106,7 +106,7 @@ def is_in_goal(ball: ObjectState, mouth: Pose, field: Field, beyond: float) -> b
 
 
 def field_in(scene: Scene) -> tuple[Bay, ...]:
-    """Return the bays of a scene that soccer can be played in, for its ball is described.
+    """Return the bays of a scene with a ball: two equal goals on the lines, or none.
 
     Raises
     ------
@@ -115,17 +115,6 @@ def field_in(scene: Scene) -> tuple[Bay, ...]:
     """
     if BALL not in scene.objects:
         raise ConfigError(f"scene.objects: expected {BALL!r} among them, got {sorted(scene.objects)}")
-    return goals_in(scene)
-
-
-def goals_in(scene: Scene) -> tuple[Bay, ...]:
-    """Return the bays of a scene that soccer is played in: two equal goals on the lines, or none.
-
-    Raises
-    ------
-    ConfigError
-        The bays are no two equal goals.
-    """
     (left, _, right, _), middle = scene.area.lines, scene.area.y
     sizes = {(bay.width, bay.depth) for bay in scene.bays}
     places = sorted((bay.x, bay.y, abs(bay.yaw)) for bay in scene.bays)

@@ -6,7 +6,6 @@ Compiled code rules out many at once; where rounding could matter, the exact che
 from __future__ import annotations
 
 import dataclasses
-import enum
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -134,7 +133,8 @@ DOUBT = 1e-8
 """Margin in m, s or m/s within which the exact check decides."""
 BACKWARD = -1e-6
 """Speed in m/s below which a robot drives backward."""
-_IMPOSSIBLE, _TOUCHES, _OPEN = 0, 1, 2  # as `Verdict`
+IMPOSSIBLE, TOUCHES, OPEN = 0, 1, 2
+"""Verdicts on a manoeuvre: it is not allowed, it touches something, or the exact check has to decide."""
 
 
 class Outline(NamedTuple):
@@ -190,7 +190,7 @@ def judge(
     forward: bool,
 ) -> NDArray[np.int8]:
     """Return verdicts on manoeuvres that are still to be closed; see `screened`."""
-    verdicts = np.full(len(longest), _OPEN, dtype=np.int8)
+    verdicts = np.full(len(longest), OPEN, dtype=np.int8)
     pieces, turns = np.zeros((PIECES, 3)), np.zeros((9, 3))
     most = int(longest.max() / DT) + 3
     path = Path(np.empty((most, 3)), np.empty(most))
@@ -209,15 +209,15 @@ def judge(
                 hardly |= pieces[piece, 2] < BACKWARD + DOUBT and pieces[piece, 0] > -DOUBT
                 back |= pieces[piece, 2] < BACKWARD - DOUBT and pieces[piece, 0] > DOUBT
             if back:
-                verdicts[row] = _IMPOSSIBLE
+                verdicts[row] = IMPOSSIBLE
             if back or hardly:
                 continue
         if duration > longest[row] + DOUBT:
-            verdicts[row] = _IMPOSSIBLE
+            verdicts[row] = IMPOSSIBLE
         elif duration < longest[row] - DOUBT:
             turn_pieces(turns, pieces, first, last, entry, leaving, bounds)
             if _touches(path, pieces, turns, duration, start, goal, shape, ball):
-                verdicts[row] = _TOUCHES
+                verdicts[row] = TOUCHES
     return verdicts
 
 
@@ -357,14 +357,6 @@ _SAMPLES = 32_000  # of trajectories, in a portion of work
 _LARGEST = 64  # manoeuvres in a portion
 
 
-class Verdict(enum.IntEnum):
-    """The verdict on a manoeuvre: it is not allowed, or it touches something, or neither is known."""
-
-    IMPOSSIBLE = 0
-    TOUCHES = 1
-    OPEN = 2
-
-
 def portions(order: NDArray[np.intp], times: FloatArray) -> Iterator[NDArray[np.intp]]:
     """Divide the indices `order` into portions of about the same work, the first of a single one.
 
@@ -403,7 +395,7 @@ def screened(
     Returns
     -------
     ndarray of int8, shape (n,)
-        A `Verdict` each.
+        `IMPOSSIBLE`, `TOUCHES` or `OPEN`.
     """
     bundle, obstacles = _from_centre(bundle, obstacles, robot)
     return judge(

@@ -10,8 +10,9 @@ import numpy as np
 
 from ator_ros.actions.base import ActionError
 from ator_ros.domains.soccer.planned.clearance import (
+    OPEN,
+    TOUCHES,
     Obstacles,
-    Verdict,
     is_clear,
     is_free,
     look_points,
@@ -94,13 +95,13 @@ def fastest(
     short = np.searchsorted(candidates.times, most, side="right")
     for which in portions(np.arange(short), candidates.times):
         bounds = candidates.times[which] + _SURPRISE
-        verdicts = np.full(len(which), Verdict.OPEN, dtype=np.int8)
+        verdicts = np.full(len(which), OPEN, dtype=np.int8)
         if len(which) > 1:
             yield screening_points(bounds)
             bundle = candidates.bundle(which)
             verdicts = screened(bundle, bounds, obstacles, robot, forward_only=forward_only)
-        touching, counted = np.cumsum(verdicts == Verdict.TOUCHES), 0
-        for at in np.flatnonzero(verdicts == Verdict.OPEN):
+        touching, counted = np.cumsum(verdicts == TOUCHES), 0
+        for at in np.flatnonzero(verdicts == OPEN):
             tries, counted = tries - int(touching[at]) + counted, int(touching[at])
             if tries <= 0:
                 break
