@@ -1,4 +1,4 @@
-"""Training rows of one measure, and trees worth trying in place of the one that predicts it now."""
+"""Training data of one measure, and candidates for the tree that predicts it."""
 
 from __future__ import annotations
 
@@ -45,17 +45,18 @@ class Records:
             table = feature_table(direct_of(rows), robot, wanted, driving)
         self.table = pd.DataFrame(table, columns=list(names_of(wanted)))
 
-    def lessons(self, measure: str) -> Lessons:
-        """Return what they tell of a measure; of the duration and the errors only those that succeeded do."""
+    def data(self, measure: str) -> TrainingData:
+        """Return the records with a value of a measure; for all but success, those that succeeded."""
         values = self.rows[_COLUMNS[measure]].to_numpy(dtype=float)
-        tell = np.isfinite(values)
+        usable = np.isfinite(values)
         if measure != "success":
-            tell &= self.rows["success"].to_numpy(dtype=bool)
-        numbers = self.rows[NUMBER].to_numpy()
-        return Lessons(measure, self.table[tell].reset_index(drop=True), values[tell], numbers[tell])
+            usable &= self.rows["success"].to_numpy(dtype=bool)
+        table, numbers = self.table[usable].reset_index(drop=True), self.rows[NUMBER].to_numpy()
+        return TrainingData(measure, table, values[usable], numbers[usable])
 
 
-class Lessons:
+@dataclass(frozen=True, eq=False)
+class TrainingData:
     """Records of one measure, oldest first.
 
     Attributes
@@ -70,11 +71,13 @@ class Lessons:
         See `NUMBER`.
     """
 
-    def __init__(self, measure: str, table: pd.DataFrame, values: FloatArray, numbers: IntArray) -> None:
-        self.measure, self.table, self.values, self.numbers = measure, table, values, numbers
+    measure: str
+    table: pd.DataFrame
+    values: FloatArray
+    numbers: IntArray
 
-    def predicted(self, tree: ModelTree, which: IntArray | slice = slice(None)) -> FloatArray:
-        """Return what a tree predicts of some of the records."""
+    def predicted(self, tree: ModelTree, which: IntArray) -> FloatArray:
+        """Return a tree's predictions for some of the records."""
         values = tree.predict(np.ascontiguousarray(self.table[list(tree.names)].to_numpy()[which]))
         return np.clip(values, 0.0, 1.0) if self.measure == "success" else np.maximum(values, 0.0)
 
@@ -91,17 +94,17 @@ _ROUNDS = 20
 _LEAST_ERROR = 0.02  # s; smaller errors weigh no more
 
 
-def scaled_to(lessons: Lessons, tree: ModelTree, which: IntArray) -> ModelTree:
+def scaled_to(data: TrainingData, tree: ModelTree, which: IntArray) -> ModelTree:
     """Return the tree with its times scaled and shifted to those of some records, by least absolute error."""
-    x, y = lessons.predicted(tree, which), lessons.values[which]
+    x, y = data.predicted(tree, which), data.values[which]
     slope = _robust(x[:, None], y, np.ones(1), np.array([_AS_PREDICTED]))
-    return _shifted(lessons, scaled(tree, float(np.clip(slope[0], *_SLOPES)), 0.0), which)
+    return _shifted(data, scaled(tree, float(np.clip(slope[0], *_SLOPES)), 0.0), which)
 
 
-def corrected(lessons: Lessons, tree: ModelTree, which: IntArray) -> ModelTree:
+def corrected(data: TrainingData, tree: ModelTree, which: IntArray) -> ModelTree:
     """Return the tree scaled as by `scaled_to`, with a linear function of its features added."""
-    x, y = lessons.predicted(tree, which), lessons.values[which]
-    rows = lessons.table[list(tree.names)].to_numpy()[which]
+    x, y = data.predicted(tree, which), data.values[which]
+    rows = data.table[list(tree.names)].to_numpy()[which]
     deviation = np.std(rows, axis=0)
     varies = deviation > 1e-6
     table = np.column_stack([x, rows[:, varies]])
@@ -123,14 +126,14 @@ def corrected(lessons: Lessons, tree: ModelTree, which: IntArray) -> ModelTree:
         lower=np.where(leaf, bent.lower - reach, 0.0),
         upper=np.where(leaf, bent.upper + reach, 0.0),
     )
-    return _shifted(lessons, bent, which)
+    return _shifted(data, bent, which)
 
 
 def _robust(table: FloatArray, values: FloatArray, expected: FloatArray, strength: FloatArray) -> FloatArray:
     """Return the slopes (k,) that, with a shift, fit `values` (n,) with the least absolute errors.
 
-    `strength` (k,) is how many records the expected slopes count for. The fit is reweighted, so that single
-    chains that went wrong do not count.
+    `strength` (k,) is how many records the expected slopes count for. Reweighted least squares
+    make outliers count little.
     """
     spread = np.maximum(np.std(table, axis=0), 1e-6)
     prior = np.column_stack([np.diag(np.sqrt(strength) * spread), np.zeros(len(spread))])
@@ -148,8 +151,8 @@ def _robust(table: FloatArray, values: FloatArray, expected: FloatArray, strengt
     return slopes
 
 
-def _shifted(lessons: Lessons, tree: ModelTree, which: IntArray) -> ModelTree:
-    return scaled(tree, 1.0, float(np.median(lessons.values[which] - lessons.predicted(tree, which))))
+def _shifted(data: TrainingData, tree: ModelTree, which: IntArray) -> ModelTree:
+    return scaled(tree, 1.0, float(np.median(data.values[which] - data.predicted(tree, which))))
 
 
 def scaled(tree: ModelTree, slope: float, shift: float) -> ModelTree:
@@ -184,9 +187,9 @@ def constant(name: str, value: float, samples: int) -> ModelTree:
 
 
 WINDOWS = (100, 300, 1000)
-"""Newest records from which a tree is learned; a change of the robot shows in the records after it."""
+"""Numbers of newest records from which trees are learned: only these show how the robot changed."""
 BACK = "back to "
-"""How the name of a candidate begins that was in use before."""
+"""Beginning of the names of candidates that were in use before."""
 _RECENT = (30, 100)
 """Newest records from which corrections are estimated."""
 FEWEST_LEARNED = 20
@@ -201,17 +204,17 @@ _LARGE = 2000
 
 @dataclass(frozen=True)
 class TreeCandidate:
-    """A way to come by a tree.
+    """A method that yields a tree.
 
     Attributes
     ----------
     name : str
-        How, in words.
+        For messages.
     learn : callable
-        Returns the tree that comes of the records with these positions (oldest first); None where they are
-        too few.
+        Returns the tree learned from the records with these positions (oldest first); None if they are too
+        few.
     slow : bool
-        Whether learning it again for each part of the test records, and for good, would take too long.
+        Whether to learn it once, from all but the test records, instead of once for each fold and at the end.
     """
 
     name: str
@@ -220,61 +223,61 @@ class TreeCandidate:
 
 
 def candidates(
-    lessons: Lessons,
+    data: TrainingData,
     names: Sequence[str],
     known: Mapping[str, ModelTree],
     former: Mapping[str, ModelTree],
 ) -> Iterator[TreeCandidate]:
-    """Yield candidates, those that know most first.
+    """Yield candidates, those that were learned from most records first.
 
     Parameters
     ----------
-    lessons : Lessons
+    data : TrainingData
         The records.
     names : sequence of str
         Features to learn from.
     known, former : mapping
-        Trees that are used now and that were in use before, by the names of their sets. Former ones are
-        candidates as they are. Of times, copies of all of them that are scaled, shifted or corrected to fit
-        the newest records are candidates too.
+        Trees in use, and trees that were in use before, by the names of their sets. Former ones are
+        candidates as they are. For durations, copies of all of them that are scaled or corrected to fit the
+        newest records are candidates too.
     """
     for name, tree in former.items():
         yield TreeCandidate(f"{BACK}{name}", partial(_kept, tree))
-    count = len(lessons.values)
-    if lessons.measure == "success":
+    count = len(data.values)
+    if data.measure == "success":
         for size in (count, *reversed([size for size in WINDOWS if size < 0.8 * count])):
-            yield TreeCandidate(f"the rate of {size} episodes", partial(_rate, lessons, size))
+            yield TreeCandidate(f"the rate of {size} episodes", partial(_rate, data, size))
     for size in (count, *reversed([size for size in WINDOWS if size < 0.8 * count])):
-        learn = partial(_learned, lessons, list(names), size)
+        learn = partial(_learned, data, list(names), size)
         yield TreeCandidate(f"learned from {size} episodes", learn, slow=size > _LARGE)
-    if lessons.measure != "duration":
+    if data.measure != "duration":
         return
     for name, tree in {**known, **former}.items():
         for size in _RECENT:
             if size == _RECENT[0] or count > _RECENT[0]:
-                told = f"to {min(size, count)} episodes"
+                records = f"to {min(size, count)} episodes"
                 yield TreeCandidate(
-                    f"{name} corrected {told}", partial(_fitted, corrected, lessons, tree, size)
+                    f"{name} corrected {records}", partial(_fitted, corrected, data, tree, size)
                 )
-                yield TreeCandidate(f"{name} scaled {told}", partial(_fitted, scaled_to, lessons, tree, size))
+                yield TreeCandidate(f"{name} scaled {records}", partial(_fitted, scaled_to, data, tree, size))
 
 
 def _kept(tree: ModelTree, _: IntArray) -> ModelTree:
     return tree
 
 
-def _rate(lessons: Lessons, size: int, which: IntArray) -> ModelTree:
-    """Return the share that succeeded; a few failures make leaves of any shape, which repel refinement."""
-    values = lessons.values[which[-size:]]
-    return constant(lessons.table.columns[0], float(np.mean(values)), len(values))
+def _rate(data: TrainingData, size: int, which: IntArray) -> ModelTree:
+    """Return a constant tree of the success rate: a few failures are too few to learn where they occur."""
+    values = data.values[which[-size:]]
+    return constant(data.table.columns[0], float(np.mean(values)), len(values))
 
 
-def _learned(lessons: Lessons, names: list[str], size: int, which: IntArray) -> ModelTree | None:
+def _learned(data: TrainingData, names: list[str], size: int, which: IntArray) -> ModelTree | None:
     which = which[-size:]
     if len(which) < FEWEST_LEARNED:
         return None
-    table, values = lessons.table[names].iloc[which], lessons.values[which]
-    if lessons.measure == "duration":
+    table, values = data.table[names].iloc[which], data.values[which]
+    if data.measure == "duration":
         return duration_tree(table, values)
     # Failures are rare, so small leaves are allowed.
     leaf = int(np.clip(len(which) // 6, _LEAST_LEAF, SMALL_LEAF))
@@ -282,11 +285,11 @@ def _learned(lessons: Lessons, names: list[str], size: int, which: IntArray) -> 
 
 
 def _fitted(
-    fit: Callable[[Lessons, ModelTree, IntArray], ModelTree],
-    lessons: Lessons,
+    fit: Callable[[TrainingData, ModelTree, IntArray], ModelTree],
+    data: TrainingData,
     tree: ModelTree,
     size: int,
     which: IntArray,
 ) -> ModelTree | None:
     which = which[-size:]
-    return fit(lessons, tree, which) if len(which) >= _FEWEST else None
+    return fit(data, tree, which) if len(which) >= _FEWEST else None

@@ -1,4 +1,4 @@
-"""Which tree predicts a measure of an action best, and whether that is more than noise explains."""
+"""Select the tree that predicts a measure of an action best, if it is significantly better."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.learning.candidates import BACK, FEWEST_LEARNED, Lessons, TreeCandidate, candidates
+from ator_ros.learning.candidates import BACK, FEWEST_LEARNED, TrainingData, TreeCandidate, candidates
 from ator_ros.performance.model import MEASURES
 from ator_ros.performance.tree.nodes import IntArray, ModelTree
 
@@ -24,10 +24,9 @@ class Comparison:
     Attributes
     ----------
     before, after : float
-        Mean losses of the model that is there, and of the other.
+        Mean losses of the present model, and of the other.
     chance : float
-        Probability that the other, or any that was compared beside it, would seem as much better if none
-        were: one-sided.
+        One-sided p-value: the probability that this or another candidate appears as much better by chance.
     """
 
     before: float
@@ -39,14 +38,14 @@ def compare(before: FloatArray, after: FloatArray) -> list[Comparison]:
     """Compare the losses of a model with those of others on the same records.
 
     Under the null hypothesis the signs of the differences are exchangeable: this is a sign-flip permutation
-    test. It assumes no distribution, so that a few failed chains decide nothing. All others are compared with
-    the same signs (Westfall and Young 1993): the greatest of their statistics is what the chance is of, and
-    many that resemble each other cost no more than one.
+    test. It assumes no distribution, so outliers decide nothing. All others are compared with the same signs,
+    and the p-value is that of the greatest of their statistics (Westfall and Young 1993), so many similar
+    candidates are corrected for like one.
 
     Parameters
     ----------
     before : ndarray, shape (n,)
-        Losses of the model that is there, at least 0.
+        Losses of the present model, at least 0.
     after : ndarray, shape (n, k)
         Those of the others.
     """
@@ -63,39 +62,38 @@ def compare(before: FloatArray, after: FloatArray) -> list[Comparison]:
 
 
 TESTED = (25, 100)
-"""Newest records on which trees are compared: few tell soon of a changed robot, many of small things."""
+"""Numbers of newest records on which trees are compared: few show a changed robot soon, many a small gain."""
 FEWEST_TESTED = 12
 LEVEL = 0.05
-"""Chance, over all candidates of one round, of taking up a tree that is no better; over those that were in
-use before it is the same."""
+"""Significance level over all candidates of one round, and once more over those that were in use before."""
 _FOLDS = 3
-_REMEMBERED = 300
+_EARLIER = 300
 _NO_LOSS = 1e-9
 _AS_GOOD = 0.05
-"""Chance from which on one candidate counts as no better than another."""
+"""p-value above which one candidate counts as no better than another."""
 
 
 @dataclass(frozen=True)
 class RoundVerdict:
-    """What a round of learning found out about one measure of an action.
+    """Result of a round of learning for one measure of an action.
 
     Attributes
     ----------
     episodes : int
         Number of records of the measure.
     tested : int
-        The newest of them on which trees were compared, and which none of these had seen.
+        Number of the newest of them, on which trees were compared and from which none of these was learned.
     reason : str
         Why the tree stays or is replaced, in a sentence.
     kind : str
-        How the better tree came about; empty where there is none.
+        Name of the better candidate; empty if there is none.
     before, after, chance
-        As in `Comparison`, for the best candidate; None where none was compared or there was no tree.
+        As in `Comparison`, for the best candidate; None if none was compared or there was no tree.
         Losses are absolute errors (s, m, rad), of success squared ones (Brier score).
     tree : ModelTree or None
         The better one.
     error : float or None
-        Usual error of its predictions on the tested records, which it had not seen.
+        Usual error of its predictions on the tested records, from which it was not learned.
     """
 
     episodes: int
@@ -110,75 +108,75 @@ class RoundVerdict:
 
 
 def judge(
-    lessons: Lessons,
+    data: TrainingData,
     names: Sequence[str],
     *,
-    now: ModelTree | None,
+    current: ModelTree | None,
     seen: int,
     former: Mapping[str, ModelTree],
 ) -> RoundVerdict:
-    """Compare the tree of a measure with all candidates on the newest records, which it has not seen.
+    """Compare the tree of a measure with all candidates on the newest records, which are new to it.
 
-    These are parted. Of each part candidates predict what they learned from all other records, so they know
-    the robot as it is now. A candidate that is better is learned again from all of them.
+    These are split into folds. Each fold is predicted by candidates learned from all other records. A
+    candidate that is better is learned again from all records.
 
     Parameters
     ----------
-    lessons : Lessons
+    data : TrainingData
         The records.
     names : sequence of str
         Features to learn from.
-    now : ModelTree or None
+    current : ModelTree or None
         The tree in use.
     seen : int
         Number from which on records are new to it.
     former : mapping
         Trees that were in use before, by the names of their sets; those shipped, too.
     """
-    count = len(lessons.values)
-    test = np.flatnonzero(lessons.numbers >= seen)[-max(TESTED) :][::-1]  # newest first
+    count = len(data.values)
+    test = np.flatnonzero(data.numbers >= seen)[-max(TESTED) :][::-1]  # newest first
     if len(test) < FEWEST_TESTED:
-        told = "" if lessons.measure == "success" else " that succeeded"
+        kind = "" if data.measure == "success" else " that succeeded"
         return RoundVerdict(
-            count, len(test), f"too few new records: {len(test)}, expected {FEWEST_TESTED}{told}"
+            count, len(test), f"too few new records: {len(test)}, expected {FEWEST_TESTED}{kind}"
         )
-    known = {"the present model": now} if now is not None else {}
-    tried = _predictions(lessons, list(candidates(lessons, names, known, former)), test)
+    known = {"the present model": current} if current is not None else {}
+    tried = _predictions(data, list(candidates(data, names, known, former)), test)
     if not tried:
         rest = count - math.ceil(len(test) / _FOLDS)
         why = "what was learned predicts no numbers"
         if rest < FEWEST_LEARNED:
             why = f"too few records: {rest} without those that are predicted, expected {FEWEST_LEARNED}"
         return RoundVerdict(count, len(test), why)
-    if lessons.measure == "success" and now is not None:
-        tried = [item for item in tried if _remembers(lessons, item[0], now, test)]
+    if data.measure == "success" and current is not None:
+        tried = [item for item in tried if _predicts_failures(data, item[0], current, test)]
         if not tried:
-            return RoundVerdict(count, len(test), "no better: what was learned forgets earlier failures")
-    before = lessons.losses(_usual(lessons, now, test), test)
+            return RoundVerdict(count, len(test), "no better: all candidates predict earlier failures worse")
+    before = data.losses(_baseline(data, current, test), test)
     sizes = sorted({min(size, len(test)) for size in TESTED})
     for size in sizes:
         level = LEVEL / len(sizes)
-        verdict = _verdict(lessons, tried, before, test[:size], level=level, present=now is not None)
+        verdict = _verdict(data, tried, before, test[:size], level=level, current=current is not None)
         if verdict.tree is not None:
             break
     return verdict
 
 
-def _usual(lessons: Lessons, now: ModelTree | None, test: IntArray) -> FloatArray:
-    """Return what is predicted without the candidates; without a tree the best constant of other records."""
-    if now is not None:
-        return lessons.predicted(now, test)
-    others = np.setdiff1d(np.arange(len(lessons.values)), test)
-    values = lessons.values[others if len(others) >= FEWEST_TESTED else slice(None)]
-    middle = np.mean(values) if lessons.measure == "success" else np.median(values)
+def _baseline(data: TrainingData, current: ModelTree | None, test: IntArray) -> FloatArray:
+    """Return the predictions of the tree in use; without one, the best constant of the other records."""
+    if current is not None:
+        return data.predicted(current, test)
+    others = np.setdiff1d(np.arange(len(data.values)), test)
+    values = data.values[others if len(others) >= FEWEST_TESTED else slice(None)]
+    middle = np.mean(values) if data.measure == "success" else np.median(values)
     return np.full(len(test), float(middle))
 
 
 def _predictions(
-    lessons: Lessons, tried: Sequence[TreeCandidate], test: IntArray
+    data: TrainingData, tried: Sequence[TreeCandidate], test: IntArray
 ) -> list[tuple[TreeCandidate, FloatArray]]:
-    """Return the candidates that can be learned, and what they predict of the tested records."""
-    everything = np.arange(len(lessons.values))
+    """Return the candidates that can be learned, and their predictions of the tested records."""
+    everything = np.arange(len(data.values))
     predictions = []
     for candidate in tried:
         predicted = np.full(len(test), np.nan)
@@ -187,54 +185,56 @@ def _predictions(
             part = slice(fold, None, folds)
             tree = candidate.learn(np.setdiff1d(everything, test[part], assume_unique=True))
             if tree is not None:
-                predicted[part] = lessons.predicted(tree, test[part])
+                predicted[part] = data.predicted(tree, test[part])
         if np.isfinite(predicted).all():
             predictions.append((candidate, predicted))
     return predictions
 
 
-def _remembers(lessons: Lessons, candidate: TreeCandidate, now: ModelTree, test: IntArray) -> bool:
-    """Return whether a candidate predicts earlier records as well as the present tree does.
+def _predicts_failures(
+    data: TrainingData, candidate: TreeCandidate, current: ModelTree, test: IntArray
+) -> bool:
+    """Return whether a candidate predicts earlier records, with their failures, as well as the tree in use.
 
-    Chains predicted to fail are no longer executed. Then nothing fails, and a tree that predicts no failures
-    would soon seem better.
+    Chains predicted to fail are no longer executed, so on the newest records alone a tree that predicts no
+    failures would appear better.
     """
-    which = np.arange(len(lessons.values))[-_REMEMBERED:]
-    tree = _learned_again(lessons, candidate, test)
-    before, after = (np.mean(lessons.losses(lessons.predicted(t, which), which)) for t in (now, tree))
+    which = np.arange(len(data.values))[-_EARLIER:]
+    tree = _retrained(data, candidate, test)
+    before, after = (np.mean(data.losses(data.predicted(t, which), which)) for t in (current, tree))
     return bool(after <= before + _NO_LOSS)
 
 
 def _verdict(
-    lessons: Lessons,
+    data: TrainingData,
     tried: Sequence[tuple[TreeCandidate, FloatArray]],
     before: FloatArray,
     test: IntArray,
     *,
     level: float,
-    present: bool,
+    current: bool,
 ) -> RoundVerdict:
-    losses = [lessons.losses(predicted[: len(test)], test) for _, predicted in tried]
+    losses = [data.losses(predicted[: len(test)], test) for _, predicted in tried]
     names = [candidate.name for candidate, _ in tried]
     number, compared = _best(names, before[: len(test)], losses, level)
     best = compared[number]
-    name, unit = names[number], MEASURES[lessons.measure]
+    name, unit = names[number], MEASURES[data.measure]
     figures = f"{best.before:.3g} to {best.after:.3g}{unit and f' {unit}'} on {len(test)} records"
-    told = (len(lessons.values), len(test))
-    loss = "Brier score" if lessons.measure == "success" else "error"
-    before_told = best.before if present else None
+    counts = (len(data.values), len(test))
+    loss = "Brier score" if data.measure == "success" else "error"
+    loss_before = best.before if current else None
     if not _is_better(best, level):
         reason = f"no better: {name} would change the {loss} from {figures} (chance {best.chance:.3f})"
-        return RoundVerdict(*told, reason, "", before_told, best.after, best.chance)
-    tree = _learned_again(lessons, tried[number][0], test)
-    error = 1.4826 * float(np.median(losses[number]))  # not what single chains that went wrong make it
+        return RoundVerdict(*counts, reason, "", loss_before, best.after, best.chance)
+    tree = _retrained(data, tried[number][0], test)
+    error = 1.4826 * float(np.median(losses[number]))  # standard deviation, robust against outliers
     return RoundVerdict(
-        *told, f"{name}: {loss} from {figures}", name, before_told, best.after, best.chance, tree, error
+        *counts, f"{name}: {loss} from {figures}", name, loss_before, best.after, best.chance, tree, error
     )
 
 
-def _learned_again(lessons: Lessons, candidate: TreeCandidate, test: IntArray) -> ModelTree:
-    which = np.arange(len(lessons.values))
+def _retrained(data: TrainingData, candidate: TreeCandidate, test: IntArray) -> ModelTree:
+    which = np.arange(len(data.values))
     tree = candidate.learn(np.setdiff1d(which, test) if candidate.slow else which)
     assert tree is not None  # it was learned from fewer records
     return tree
@@ -254,7 +254,7 @@ def _best(
     better = [number for number, found in enumerate(compared) if _is_better(found, level)]
     least = min(better or range(len(names)), key=lambda number: compared[number].after)
     for number in better:
-        # Of those that are as good as the best, the first: it knows most, and few records tell little of it.
+        # Of those that are about as good as the best, the first: it was learned from most records.
         if number == least or compare(losses[number], losses[least][:, None])[0].chance >= _AS_GOOD:
             return number, compared
     return least, compared

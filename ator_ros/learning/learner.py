@@ -1,4 +1,4 @@
-"""The state of the node `learning` without ROS: when to learn, and what to report."""
+"""The node `learning` without ROS: when to learn, and what to report."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.store import RecordStore, StoreInfo
 from ator_ros.files import FileError, read_json, write_text
+from ator_ros.learning.process import RoundProcess
 from ator_ros.learning.sets import (
     RECORDS,
     LearnedSetError,
@@ -20,54 +21,40 @@ from ator_ros.learning.sets import (
     current_set,
     publish,
     read_manifest,
-    tidy,
+    remove_old,
 )
 
 ROUND = "round.json"
 FROZEN = "frozen"
 _SYNC_PERIOD = 0.5
-"""Real s after which records are on the disk, whatever happens to the machine."""
-_LONGEST_ROUND = 300.0
+"""Real s between two syncs of the store: what a loss of power costs at most."""
+_LONGEST_ROUND = 300.0  # real s; a round of 20,000 episodes takes some seconds
 _MOST_WAITING = 1000  # records; older ones are lost
 _SHARE = 0.02
-"""New records, as a share of all, after which it is worth to learn again."""
-
-
-class Round(Protocol):
-    """A round of learning under way; `RoundProcess` is one."""
-
-    @property
-    def done(self) -> bool:
-        """Whether it has ended."""
-
-    def result(self) -> dict[str, Any]:
-        """Return what came of it."""
-
-    def kill(self) -> None:
-        """End it."""
+"""New records, as a share of all, after which to learn again."""
 
 
 @dataclass(frozen=True)
 class LearningPace:
-    """When a round begins: after `batch` new records, or 2 % of all; episodes kept of each action set."""
+    """When to learn: after `batch` new records, or 2 % of all; `most` episodes of an action set are kept."""
 
     batch: int = 20
     most: int = 20_000
 
 
 class Learner:
-    """Stores records, begins rounds of learning, and publishes what is better.
+    """Stores records, starts rounds of learning, and publishes sets with better models.
 
     Parameters
     ----------
     folder : Path
-        Of the learned sets; no other process may write there, see `locked`.
+        Folder of the learned sets; no other process may write there, see `locked`.
     info : StoreInfo
         Robot and domain.
     begin : callable
-        Begins a round.
+        Starts a round.
     pace : LearningPace
-        When.
+        When to start one.
 
     Raises
     ------
@@ -75,12 +62,14 @@ class Learner:
         The folder is of another robot or domain, or cannot be written.
     """
 
-    def __init__(self, folder: Path, info: StoreInfo, begin: Callable[[], Round], pace: LearningPace) -> None:
+    def __init__(
+        self, folder: Path, info: StoreInfo, begin: Callable[[], RoundProcess], pace: LearningPace
+    ) -> None:
         self._folder, self._begin, self._pace = folder, begin, pace
         self._store = RecordStore(folder / RECORDS, info, most=pace.most)
-        tidy(folder)
+        remove_old(folder)
         self._waiting: deque[tuple[str, Episode]] = deque(maxlen=_MOST_WAITING)
-        self._round: Round | None = None
+        self._round: RoundProcess | None = None
         self._began = self._synced = 0.0
         self._wanted = False
         self._last = _last_round(folder)
@@ -101,7 +90,7 @@ class Learner:
         return (self._folder / FROZEN).exists()
 
     def freeze(self, frozen: bool) -> None:
-        """Keep the present set from now on, or no longer."""
+        """Freeze or unfreeze publishing; freezing ends a round under way."""
         if frozen:
             (self._folder / FROZEN).touch()
             self._end_round()
@@ -109,21 +98,21 @@ class Learner:
             (self._folder / FROZEN).unlink(missing_ok=True)
 
     def learn_now(self) -> str:
-        """Begin a round as soon as possible; return an empty text, or why not."""
+        """Request a round; return an empty text, or why it cannot start."""
         if self.frozen:
             return "learning is frozen"
         self._wanted = True
         return ""
 
     def take(self, action_set: str, episode: Episode) -> None:
-        """Store a record; it waits in memory while the disk has no room."""
+        """Store a record; it is kept in memory while the disk is full."""
         self.taken += 1
         self.lost += len(self._waiting) == self._waiting.maxlen
         self._waiting.append((action_set, episode))
         self._store_waiting()
 
     def work(self, now: float) -> str | None:
-        """Do what is due at the real time `now` in s; return a sentence when something has come of it."""
+        """Sync, start or finish a round at the real time `now` (s); return a message when a round ends."""
         if now - self._synced >= _SYNC_PERIOD:
             self._synced = now
             self._store_waiting()
@@ -161,7 +150,7 @@ class Learner:
             try:
                 place = publish(self._folder, Path(result["made"]))
                 self.manifest = read_manifest(place)
-                tidy(self._folder)
+                remove_old(self._folder)
                 self.problem = ""
             except (OSError, LearnedSetError) as error:
                 self.problem = f"a new set could not be published: {error}"
@@ -169,17 +158,16 @@ class Learner:
             self.problem = ""
         self._last = {**result, "made": "", "ends": self._ends}
         self._guarded(lambda: write_text(self._folder / ROUND, json.dumps(self._last) + "\n"))
-        return self.problem or self.summary
+        return self.problem or self._summary()
 
-    @property
-    def summary(self) -> str:
-        """What the last round came to: durations, and what else was replaced, action by action."""
+    def _summary(self) -> str:
+        """Return the result of the last round: durations, and other measures whose tree was replaced."""
         actions = self._last.get("actions", {})
-        told = {n: v for n, v in actions.items() if v["kind"] or n.count("/") == 1}
-        return "; ".join(f"{name}: {verdict['reason']}" for name, verdict in told.items()) or "none yet"
+        shown = {n: v for n, v in actions.items() if v["kind"] or n.count("/") == 1}
+        return "; ".join(f"{name}: {verdict['reason']}" for name, verdict in shown.items()) or "none yet"
 
     def diagnostics(self) -> dict[str, object]:
-        """Return what diagnostics tell, by name."""
+        """Return the values of the diagnostics, by name."""
         values: dict[str, object] = {
             "records stored": self.stored,
             "records taken": self.taken,
@@ -204,7 +192,7 @@ class Learner:
         return values
 
     def close(self) -> None:
-        """End a round under way, and close the store; records that still find no room are lost."""
+        """End a round under way and close the store; records that cannot be written are lost."""
         self._end_round()
         self._store_waiting()
         self.lost += len(self._waiting)
@@ -226,7 +214,7 @@ class Learner:
         self._guarded(store)
 
     def _guarded(self, write: Callable[[], None]) -> None:
-        """Write; a full disk is a problem until something can be written again."""
+        """Write; report a full disk until writing succeeds again."""
         try:
             write()
         except OSError as error:
@@ -241,12 +229,12 @@ def _last_round(folder: Path) -> dict[str, Any]:
     """Load the last round's state; a damaged file triggers one extra round."""
     with contextlib.suppress(FileError):
         kept = read_json(folder / ROUND)
-        if isinstance(kept, dict) and isinstance(kept.get("ends"), int) and _is_told(kept.get("actions")):
+        if isinstance(kept, dict) and isinstance(kept.get("ends"), int) and _is_summary(kept.get("actions")):
             return kept
     return {}
 
 
-def _is_told(actions: object) -> bool:
+def _is_summary(actions: object) -> bool:
     wanted = {"episodes", "tested", "reason", "kind", "before", "after"}
     return isinstance(actions, dict) and all(
         isinstance(verdict, dict) and wanted <= set(verdict) for verdict in actions.values()

@@ -1,4 +1,4 @@
-"""A round of learning in a process of its own, of low priority: it never publishes, its parent does."""
+"""A round of learning in a process of low priority; its parent publishes the result."""
 
 from __future__ import annotations
 
@@ -11,36 +11,36 @@ from pathlib import Path
 from typing import Any
 
 NICE = 15
-_LONGEST = 2000  # characters of what a process that failed is quoted with
+_LONGEST = 2000  # characters of the message of a process that failed
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 
 
 class RoundProcess:
-    """A round under way.
+    """A round of learning under way.
 
     Parameters
     ----------
     folder : Path
-        Of the learned sets.
+        Folder of the learned sets.
     domain, robot, models : str
-        As the node's parameters.
+        Parameters of the node.
     observed : bool
         See `Source`.
     time : str
-        Written into the set.
+        Time of the set, for its manifest.
     """
 
     def __init__(
         self, folder: Path, *, domain: str, robot: str, models: str, observed: bool, time: str
     ) -> None:
-        told = json.dumps([str(folder), domain, robot, models, observed, time])
+        arguments = json.dumps([str(folder), domain, robot, models, observed, time])
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "ator_ros.learning.process", told],
+            [sys.executable, "-m", "ator_ros.learning.process", arguments],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             env=os.environ | _ONE_THREAD,
-            start_new_session=True,  # Ctrl-C is for the node, which ends it
+            start_new_session=True,  # Ctrl-C goes to the node only, which ends this process
         )
 
     @property
@@ -63,16 +63,16 @@ class RoundProcess:
         self._process.communicate()
 
 
-def _give_way() -> None:
-    """Let everything else go first."""
+def lower_priority() -> None:
+    """Let all other processes run first."""
     os.nice(NICE)
-    with suppress(OSError):  # Linux weighs sessions before it weighs processes, and this one has its own
+    with suppress(OSError):  # Linux weighs sessions before processes, and this process has its own session
         Path("/proc/self/autogroup").write_text(str(NICE), encoding="ascii")
 
 
 def main() -> None:
     """Do one round and write its result to standard output."""
-    _give_way()
+    lower_priority()
     from ator_ros.domains.domain import domain_for
     from ator_ros.learning.round import Source, learn
 

@@ -1,4 +1,4 @@
-"""One round of learning: from the store of records to a new set of models, if it is better."""
+"""One round of learning: from the store of records to a new set of models, if one is better."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from ator_ros.evaluation.gate_from_episodes import usual_widths
 from ator_ros.experience.columns import goal_variables_of_columns
 from ator_ros.experience.store import NUMBER, action_sets_in, read_records
 from ator_ros.experience.table import library_versions
-from ator_ros.learning.candidates import Lessons, Records, constant
+from ator_ros.learning.candidates import Records, TrainingData, constant
 from ator_ros.learning.judging import RoundVerdict, judge
 from ator_ros.learning.sets import (
     RECORDS,
     Change,
-    begin,
     current_set,
+    new_set_folder,
     read_manifest,
     seal,
     sets_in,
@@ -48,20 +48,20 @@ from ator_ros.refinement.calibration import CALIBRATION, load_calibration_if_any
 from ator_ros.refinement.gate import ThresholdGate, save_gate
 from ator_ros.robot.description import Robot
 
-_LEAST_TOLD = 12  # records needed to estimate the mean of a measure
-_SPREADS = (0.5, 10.0)  # by how much spreads change at most
+_LEAST_RECORDS = 12  # to estimate the mean of a measure
+_SPREADS = (0.5, 10.0)  # least and greatest factor by which spreads change
 
 
 @dataclass(frozen=True)
 class ActionVerdict:
-    """What a round of learning found out about an action.
+    """Result of a round of learning for an action.
 
     Attributes
     ----------
     measures : mapping
         Verdict on each measure.
     model : PerformanceModel or None
-        The model with the better trees; None where there is none.
+        The model with the better trees; None if no tree is better.
     """
 
     measures: Mapping[str, RoundVerdict]
@@ -74,7 +74,7 @@ def improved(
     robot: Robot,
     features: Sequence[Feature],
     *,
-    now: PerformanceModel | None,
+    current: PerformanceModel | None,
     seen: Mapping[str, int],
     former: Mapping[str, PerformanceModel],
 ) -> ActionVerdict:
@@ -88,22 +88,22 @@ def improved(
         Starts of its episodes, oldest first, with `NUMBER`.
     robot, features
         As for `train`.
-    now : PerformanceModel or None
+    current : PerformanceModel or None
         The model in use.
     seen : mapping
         Measure to the number from which on records are new to its tree.
     former : mapping
-        Models that were in use before, by the names of their sets; those shipped, too.
+        Models that were in use before, by the names of their sets, and those of the start.
     """
-    rows = plausible(_complete(rows, features))
-    driving = now.driving if now is not None else _driving(rows, robot, features)
-    kinds = _kinds(now, former)
+    rows = _plausible(_complete(rows, features))
+    driving = current.driving if current is not None else _driving(rows, robot, features)
+    kinds = _kinds(current, former)
     former = {
         name: model
         for name, model in former.items()
         if model.driving == driving and kinds_of(model.features.values()) == kinds
     }
-    models = [*former.values(), *([now] if now is not None else [])]
+    models = [*former.values(), *([current] if current is not None else [])]
     known = {feature.name: feature for feature in features}
     for model in models:
         known |= model.features
@@ -113,42 +113,42 @@ def improved(
     verdicts: dict[str, RoundVerdict] = {}
     for measure in MEASURES:
         verdicts[measure] = judge(
-            records.lessons(measure),
+            records.data(measure),
             names,
-            now=now.trees.get(measure) if now is not None else None,
+            current=current.trees.get(measure) if current is not None else None,
             seen=seen.get(measure, 0),
-            former=_trees(measure, former, now),
+            former=_trees(measure, former, current),
         )
     better = {measure: verdict.tree for measure, verdict in verdicts.items() if verdict.tree is not None}
-    if now is None and "duration" not in better:
-        # Without durations there is no model, so that nothing else is taken up either.
+    if current is None and "duration" not in better:
+        # A model needs a tree of durations.
         kept = {name: dataclasses.replace(found, kind="", tree=None) for name, found in verdicts.items()}
         return ActionVerdict(kept, None)
     if not better:
         return ActionVerdict(verdicts, None)
     if "duration" in better:
-        better["duration"] = with_honest_spread(
-            better["duration"], records.lessons("duration"), verdicts["duration"]
+        better["duration"] = with_observed_spread(
+            better["duration"], records.data("duration"), verdicts["duration"]
         )
-    trees = dict(now.trees) if now is not None else _means(records)
+    trees = dict(current.trees) if current is not None else _means(records)
     trees |= better
     chosen = {measure: trees[measure] for measure in MEASURES if measure in trees}
-    at_goal = now.at_goal if now is not None else UNOBSERVED
+    at_goal = current.at_goal if current is not None else UNOBSERVED
     model = PerformanceModel(action, robot, chosen, known, driving=driving, at_goal=at_goal)
     return ActionVerdict(verdicts, model)
 
 
-def _kinds(now: PerformanceModel | None, former: Mapping[str, PerformanceModel]) -> Kinds:
-    """Return the kinds of motion of the model in use, or of a former one where there is none."""
-    known = [now] if now is not None else list(former.values())
+def _kinds(current: PerformanceModel | None, former: Mapping[str, PerformanceModel]) -> Kinds:
+    """Return the kinds of motion of the model in use or, without one, of a former model."""
+    known = [current] if current is not None else list(former.values())
     return next(filter(None, (kinds_of(model.features.values()) for model in known)), {})
 
 
 def _trees(
-    measure: str, models: Mapping[str, PerformanceModel], now: PerformanceModel | None
+    measure: str, models: Mapping[str, PerformanceModel], current: PerformanceModel | None
 ) -> dict[str, ModelTree]:
     """Return the trees of a measure that are not in use, each once."""
-    present = now.trees.get(measure) if now is not None else None
+    present = current.trees.get(measure) if current is not None else None
     found: dict[str, ModelTree] = {}
     for name, model in models.items():
         tree = model.trees.get(measure)
@@ -167,7 +167,7 @@ def _same(one: ModelTree, other: ModelTree) -> bool:
 
 
 def _complete(rows: pd.DataFrame, features: Sequence[Feature]) -> pd.DataFrame:
-    """Return the episodes that have the goal variables which the action declares."""
+    """Return the episodes with a value of each goal variable that the action declares."""
     there = set(map(direct_name, goal_variables_of_columns(rows.columns)))
     wanted = declared_by(features)
     if not there.issuperset(wanted):
@@ -180,53 +180,53 @@ def _driving(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]) -> D
 
 
 def _means(records: Records) -> dict[str, ModelTree]:
-    """Return trees of the measures that predict their means: nothing better is known of a new action."""
-    told = {measure: records.lessons(measure) for measure in MEASURES}
+    """Return constant trees of the means of the measures, for an action without a model."""
+    by_measure = {measure: records.data(measure) for measure in MEASURES}
     return {
-        measure: constant(lessons.table.columns[0], float(np.mean(lessons.values)), len(lessons.values))
-        for measure, lessons in told.items()
-        if len(lessons.values) >= _LEAST_TOLD
+        measure: constant(data.table.columns[0], float(np.mean(data.values)), len(data.values))
+        for measure, data in by_measure.items()
+        if len(data.values) >= _LEAST_RECORDS
     }
 
 
-def with_honest_spread(tree: ModelTree, lessons: Lessons, verdict: RoundVerdict) -> ModelTree:
-    """Return the tree with spreads as large as its errors on the records that it was tested on."""
+def with_observed_spread(tree: ModelTree, data: TrainingData, verdict: RoundVerdict) -> ModelTree:
+    """Return the tree with spreads as large as its errors on the test records."""
     assert verdict.error is not None
-    table = lessons.table[list(tree.names)].to_numpy()[-verdict.tested :]
+    table = data.table[list(tree.names)].to_numpy()[-verdict.tested :]
     expected = float(np.median(tree.predict_with_spread(np.ascontiguousarray(table))[1]))
     factor = float(np.clip(verdict.error / expected, *_SPREADS)) if expected > 0.0 else 1.0
     return dataclasses.replace(tree, spread=factor * tree.spread)
 
 
-def plausible(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the episodes whose durations can be true; a record may lie, and a failure may take any time."""
+def _plausible(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the episodes without successes of an impossible duration; a failure may take any time."""
     durations, good = rows["duration"].to_numpy(dtype=float), rows["success"].to_numpy(dtype=bool)
     usual = float(np.median(durations[good])) if good.any() else 0.0
     return rows[~good | ((durations > 0.0) & (durations < max(10.0 * usual, 1.0)))]
 
 
 CAUTION = ThresholdGate(0.05, 0.5)
-"""Gate of models that come with none: it opens as their spreads, as large as their errors, shrink."""
-_FORMER = 3  # sets before the present one that are tried again
+"""Gate of models without one: it accepts more as their spreads, and with them their errors, shrink."""
+_FORMER = 3  # earlier sets whose models are candidates
 _STARTED_WITH = "the models of the start"
 
 
 @dataclass(frozen=True)
 class Source:
-    """What is learned from.
+    """What a round of learning starts from.
 
     Attributes
     ----------
     folder : Path
-        Of the learned sets, with the store of records in it.
+        Folder of the learned sets and the store of records.
     domain : Domain
-        Of the actions.
+        The domain.
     robot : Robot
-        That executes them.
+        The robot.
     models : Path
-        Folder of the models that the node was started with; there may be none.
+        Folder of the models that the node was started with; it may be missing.
     observed : bool
-        Whether features know nothing but what was observed.
+        Whether to use observed features only, without ideal times of actions.
     """
 
     folder: Path
@@ -242,7 +242,7 @@ class Source:
         return (*OBSERVED, *self.domain.goal_features(action, action_set))
 
     def model(self, place: Path, action: str, action_set: str) -> PerformanceModel | None:
-        """Return the model of an action in the folder of a set; None where there is none."""
+        """Return the model of an action in the folder of a set; None if there is none."""
         file = place / model_path(action, action_set)
         if not file.exists():
             return None
@@ -255,14 +255,14 @@ class Source:
 
 
 def learn(source: Source, *, time: str) -> dict[str, Any]:
-    """Compare, and make a new set where a model is better; it is not published.
+    """Compare models, and make a new set if one is better; it is not published.
 
     Parameters
     ----------
     source : Source
-        What is learned from.
+        Records and models.
     time : str
-        Written into the set.
+        Time of the set, for its manifest.
 
     Returns
     -------
@@ -286,17 +286,18 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
                 name = f"{action_set}/{action}"
                 verdicts[name] = _verdict(source, str(action), action_set, rows, seen)
                 ends[name] = int(rows[NUMBER].max()) + 1
-    made = _made(source, place, verdicts, seen, ends, time) if any(v.model for v in verdicts.values()) else {}
-    told = {
+    better = any(verdict.model for verdict in verdicts.values())
+    made = _make_set(source, place, verdicts, seen, ends, time) if better else {}
+    actions = {
         _key(name, measure): {field: value for field, value in vars(found).items() if field != "tree"}
         for name, verdict in verdicts.items()
         for measure, found in verdict.measures.items()
     }
-    return {"made": "", "digest": "", **made, "damaged": damaged, "actions": told}
+    return {"made": "", "digest": "", **made, "damaged": damaged, "actions": actions}
 
 
 def _key(name: str, measure: str) -> str:
-    """Return what manifests and diagnostics call a measure of an action, SET/ACTION."""
+    """Return the name of a measure of an action, SET/ACTION, in manifests and diagnostics."""
     return name if measure == "duration" else f"{name}/{measure}"
 
 
@@ -304,7 +305,7 @@ def _verdict(
     source: Source, action: str, action_set: str, rows: pd.DataFrame, seen: Mapping[str, int]
 ) -> ActionVerdict:
     place = current_set(source.folder)
-    now = source.model(place or source.models, action, action_set)
+    current = source.model(place or source.models, action, action_set)
     former: dict[str, PerformanceModel] = {}
     earlier = [other for other in sets_in(source.folder) if place is None or other.name < place.name]
     for other in (*((source.models,) if place else ()), *(earlier[-_FORMER:] if place else ())):
@@ -316,13 +317,13 @@ def _verdict(
         rows,
         source.robot,
         source.features(action, action_set),
-        now=now,
+        current=current,
         seen={measure: seen.get(_key(f"{action_set}/{action}", measure), 0) for measure in MEASURES},
         former=former,
     )
 
 
-def _made(
+def _make_set(
     source: Source,
     place: Path | None,
     verdicts: Mapping[str, ActionVerdict],
@@ -331,7 +332,7 @@ def _made(
     time: str,
 ) -> dict[str, Any]:
     """Make a set of the present one and the better models; return its folder and digest."""
-    made = begin(source.folder)
+    made = new_set_folder(source.folder)
     changes: list[Change] = []
     known = dict(seen)
     for action_set in source.domain.action_sets:
@@ -344,7 +345,7 @@ def _made(
         kinds = "; ".join(f"{change.measure}: {change.kind}" for change in better)
         episodes = max(found.episodes for found in verdict.measures.values())
         former = source.model(place or source.models, action, action_set)
-        # Where the search may go: records of chains that were refined themselves tell less of it.
+        # Kept, since records of refined chains cover less of the ranges of starts.
         known_starts = {"starts": former.experience} if former is not None and former.experience else {}
         metadata = {
             "action_set": action_set,
@@ -394,7 +395,7 @@ def _copy(place: Path, made: Path, action_set: str) -> None:
 
 
 def _keep_matching(source: Source, made: Path, action_set: str) -> None:
-    """Keep of the calibration what belongs to models that stay; the others need none: they have no bias."""
+    """Remove the corrections of models that changed: trees fitted to executed chains have no bias."""
     folder = (made / model_path("any", action_set)).parent
     try:
         calibration = load_calibration_if_any(folder)

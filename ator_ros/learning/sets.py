@@ -1,10 +1,10 @@
 """Sets of models, gates and calibrations that were learned, in a folder of their own.
 
-    FOLDER/sets/000003-1f0c…/    a set: laid out as models/, with set.manifest; never changed once it is there
-    FOLDER/current               link to the set in use; replaced at once
+    FOLDER/sets/000003-1f0c…/    a set: laid out as models/, with set.manifest; never changed
+    FOLDER/current               link to the set in use; replaced atomically
     FOLDER/lock                  held by the node that writes here
 
-Who reads resolves `current` first and then reads one folder, so two sets are never mixed.
+Readers resolve `current` first and then read one folder, so that two sets are never mixed.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _SETS = "sets"
 
 
 class LearnedSetError(ValueError):
-    """A folder of learned sets, or one of them, that cannot be used; the message names it."""
+    """A folder of learned sets, or a set, that cannot be used; the message names it."""
 
 
 @dataclass(frozen=True)
@@ -42,17 +42,17 @@ class Change:
     Attributes
     ----------
     action_set, action : str
-        Of what.
+        Names of both.
     kind : str
-        How the new tree came about, see `candidates`.
+        Name of the new tree, see `candidates`.
     tested : int
-        Records that both trees were compared on, and neither had seen.
+        Number of records on which both trees were compared; neither was learned from them.
     before, after : float or None
-        Mean loss of the predictions on these, see `RoundVerdict`; None: there was no tree.
+        Mean loss of the predictions of these, see `RoundVerdict`; None: there was no tree.
     chance : float
-        Probability that as much better would be noise.
+        p-value, see `Comparison`.
     measure : str
-        Which tree.
+        Measure that the tree predicts.
     """
 
     action_set: str
@@ -72,17 +72,17 @@ class Manifest:
     Attributes
     ----------
     digest : str
-        Of the files of the set, this one excepted.
+        Digest of the files of the set, without this one.
     time : str
         When it was learned, as in 2026-01-31T12:00:00Z.
     parent : str
-        Name of the set that it replaced; empty: the models that the node was started with.
+        Name of the set before; empty: the models that the node was started with.
     episodes : mapping
-        Records that it could learn from, by action set.
+        Number of records by action set and action.
     seen : mapping
         Number from which on records are new to it, by action set, action and, but for durations, measure.
     changes : tuple of Change
-        What is new about it.
+        The trees that were replaced.
     """
 
     digest: str
@@ -94,7 +94,7 @@ class Manifest:
 
 
 def digest_of(folder: Path) -> str:
-    """Return a short digest of the files of a set, its manifest excepted."""
+    """Return a short digest of the files of a set, without its manifest."""
     sha = hashlib.sha256()
     for file in sorted(folder.rglob("*.json")):
         if file.name != MANIFEST:
@@ -103,12 +103,12 @@ def digest_of(folder: Path) -> str:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Return what a set says of itself, if its files are those that it was published with.
+    """Read the manifest of a set and check the digest of its files.
 
     Raises
     ------
     LearnedSetError
-        They are not, or it cannot be read.
+        The manifest cannot be read, or the files have another digest.
     """
     file = folder / MANIFEST
     manifest = load(file, KIND, Manifest, error=LearnedSetError)
@@ -122,7 +122,7 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 def current_set(folder: Path) -> Path | None:
-    """Return the set in use, None where none has been published."""
+    """Return the set in use; None if none was published."""
     try:
         name = (folder / CURRENT).readlink()
     except OSError:
@@ -137,7 +137,7 @@ def locked(folder: Path) -> Iterator[None]:
     Raises
     ------
     LearnedSetError
-        Somebody else does.
+        Another process holds the lock.
     """
     folder.mkdir(parents=True, exist_ok=True)
     # Opening a pipe would wait for its other end.
@@ -151,8 +151,8 @@ def locked(folder: Path) -> Iterator[None]:
         yield
 
 
-def begin(folder: Path) -> Path:
-    """Return an empty folder in which a new set can be made; see `publish`."""
+def new_set_folder(folder: Path) -> Path:
+    """Return an empty folder for a new set; see `publish`."""
     sets = folder / _SETS
     sets.mkdir(parents=True, exist_ok=True)
     place = sets / f".new-{os.getpid()}"
@@ -162,22 +162,22 @@ def begin(folder: Path) -> Path:
 
 
 def seal(made: Path, manifest: Mapping[str, object], changes: tuple[Change, ...]) -> str:
-    """Write the manifest of a set that was made, and return its digest."""
+    """Write the manifest of a new set, and return its digest."""
     digest = digest_of(made)
-    told = {"digest": digest, **manifest, "changes": [asdict(change) for change in changes]}
-    save(made / MANIFEST, KIND, told)
+    content = {"digest": digest, **manifest, "changes": [asdict(change) for change in changes]}
+    save(made / MANIFEST, KIND, content)
     for file in filter(Path.is_file, made.rglob("*")):
         _sync(file)
     return digest
 
 
 def publish(folder: Path, made: Path) -> Path:
-    """Name a sealed set and let `current` point to it; return its place.
+    """Give a sealed set its final name and let `current` point to it; return its folder.
 
     Raises
     ------
     LearnedSetError
-        It is not whole.
+        The set is damaged.
     OSError
         It cannot be written; then `current` is as it was.
     """
@@ -191,7 +191,7 @@ def publish(folder: Path, made: Path) -> Path:
 
 
 def point_to(folder: Path, place: Path) -> None:
-    """Let `current` point to a set, at once."""
+    """Let `current` point to a set; atomic."""
     link = folder / f".{CURRENT}-{os.getpid()}"
     link.unlink(missing_ok=True)
     link.symlink_to(place.relative_to(folder))
@@ -200,13 +200,13 @@ def point_to(folder: Path, place: Path) -> None:
 
 
 def sets_in(folder: Path) -> list[Path]:
-    """Return all sets that were published, oldest first."""
+    """Return all published sets, oldest first."""
     places = (folder / _SETS).iterdir() if (folder / _SETS).is_dir() else ()
     return sorted(place for place in places if place.name[:6].isdecimal())
 
 
-def tidy(folder: Path) -> None:
-    """Remove what was never finished, and the oldest of the sets that are not in use."""
+def remove_old(folder: Path) -> None:
+    """Remove unfinished sets, and all but the newest `KEPT` and the one in use."""
     used = current_set(folder)
     for place in (folder / _SETS).glob(".new-*"):
         shutil.rmtree(place, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""When the node `learning` learns, and that nothing is lost while it does."""
+"""When the node `learning` learns, and that no record is lost."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ from ator_ros.learning.sets import RECORDS
 NOTHING = {"made": "", "digest": "", "damaged": 0, "actions": {}}
 
 
-class Begun:
-    """A round that ends when it is told to."""
+class FakeRound:
+    """Stands in for `RoundProcess`; the test ends it."""
 
     def __init__(self) -> None:
         self.done, self.killed = False, False
-        self.told: dict[str, Any] = NOTHING
+        self.returned: dict[str, Any] = NOTHING
 
     def result(self) -> dict[str, Any]:
-        return self.told
+        return self.returned
 
     def kill(self) -> None:
         self.killed = True
 
 
 @pytest.fixture
-def rounds() -> list[Begun]:
+def rounds() -> list[FakeRound]:
     return []
 
 
 @pytest.fixture
-def learner(tmp_path: Path, rounds: list[Begun]) -> Learner:
+def learner(tmp_path: Path, rounds: list[FakeRound]) -> Learner:
     return made(tmp_path, rounds)
 
 
-def made(folder: Path, rounds: list[Begun]) -> Learner:
-    def begin() -> Begun:
-        rounds.append(Begun())
+def made(folder: Path, rounds: list[FakeRound]) -> Learner:
+    def begin() -> FakeRound:
+        rounds.append(FakeRound())
         return rounds[-1]
 
     return Learner(folder, INFO, begin, LearningPace(batch=10))
@@ -54,7 +54,9 @@ def take(learner: Learner, count: int) -> None:
         learner.take("default", episode)
 
 
-def test_a_round_begins_after_a_batch_and_only_one_at_a_time(learner: Learner, rounds: list[Begun]) -> None:
+def test_a_round_begins_after_a_batch_and_only_one_at_a_time(
+    learner: Learner, rounds: list[FakeRound]
+) -> None:
     take(learner, 9)
     learner.work(0.0)
     assert not rounds
@@ -71,7 +73,7 @@ def test_a_round_begins_after_a_batch_and_only_one_at_a_time(learner: Learner, r
     assert len(rounds) == 2
 
 
-def test_it_goes_on_where_it_was(tmp_path: Path, rounds: list[Begun], learner: Learner) -> None:
+def test_it_resumes_after_a_restart(tmp_path: Path, rounds: list[FakeRound], learner: Learner) -> None:
     take(learner, 15)
     learner.work(0.0)
     rounds[0].done = True
@@ -83,20 +85,22 @@ def test_it_goes_on_where_it_was(tmp_path: Path, rounds: list[Begun], learner: L
     assert made(tmp_path, rounds).new == 19
 
 
-def test_a_round_that_fails_or_hangs_is_told(learner: Learner, rounds: list[Begun]) -> None:
+def test_a_round_that_fails_or_hangs_is_reported(learner: Learner, rounds: list[FakeRound]) -> None:
     take(learner, 10)
     learner.work(0.0)
-    rounds[0].told, rounds[0].done = {"failed": "no memory"}, True
+    rounds[0].returned, rounds[0].done = {"failed": "no memory"}, True
     assert learner.work(1.0) == "learning failed: no memory"
     learner.learn_now()
     learner.work(2.0)
-    told = learner.work(1000.0)
+    message = learner.work(1000.0)
     assert rounds[1].killed
-    assert told is not None
-    assert "took longer" in told
+    assert message is not None
+    assert "took longer" in message
 
 
-def test_what_finds_no_room_waits(tmp_path: Path, learner: Learner, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_records_wait_while_the_disk_is_full(
+    tmp_path: Path, learner: Learner, monkeypatch: pytest.MonkeyPatch
+) -> None:
     take(learner, 3)
 
     def full(*_: object) -> int:
@@ -117,7 +121,7 @@ def test_what_finds_no_room_waits(tmp_path: Path, learner: Learner, monkeypatch:
 
 
 def test_freezing_ends_a_round_and_outlasts_the_process(
-    tmp_path: Path, learner: Learner, rounds: list[Begun]
+    tmp_path: Path, learner: Learner, rounds: list[FakeRound]
 ) -> None:
     take(learner, 10)
     learner.work(0.0)

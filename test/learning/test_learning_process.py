@@ -1,4 +1,4 @@
-"""A round of learning runs in a process that gives way to everything else."""
+"""A round of learning runs in a process of low priority."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ import sys
 
 from ator_ros.learning.process import NICE
 
-_TELL = "import os; from ator_ros.learning.process import _give_way; _give_way(); print(os.nice(0))"
-
-
-def _told(more: str = "") -> str:
-    command = [sys.executable, "-c", _TELL + more]
-    return subprocess.run(command, check=True, capture_output=True, text=True, start_new_session=True).stdout
+PROGRAM = """
+import os
+from ator_ros.learning.process import lower_priority
+lower_priority()
+print(os.nice(0))
+"""
 
 
 def test_it_is_nice() -> None:
-    assert int(_told()) >= NICE
+    command = [sys.executable, "-c", PROGRAM]
+    done = subprocess.run(command, check=True, capture_output=True, text=True, start_new_session=True)
+    assert int(done.stdout) >= NICE

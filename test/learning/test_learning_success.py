@@ -1,4 +1,4 @@
-"""Failures teach, too: what fails is predicted to fail, and refinement chooses something else."""
+"""Failures are learned: situations in which an action fails are predicted to fail."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def turn_of(episode: Episode) -> float:
 
 
 def failing(stream: Iterator[Episode]) -> Iterator[Episode]:
-    """Yield episodes of which those fail, at the time limit, that begin with a sharp turn."""
+    """Yield episodes; those that begin with a sharp turn fail at the time limit."""
     for episode in stream:
         fails = turn_of(episode) > SHARP
         yield dataclasses.replace(
@@ -36,10 +36,10 @@ def failing(stream: Iterator[Episode]) -> Iterator[Episode]:
 
 
 def round_of(folder: Path, models: Path = SOCCER.shipped_models) -> dict:
-    told = learn(Source(folder, SOCCER, ROBOT, models), time="2026-01-01T00:00:00Z")
-    if told["made"]:
-        publish(folder, Path(told["made"]))
-    return told
+    result = learn(Source(folder, SOCCER, ROBOT, models), time="2026-01-01T00:00:00Z")
+    if result["made"]:
+        publish(folder, Path(result["made"]))
+    return result
 
 
 def test_what_fails_is_predicted_to_fail_after_some_tens_of_records(tmp_path: Path) -> None:
@@ -77,7 +77,7 @@ def test_a_few_failures_by_chance_are_no_pattern(tmp_path: Path) -> None:
     assert verdict["kind"] in ("", *(f"the rate of {size} episodes" for size in (200, 100)))
 
 
-def test_what_is_not_done_any_more_is_not_forgotten(tmp_path: Path) -> None:
+def test_failures_that_are_avoided_are_not_forgotten(tmp_path: Path) -> None:
     stored(tmp_path / RECORDS, failing(episodes(60))).close()
     assert round_of(tmp_path)["actions"][SUCCESS]["kind"]
     straight = [episode for episode in episodes(400, seed=4) if turn_of(episode) < 0.8 * SHARP]
