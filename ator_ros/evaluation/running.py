@@ -1,78 +1,26 @@
-"""A whole evaluation: parallel, resumable, with results that do not depend on the number of workers."""
+"""A whole evaluation: its situations in parallel, resumable, and the file of its results."""
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import platform
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from tqdm import tqdm
+from typing import Any
 
 from ator_ros.evaluation.situation import Record, Settings, evaluate_trial
 from ator_ros.evaluation.statistics import outcomes, prediction_errors, summarise
 from ator_ros.evaluation.trials import EvaluationError
-from ator_ros.experience.parallel import cluster, run_tasks
+from ator_ros.experience.parallel import PartialResults, cluster, progress, run_tasks
 from ator_ros.experience.table import library_versions
-from ator_ros.files import FileError, content_of, read_json, read_text, save, write_text
+from ator_ros.files import FileError, content_of, read_json, save
 from ator_ros.schema import SchemaError, structured
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
 
 PARTIAL = "situations.jsonl"
 RESULT = "evaluation.json"
 KIND = "evaluation"
-LARGEST = 1_000_000_000
-"""Bytes of a file of results that is read."""
-
-
-class PartialResults:
-    """Records of single situations, appended one by one, so that an interrupted evaluation can resume.
-
-    The first line holds what the records depend on. A last line that a crash cut off is forgotten.
-
-    Parameters
-    ----------
-    folder : Path
-        Where the file lies; it is made when missing.
-    settings : dataclass
-        Of this evaluation.
-    digest : str
-        Of everything else that the results depend on: robot, models, gate.
-
-    Raises
-    ------
-    EvaluationError
-        The folder holds results of other settings, a line is damaged, or the file cannot be written.
-    """
-
-    def __init__(self, folder: Path, settings: DataclassInstance, digest: str) -> None:
-        self.path = folder / PARTIAL
-        header = json.dumps({"settings": dataclasses.asdict(settings), "digest": digest}, sort_keys=True)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            lines = read_text(self.path, LARGEST).split("\n")[:-1] if self.path.exists() else []
-            found = [json.loads(line) for line in lines[1:]]
-            self.records: dict[int, Record] = {record["index"]: record for record in found}
-        except (OSError, ValueError, TypeError, KeyError) as error:
-            raise EvaluationError(f"{self.path}: expected partial results, got {error}") from error
-        if lines and lines[0] != header:
-            raise EvaluationError(
-                f"{self.path}: expected partial results of the same settings, models and gate, got others: "
-                "choose another --out, or delete that file"
-            )
-        write_text(self.path, "\n".join([header, *lines[1:], ""]))  # without a line that was cut off
-
-    def append(self, record: Record) -> None:
-        """Keep the record of one more situation; OSError if the file cannot be written."""
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(record, separators=(",", ":")) + "\n")
-        self.records[record["index"]] = record
+_LARGEST = 1_000_000_000
+"""Bytes of a file of results: a situation takes about 2 kB."""
 
 
 def write_result(folder: Path, result: Mapping[str, Any], records: Sequence[Record]) -> Path:
@@ -123,7 +71,7 @@ def read_result(path: Path) -> dict[str, Any]:
         The file cannot be read, or is no finished evaluation.
     """
     try:
-        data = content_of(read_json(path, largest=LARGEST), KIND)
+        data = content_of(read_json(path, largest=_LARGEST), KIND)
         structured(data, _ResultFile)
     except FileError as error:
         raise EvaluationError(str(error)) from error
@@ -143,8 +91,7 @@ def run_situations(
 ) -> list[Record]:
     """Evaluate situations 0 to `situations` - 1, except those whose results are already in `folder`.
 
-    The same call resumes where it was interrupted. A progress bar is shown on a
-    terminal, and a line of it in a log every 30 s.
+    The same call resumes where it was interrupted.
 
     Parameters
     ----------
@@ -153,7 +100,7 @@ def run_situations(
     situations : int
         Number of situations.
     folder : Path
-        Folder of partial results, which should be this process's alone; see `ator_ros.files.alone_in`.
+        Folder of partial results.
     jobs, backend
         As for `ator_ros.experience.parallel.run_tasks`.
     scheduler : str, optional
@@ -162,22 +109,23 @@ def run_situations(
     Raises
     ------
     EvaluationError
-        The folder contains results of other settings.
+        The folder contains results of other settings, or another process writes there.
     OSError
         The folder cannot be written; finished situations are kept.
     BackendError
         The parallel backend cannot be used.
     """
-    partial = PartialResults(folder, settings, settings.source.digest(settings.policies, settings.chain))
-    tasks = [(settings, index) for index in range(situations) if index not in partial.records]
-    done = situations - len(tasks)
-    with cluster(scheduler):
+    digest = settings.source.digest(settings.policies, settings.chain)
+    identity = {"settings": asdict(settings), "digest": digest}
+    expected = "results of the same settings, models and gate"
+    with PartialResults(folder / PARTIAL, identity, expected, EvaluationError) as partial, cluster(scheduler):
+        records = {record.get("index"): record for record in partial.results}
+        tasks = [(settings, index) for index in range(situations) if index not in records]
         results = run_tasks(evaluate_trial, tasks, jobs=jobs, backend=backend)
-        often = 0.1 if sys.stderr.isatty() else 30.0  # s; a log gets a line now and then
-        pace = {"mininterval": often, "delay": often - 0.1}
-        for record in tqdm(results, initial=done, total=situations, unit="situation", **pace):
+        for record in progress(results, done=situations - len(tasks), total=situations, unit="situation"):
             partial.append(record)
-    return [partial.records[index] for index in range(situations)]
+            records[record["index"]] = record
+    return [records[index] for index in range(situations)]
 
 
 def describe(settings: Settings, records: Sequence[Record], command: str) -> dict[str, Any]:

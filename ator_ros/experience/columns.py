@@ -1,4 +1,4 @@
-"""The columns of tables of experience, and what goes wrong with experience."""
+"""The columns of tables of experience."""
 
 from __future__ import annotations
 

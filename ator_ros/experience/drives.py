@@ -1,7 +1,7 @@
-"""Drives in what a robot recorded of odometry and commands, their goals seen in hindsight.
+"""Drives in recordings of odometry and velocity commands.
 
-One drive is what lies between two pauses of the commands, and its goal is where the robot came to rest. The
-objects that it held at both ends determine the TOP of the domain, and the point that the goal was meant for.
+A drive lies between two pauses of the commands, and its goal is where the robot came to rest. The objects
+held at both ends determine the TOP of the domain and the point that the goal is meant for.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ from ator_ros.world.transforms import Transforms
 ODOM, CMD_VEL, RECORDS, CHAINS = "odom", "cmd_vel", "performance/action", "performance/chain"
 TF = ("tf", "tf_static")
 """Roles of topics."""
-SILENCE = 1.0  # s without odometry after which another stretch of time begins
+SILENCE = 1.0  # s without odometry after which a new segment begins
 PERIOD = 0.1  # s between examples, the paper's 10 Hz
-_RAREST = 0.3  # s between messages of odometry; drives are told apart by pauses of that length
+_RAREST = 0.3  # s between odometry messages; drives are separated by pauses of that length
 _ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
 
 
 class Rows:
-    """Rows of numbers, the time in s first. They take 8 bytes a number: recordings may last for days.
+    """Rows of numbers, the time in s first; 8 bytes a number, since recordings may last for days.
 
     Parameters
     ----------
@@ -88,20 +88,20 @@ class Rows:
 
 
 @dataclass
-class Streams:
-    """A stretch of a robot's time: odom (t, x, y, yaw, v, w), commands (t, v, w), objects (t, x, y)."""
+class Segment:
+    """Recorded without a gap: odom (t, x, y, yaw, v, w), commands (t, v, w), objects (t, x, y)."""
 
     odom: Rows = field(default_factory=lambda: Rows(6))
     cmd_vel: Rows = field(default_factory=lambda: Rows(3))
     objects: dict[str, Rows] = field(default_factory=lambda: defaultdict(lambda: Rows(3)))
 
-    def goes_on_at(self, time: float) -> bool:
-        """Return whether odometry of `time` (s) follows: not after a reset, nor after a long silence."""
+    def continues_at(self, time: float) -> bool:
+        """Return whether odometry of `time` (s) belongs to this segment: no reset, no long silence."""
         return not self.odom or 0.0 <= time - self.odom.last_time <= SILENCE
 
 
-class Stretches:
-    """What one robot recorded; the next stretch of its time begins after a reset or a long silence.
+class SegmentReader:
+    """Sorts the messages of one robot into segments; a new one begins after a reset or a long silence.
 
     Parameters
     ----------
@@ -110,14 +110,14 @@ class Stretches:
 
     Attributes
     ----------
-    all : list of Streams
-        In order; the last one grows.
+    segments : list of Segment
+        In the order of time; messages are added to the last one.
     remarks : list of str
-        What is doubtful about messages that were used.
+        Doubts about messages that were used.
     """
 
     def __init__(self, sources: Iterable[ObjectSource]) -> None:
-        self.all = [Streams()]
+        self.segments = [Segment()]
         self.remarks: list[str] = []
         self._odometry = OdometryReader()
         self._sources = {source.name: source for source in sources}
@@ -129,9 +129,9 @@ class Stretches:
         self._errors: dict[str, str] = {}
 
     @property
-    def newest(self) -> Streams:
-        """The stretch that grows."""
-        return self.all[-1]
+    def newest(self) -> Segment:
+        """The segment to which messages are added."""
+        return self.segments[-1]
 
     @property
     def frame(self) -> str:
@@ -139,7 +139,7 @@ class Stretches:
         return self._odometry.frame
 
     def take(self, role: str, message: Any) -> None:
-        """Take a message of `odom`, `cmd_vel`, tf or an object; count one that cannot be used as left out."""
+        """Add a message of odometry, commands, tf or an object; count it if it cannot be used."""
         self._taken[role] += 1
         try:
             if role == ODOM:
@@ -155,15 +155,15 @@ class Stretches:
             self._errors.setdefault(role, str(error))
 
     def left_out(self) -> list[str]:
-        """Return a line for each kind of message of which some were left out."""
+        """Return a line for each role of which messages were left out."""
         return [
             f"left out {count} of {self._taken[role]} messages: {self._errors[role]}"
             for role, count in self._left_out.items()
         ]
 
     def timing(self) -> list[str]:
-        """Return a line if the stamps of odometry do not advance, or if its messages are rare."""
-        tables = [streams.odom.in_order() for streams in self.all if len(streams.odom)]
+        """Return a line if the stamps of odometry do not advance, or if its rate is too low."""
+        tables = [segment.odom.in_order() for segment in self.segments if len(segment.odom)]
         times = np.concatenate([table[:, 0] for table in tables]) if tables else np.empty(0)
         steps = np.diff(times)
         if not steps.size:
@@ -183,15 +183,15 @@ class Stretches:
             self.remarks.append(self._odometry.remark)
         last = self.newest.odom.last_time if self.newest.odom else time
         if time < last and not self._is_older:
-            self._is_older = True  # one message that comes late is ignored, two in a row are a reset
+            self._is_older = True  # one late message is ignored, two in a row are a reset
             return
         self._is_older = False
-        if not self.newest.goes_on_at(time):
-            self.all.append(Streams())
+        if not self.newest.continues_at(time):
+            self.segments.append(Segment())
         self.newest.odom.append((time, *robot.pose, robot.v, robot.w))
 
     def _take_command(self, message: Any) -> None:
-        # A Twist has no stamp: it counts from the last odometry on, which is in the robot's own time.
+        # A Twist has no stamp: it gets that of the last odometry message.
         command, odom = command_from(message, CMD_VEL), self.newest.odom
         if odom:
             self.newest.cmd_vel.append((odom.last_time, command.v, command.w))
@@ -223,27 +223,27 @@ class Stretches:
 
 
 class Track:
-    """The states of one stretch at any time, between those that were recorded.
+    """The state at any time of a segment, interpolated.
 
     Parameters
     ----------
-    streams : Streams
+    segment : Segment
         With odometry.
 
     Attributes
     ----------
     odom : ndarray, shape (n, 6)
-        In order of time, with yaw that does not jump.
+        In the order of time, with unwrapped yaw.
     begin, end : float
         Times in s of the first and the last odometry.
     names : tuple of str
-        The objects that were seen.
+        The objects with messages.
     """
 
-    def __init__(self, streams: Streams) -> None:
-        self.odom = streams.odom.in_order()
+    def __init__(self, segment: Segment) -> None:
+        self.odom = segment.odom.in_order()
         self.odom[:, 3] = np.unwrap(self.odom[:, 3])
-        self._objects = {name: rows.in_order() for name, rows in streams.objects.items() if rows}
+        self._objects = {name: rows.in_order() for name, rows in segment.objects.items() if rows}
         self.begin, self.end = float(self.odom[0, 0]), float(self.odom[-1, 0])
         self.names = tuple(self._objects)
 
@@ -257,9 +257,9 @@ class Track:
         return World(time, RobotState(_pose(row), float(row[4]), float(row[5])), self.objects(time))
 
     def objects(self, time: float) -> dict[str, ObjectState]:
-        """Return the objects that had been seen by `time` (s)."""
-        seen = {name: _at(table, time) for name, table in self._objects.items() if time >= table[0, 0]}
-        return {name: ObjectState(float(row[1]), float(row[2])) for name, row in seen.items()}
+        """Return the objects with a message by `time` (s)."""
+        rows = {name: _at(table, time) for name, table in self._objects.items() if time >= table[0, 0]}
+        return {name: ObjectState(float(row[1]), float(row[2])) for name, row in rows.items()}
 
     def samples(self, begin: float, end: float) -> FloatArray:
         """Return the samples of an episode from `begin` to `end` (s); see `Episode`."""
@@ -272,12 +272,12 @@ class Track:
 
 
 def _at(table: FloatArray, time: float) -> FloatArray:
-    """Return the row at `time` (s), between its neighbours unless a stamp is the same up to rounding."""
+    """Return the row at `time` (s), interpolated unless a stamp is the same up to rounding."""
     after = bisect.bisect_right(table[:, 0], time + _ROUNDING)
     if after > 0 and table[after - 1, 0] >= time - _ROUNDING:
         row: FloatArray = table[after - 1]
         return row
-    rows = table[max(0, after - 1) : after + 1]  # all that matters, of a table that may be long
+    rows = table[max(0, after - 1) : after + 1]  # the neighbours
     return np.array([np.interp(time, rows[:, 0], column) for column in rows.T])
 
 
@@ -286,28 +286,28 @@ def _pose(row: FloatArray) -> Pose:
 
 
 PAUSE = 0.3  # s without a command to move that separates two drives
-_CEASED = 1.0  # s without any command, within which many a base stops by itself
-SHORTEST = 0.5  # s that a drive lasts at least
+_CEASED = 1.0  # s without commands; within that time the watchdogs of most bases stop them
+SHORTEST = 0.5  # s, the shortest drive
 NOT_DRIVEN = Standstill(0.01, 0.02)
-"""Greatest commands that count as a stop, and greatest recorded speeds that count as standing."""
+"""Greatest speeds of a command to stop, and greatest measured speeds of a robot at rest."""
 
 
-def drives(streams: Streams, robot: Robot, domain: Vocabulary) -> Iterator[Episode]:
-    """Yield the drives of one stretch of time as episodes that succeeded.
+def drives(segment: Segment, robot: Robot, domain: Vocabulary) -> Iterator[Episode]:
+    """Yield the drives of a segment as successful episodes.
 
     Parameters
     ----------
-    streams : Streams
-        What was recorded.
+    segment : Segment
+        The recorded messages.
     robot : Robot
-        The robot that was recorded.
+        The recorded robot.
     domain : Vocabulary
-        Its TOPs say which actions the drives were; without one that drives there is none.
+        The domain, whose TOPs determine the actions; if none of them drives, there are no drives.
     """
-    if not streams.odom or not streams.cmd_vel:
+    if not segment.odom or not segment.cmd_vel:
         return
-    track = Track(streams)
-    for begin, ceased in _spans(streams.cmd_vel.in_order(), partial(_stood, track)):
+    track = Track(segment)
+    for begin, ceased in _spans(segment.cmd_vel.in_order(), partial(_stood, track)):
         end = _rest(track, ceased)
         if end - begin >= SHORTEST and track.begin <= begin and end <= track.end:
             episode = _episode(track, begin, end, robot, domain)
@@ -318,8 +318,8 @@ def drives(streams: Streams, robot: Robot, domain: Vocabulary) -> Iterator[Episo
 def _spans(commands: FloatArray, stood: Callable[[float, float], bool]) -> Iterator[tuple[float, float]]:
     """Yield begin and end (s) of the times in which the robot was commanded to move.
 
-    Where commands cease without one to stop, and the robot `stood` (between two times in s) before the next
-    one, nobody knows where it wanted to go: that is no drive.
+    If commands cease without a stop, and the robot `stood` (between two times in s) before the next command,
+    its goal is unknown and the drive is left out.
     """
     moving = ~NOT_DRIVEN.holds(commands[:, 1], commands[:, 2])
     begin: float | None = None
@@ -348,7 +348,7 @@ def _stood(track: Track, since: float, until: float) -> bool:
 
 
 def _rest(track: Track, ceased: float) -> float:
-    """Return when (s) the robot stood still after its commands had ceased; `ceased` when it never did."""
+    """Return when (s) the robot came to rest after its commands ceased; `ceased` if it did not."""
     times = track.odom[:, 0]
     last = ceased + PAUSE + _ROUNDING
     after = track.odom[np.searchsorted(times, ceased) : np.searchsorted(times, last, "right")]
@@ -357,7 +357,7 @@ def _rest(track: Track, ceased: float) -> float:
 
 
 def _episode(track: Track, begin: float, end: float, robot: Robot, domain: Vocabulary) -> Episode | None:
-    # The pause lets the robot come to rest: that is where it wanted to be.
+    # The goal is where the robot comes to rest in the pause.
     goal_pose = track.pose(min(end + PAUSE, track.end))
     start = track.world(begin)
     first = _held(robot, start.robot.pose, start.objects)
@@ -365,10 +365,9 @@ def _episode(track: Track, begin: float, end: float, robot: Robot, domain: Vocab
     top = drive_between(domain, first, last)
     if top is None:
         return None
-    held = top.point is Point.HOLD
-    goal = Goal(robot.hold_point(goal_pose) if held else goal_pose, 0.0, top.point)
+    place = robot.hold_point(goal_pose) if top.point is Point.HOLD else goal_pose
     return Episode(
-        situation=Situation(top.action, start.robot, start.objects, goal),
+        situation=Situation(top.action, start.robot, start.objects, Goal(place, 0.0, top.point)),
         samples=track.samples(begin, end),
         duration=round(end - begin, 6),
         success=True,
@@ -380,6 +379,6 @@ def _episode(track: Track, begin: float, end: float, robot: Robot, domain: Vocab
 
 
 def _held(robot: Robot, pose: Pose, objects: Mapping[str, ObjectState]) -> str | None:
-    """Return the first object that a robot at `pose` holds; None if there is none."""
+    """Return the first object that a robot at `pose` holds, or None."""
     world = World(0.0, RobotState(pose), objects)
     return next((name for name in objects if is_held(world, robot, name)), None)

@@ -1,4 +1,4 @@
-"""One execution of an action, observed: the source of all experience (paper, section 3)."""
+"""One observed execution of an action, the source of all experience (paper, section 3)."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import Top
 from ator_ros.world.state import STOP, World
 
-TICKS_PER_SAMPLE = 2  # control ticks of 1/20 s, so that samples come at the paper's 10 Hz
+TICKS_PER_SAMPLE = 2  # of 1/20 s: the paper's 10 Hz
 
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """How one execution of an action went.
+    """One observed execution of an action.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Episode:
     success : bool
         The action ended well, and the TOP's post-condition truly holds.
     reason : str
-        A sentence on how it ended.
+        How it ended, in a sentence.
     position_error, heading_error : float
         At the end, between the goal and the point that shall come there, in m and rad. Of a TOP in which the
         robot does not come to the goal: how far the world is from the post-condition, and NaN.

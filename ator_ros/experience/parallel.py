@@ -1,26 +1,36 @@
-"""Work spread over processes or a cluster by joblib, its results in the order of its tasks."""
+"""Long computations: spread over processes or a cluster by joblib, shown as they progress, and resumable."""
 
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import signal
+import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+from tqdm import tqdm
+
+from ator_ros.files import is_locked_elsewhere, read_text
+from ator_ros.printable import short
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 BACKENDS = ("loky", "dask")
 _WORKERS_S = 60
-"""How long to wait for the first worker of a cluster."""
+"""Time in s to wait for the first worker of a cluster."""
 _WATCH_S = 1.0
-"""How often a worker looks whether its parent lives."""
+"""Period in s with which a worker checks whether its parent is alive."""
 _watched: set[int] = set()
+_LARGEST = 2_000_000_000
+"""Bytes of a file of partial results: an episode takes about 10 kB, an evaluated situation 2 kB."""
 
 
 class BackendError(RuntimeError):
@@ -93,16 +103,114 @@ def _in_worker(function: Callable[[Task], Result], task: Task, parent: int | Non
             signal.signal(number, signal.SIG_IGN)
     if parent is not None and os.getpid() not in _watched:
         _watched.add(os.getpid())
-        warnings.simplefilter("ignore", UserWarning)  # the parent tells them, once
+        warnings.simplefilter("ignore", UserWarning)  # the parent reports them, once
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     return function(task)
 
 
 def _end_with(parent: int) -> None:
-    """End this process soon after `parent`, which cannot say goodbye when it was killed."""
+    """End this process soon after `parent` was killed."""
     while os.getppid() == parent:
         time.sleep(_WATCH_S)
     os._exit(1)
+
+
+def progress(results: Iterable[Result], *, done: int, total: int, unit: str) -> Any:
+    """Yield results behind a progress bar on a terminal, or a line of it every 30 s in a log.
+
+    Parameters
+    ----------
+    results : iterable
+        The results that are still missing.
+    done, total : int
+        Number of results of earlier runs, and of all.
+    unit : str
+        What a result is.
+    """
+    period = 0.1 if sys.stderr.isatty() else 30.0
+    return tqdm(results, initial=done, total=total, unit=unit, mininterval=period, delay=period - 0.1)
+
+
+class PartialResults:
+    """Results kept in a file, one JSON object a line, so that an interrupted computation can resume.
+
+    The first line holds what the results depend on. A last line that was cut off is dropped. The file is
+    locked against other processes until it is closed.
+
+    Parameters
+    ----------
+    path : Path
+        The file; made when missing, with its folder.
+    identity : mapping
+        What the results depend on, as JSON can hold it.
+    expected : str
+        What the file holds, for messages, as in "episodes of the same seed".
+    error : type
+        What is raised.
+
+    Attributes
+    ----------
+    results : list of dict
+        The results of earlier runs.
+
+    Raises
+    ------
+    ValueError
+        Of the type `error`: the file holds other results, is damaged, or is locked by another process.
+    OSError
+        The file cannot be written.
+    """
+
+    def __init__(
+        self, path: Path, identity: Mapping[str, Any], expected: str, error: type[ValueError]
+    ) -> None:
+        self.path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        header = json.dumps(identity, sort_keys=True)
+        try:
+            lines = read_text(path, _LARGEST).split("\n")[:-1] if path.exists() else []
+            self.results = [_object(line) for line in lines[1:]]
+        except (ValueError, RecursionError) as problem:
+            raise error(f"{path}: expected {expected}, one a line: {problem}") from problem
+        if lines and lines[0] != header:
+            raise error(f"{path}: expected {expected}, got others: choose another --out, or delete that file")
+        self._file = path.open("ab")
+        if is_locked_elsewhere(self._file.fileno()):
+            self._file.close()
+            raise error(f"{path}: expected a file of its own, another command is writing it")
+        self._size = sum(len(line.encode()) + 1 for line in lines)
+        os.truncate(path, self._size)
+        if not lines:
+            self._append(header)
+
+    def append(self, result: Mapping[str, Any]) -> None:
+        """Keep one more result, whole or, if OSError is raised, not at all."""
+        self._append(json.dumps(result, separators=(",", ":")))
+
+    def _append(self, line: str) -> None:
+        data = line.encode() + b"\n"
+        try:
+            self._file.write(data)
+            self._file.flush()
+        except OSError:
+            os.truncate(self.path, self._size)
+            raise
+        self._size += len(data)
+
+    def __enter__(self) -> Self:
+        """Return this object, whose file is closed when the block ends."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def _object(line: str) -> dict[str, Any]:
+    found = json.loads(line)
+    if not isinstance(found, dict):
+        raise ValueError(f"expected an object, got {short(line)}")
+    return found
 
 
 @contextlib.contextmanager

@@ -1,7 +1,7 @@
-"""Experience from recordings (MCAP, made by ``ros2 bag record -s mcap``): a real robot has no other.
+"""Experience from recordings (MCAP, made by ``ros2 bag record -s mcap``): all that a real robot has.
 
-Records that the executor publishes on ``performance/action`` are taken as they are. Where there are none,
-drives are found in ``odom``, ``cmd_vel``, and the topics of the domain's objects; see `drives`.
+Records of the executor on ``performance/action`` are episodes. Without records, drives are found in ``odom``,
+``cmd_vel`` and the topics of the domain's objects; see `drives`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.columns import MOST_OBJECTS, ExperienceError
-from ator_ros.experience.drives import CHAINS, CMD_VEL, ODOM, RECORDS, SHORTEST, TF, Stretches, drives
+from ator_ros.experience.drives import CHAINS, CMD_VEL, ODOM, RECORDS, SHORTEST, TF, SegmentReader, drives
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.records import ENDED, Vocabulary, episode_of
 from ator_ros.experience.table import Experience, checked_rows, episode_frame, join, library_versions
@@ -28,7 +28,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.world.messages import MessageError, ObjectSource
 
 ABSOLUTE = ""
-"""The namespace of topics that are wanted by absolute names."""
+"""The namespace of topics that are selected by absolute names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class TopicNames:
     Attributes
     ----------
     odom, cmd_vel : str
-        Absolute where they are not the usual ones, which any namespace may hold.
+        "odom" and "cmd_vel", in any namespace, or absolute names.
     """
 
     odom: str = "odom"
@@ -60,7 +60,7 @@ class Wanted:
     Attributes
     ----------
     role : str
-        What it is read as.
+        What it is read as: odometry, commands, an object.
     name : str
         Absolute, or relative to the namespace of a robot.
     types : collection of str
@@ -99,13 +99,9 @@ class Selection:
     robots: list[str] = field(default_factory=list)
     skipped: list[str] = field(default_factory=list)
 
-    def of_types(self, types: Collection[str]) -> list[str]:
-        """Return the topics of the recording that have one of these types."""
-        return [topic for topic, kind in self.topics if kind in types]
-
 
 def objects_wanted(sources: Iterable[ObjectSource]) -> list[Wanted]:
-    """Return the topics that objects come from; a tf object's role is that of tf."""
+    """Return the topics of objects; for objects of tf, those of tf."""
     sources = list(sources)
     packages = {"Odometry": "nav_msgs"}
     wanted = [
@@ -181,7 +177,7 @@ _MOST_BYTES = 4_000_000_000  # of memory
 
 
 class RecordingError(ExperienceError):
-    """A recording that holds no experience; the message names it and says what was expected."""
+    """A recording without experience; the message names it and says what was expected."""
 
 
 class Recording:
@@ -262,10 +258,10 @@ def _refuse_pipes(file: Path) -> None:
 
 @contextlib.contextmanager
 def _only_messages_defined() -> Iterator[None]:
-    """Let rosbags pass over what a recording says of types that are no messages.
+    """Let rosbags skip the definitions of types that are no messages.
 
     Recorders leave the definitions of services and actions empty, in an encoding that rosbags does not know,
-    or put a whole .srv or .action file there. Either would make the whole recording unreadable.
+    or put a whole .srv or .action file there. Either makes rosbags refuse the whole recording.
     """
     from rosbags.rosbag2 import storage_mcap
 
@@ -293,9 +289,9 @@ TYPES = {
 
 @dataclass
 class _Recorded:
-    """What one robot recorded: stretches of its time, and the executor's records."""
+    """The messages of one robot: segments of odometry and commands, and the executor's records."""
 
-    stretches: Stretches
+    reader: SegmentReader
     records: list[Episode] = field(default_factory=list)
     action_sets: set[str] = field(default_factory=set)
     left_out: int = 0
@@ -308,7 +304,7 @@ class _Recorded:
             if message.outcome.code in ENDED:
                 self._add_record(message, domain, robot)
         else:
-            self.stretches.take(role, message)
+            self.reader.take(role, message)
 
     def _add_record(self, message: Any, domain: Vocabulary, robot: Robot) -> None:
         """Take an ActionPerformance; one that cannot be used is left out, and counted."""
@@ -323,16 +319,15 @@ class _Recorded:
         self.action_sets.add(getattr(message, "action_set", "") or DEFAULT_SET)
 
     def remarks(self) -> list[str]:
-        """Return what is doubtful, and a line for each kind of what was left out."""
+        """Return doubts, and a line for each role of which messages were left out."""
         there = self.left_out + len(self.records)
         records = [f"left out {self.left_out} of {there} records: {self.wrong}"] if self.left_out else []
-        track = [*self.stretches.remarks, *self.stretches.timing(), *self.stretches.left_out()]
-        return [*track, *records]
+        return [*self.reader.remarks, *self.reader.timing(), *self.reader.left_out(), *records]
 
     def episodes(self, robot: Robot, domain: Vocabulary) -> list[Episode]:
-        """Return the executor's records, or the drives."""
+        """Return the executor's records or, without any, the drives."""
         return self.records or [
-            episode for streams in self.stretches.all for episode in drives(streams, robot, domain)
+            episode for segment in self.reader.segments for episode in drives(segment, robot, domain)
         ]
 
 
@@ -346,19 +341,19 @@ def read_recording(
     path : Path or str
         An .mcap file, or the folder that ``ros2 bag record`` made.
     robot : Robot
-        The robot that was recorded.
+        The recorded robot.
     domain : Vocabulary
-        Says where its objects come from; its TOPs say what drives and records are of.
+        Sources of the objects, and the TOPs of drives and records.
     names : TopicNames, optional
         The topics of odometry and commands.
 
     Raises
     ------
     RecordingError
-        rosbags is not installed, or the recording is damaged, lacks a topic, holds no drive, or actions
+        rosbags is not installed, or the recording is damaged, lacks a topic, has no drive, or has actions
         of several sets.
     ExperienceError
-        It names an action or an action set by what is no name.
+        The name of an action or an action set is invalid.
     """
     file = Path(path)
     by_robot, selection = _read(file, domain, robot, names)
@@ -389,7 +384,7 @@ def read_recording(
 
 
 def _nothing(by_robot: Mapping[str, _Recorded], selection: Selection, remarks: Sequence[str]) -> str:
-    """Return why a recording holds no episode, and what can be done."""
+    """Return why a recording has no episode, and what can be done."""
     wrong = [recorded.wrong for recorded in by_robot.values() if recorded.wrong]
     if wrong:
         return f"{RECORDS}: expected a record that can be used, got none: {wrong[0]}"
@@ -401,7 +396,7 @@ def _nothing(by_robot: Mapping[str, _Recorded], selection: Selection, remarks: S
         topics = _listed(topic for topic, _ in selection.routes)
         expected = f"expected at least one drive of {SHORTEST} s between two stops on {topics}, found none"
         return "; ".join([expected, *remarks[:3]])
-    there = selection.of_types([*TYPES[ODOM], *TYPES[CMD_VEL]])
+    there = [topic for topic, kind in selection.topics if kind in TYPES[ODOM] | TYPES[CMD_VEL]]
     found = f"topics of these types: {_listed(there)}" if there else "there are no topics of these types"
     advice = "; name them with --odom and --cmd-vel" if there else ""
     return "; ".join(
@@ -414,7 +409,7 @@ def _nothing(by_robot: Mapping[str, _Recorded], selection: Selection, remarks: S
 
 
 def _objects(file: Path, domain: Vocabulary, episodes: Iterable[Episode]) -> tuple[str, ...]:
-    """Return the objects of the domain, and those that records name besides."""
+    """Return the objects of the domain, and others that records name."""
     found = tuple(dict.fromkeys([*domain.objects, *(name for item in episodes for name in item.objects)]))
     if len(found) > MOST_OBJECTS:
         raise RecordingError(f"{file}: expected at most {MOST_OBJECTS} objects, got {len(found)}")
@@ -432,7 +427,7 @@ def _action_set(file: Path, by_robot: Mapping[str, _Recorded]) -> str | None:
 def _read(
     file: Path, domain: Vocabulary, robot: Robot, names: TopicNames
 ) -> tuple[dict[str, _Recorded], Selection]:
-    """Return what was recorded by the namespace of the robot, and which topics were read."""
+    """Return the messages by namespace of the robot, and the topics that were read."""
     sources = [domain.source(name) for name in domain.objects]
     wanted = [
         *(Wanted(role, names.of(role), TYPES[role]) for role in (ODOM, CMD_VEL)),
@@ -441,7 +436,7 @@ def _read(
     ]
     with Recording(file) as recording:
         selection = select(recording.topics, wanted, names)
-        by_robot = {space: _Recorded(Stretches(sources)) for space in selection.robots}
+        by_robot = {space: _Recorded(SegmentReader(sources)) for space in selection.robots}
         for topic, kind, message in recording.messages(selection.routes.keys()):
             for space, role in selection.routes[topic, kind]:
                 by_robot[space].take(role, message, domain, robot)
@@ -449,5 +444,5 @@ def _read(
 
 
 def _listed(names: Iterable[str]) -> str:
-    """Return the first of the names that a recording holds."""
+    """Return the first names as text."""
     return ", ".join(map(printable, itertools.islice(names, 8)))

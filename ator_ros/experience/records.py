@@ -50,7 +50,7 @@ class Vocabulary(Protocol):
 
 
 def point_of(domain: Vocabulary, top: str) -> Point:
-    """Return the point that goals of a TOP are meant for: the axle where the domain has no such TOP."""
+    """Return the point that goals of a TOP are meant for; the axle if the domain has no such TOP."""
     return next((known.point for known in domain.tops if known.name == top), Point.AXLE)
 
 
@@ -79,7 +79,7 @@ def drive_between(domain: Vocabulary, first: str | None, last: str | None) -> To
 
 SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
 ENDED = (SUCCEEDED, FAILED)
-"""Outcomes of actions that were not broken off from outside."""
+"""Outcomes of actions that ended by themselves."""
 _LONGEST_DRIVE = 600.0
 """In s, twenty times the default action_timeout: a goal that is farther away is in another unit or frame."""
 _SLACK = 0.5
@@ -91,7 +91,7 @@ _FASTEST = 4.0
 def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
     """Convert a record of any action to an episode; it has no samples but its start.
 
-    An action that no TOP of the domain calls is known by its name alone.
+    An action that no TOP of the domain calls is accepted under its name.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
 
 
 def _values(call: Any, domain: Vocabulary) -> dict[str, float]:
-    """Return the values of the domain's goal variables; recordings from before there were any have none."""
+    """Return the values of the domain's goal variables; older recordings have none."""
     given = {item.name: item.value for item in getattr(call, "values", ())}
     return {name: given[name] for name in domain.goal_variables if name in given}
 
@@ -147,7 +147,7 @@ def _called_top(message: Any, domain: Vocabulary) -> Top | None:
 
 
 def fault_of(episode: Episode, top: Top | None, robot: Robot) -> str:
-    """Return why nothing can be learned from an episode of a TOP; empty if something can.
+    """Return why an episode of a TOP cannot be used; an empty text if it can.
 
     The goal, and objects that the TOP is about, lie no farther than the robot drives in ten minutes, or in
     the duration if that is longer. A robot that arrived has driven at most `_FASTEST` times as fast as

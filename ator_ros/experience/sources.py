@@ -22,18 +22,18 @@ def read_sources(
     action_set: str | None = None,
     topics: TopicNames = USUAL,
 ) -> Experience:
-    """Read and join all sources; episodes keep apart, and the first source's metadata count.
+    """Read and join all sources; the metadata are those of the first one.
 
     Parameters
     ----------
     paths : sequence of Path
         Tables (.parquet), recordings (.mcap, or the folder they are in), and stores of the node `learning`.
     robot : Robot
-        Whose experience it must be.
+        The robot that all sources must be of.
     domain : Vocabulary
-        Of which it must be; a table that names none may be of the domain that has its objects.
+        The domain that all sources must be of; a table without a domain must have objects of this one.
     action_set : str, optional
-        Of sources that do not tell their own; where they do, they must tell this one.
+        Action set of sources that do not name one; all others must name this one.
     topics : TopicNames, optional
         The topics of odometry and commands in recordings.
 
@@ -81,13 +81,13 @@ def _read(
     if digest != robot.digest():
         raise ExperienceError(
             f"{path}: metadata.robot_digest: expected {robot.digest()} of {robot.name}, got {digest}: "
-            "give its description with --robot, or collect anew"
+            "give its description with --robot, or collect again"
         )
     return table
 
 
 def _check_domain(path: Path, table: Experience, domain: Vocabulary) -> None:
-    """Refuse a table of another domain; the oldest tables name none, but have its objects."""
+    """Refuse a table of another domain; without a domain, one with objects of another domain."""
     found = table.metadata.get("domain")
     foreign = [name for name in table.objects if name not in domain.objects]
     if found == domain.name or (found is None and not foreign):

@@ -1,10 +1,10 @@
-"""A bounded store of episodes on disk, to which a node appends while others read it.
+"""A bounded store of episodes on disk; a node appends while others read.
 
     FOLDER/store.json                      of which robot and domain
     FOLDER/default/000000.jsonl ...        parts of an action set: one episode a line
 
-A line is written at once, so that a process that is killed loses nothing that it has appended; `sync` brings
-it to the disk. A line that was cut off is dropped when the store is opened again.
+Each line is written unbuffered, so that a killed process loses no appended episode; `sync` protects against
+a loss of power. A cut-off last line is dropped when the store is opened again.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ from ator_ros.files import is_name, load, save
 KIND = "record store"
 STORE = "store.json"
 PART = 1000
-"""Episodes of a part: what is dropped at once when the store is full."""
+"""Episodes of a part, the unit that is dropped when the store is full."""
 NUMBER = "number"
-"""Column of a store's episodes: their numbers, which rise with time and are never used twice."""
+"""Column of the numbers of episodes, which increase with time and are never used twice."""
 _NUMBER = re.compile(r"(\d{6,})\.jsonl")
 
 
 @dataclass(frozen=True)
 class StoreInfo:
-    """The fields of store.json: of which robot and domain all episodes are."""
+    """The fields of store.json: robot and domain of all episodes."""
 
     robot_digest: str
     domain: str
@@ -53,13 +53,13 @@ class StoreInfo:
 
 def _parts_of(place: Path) -> dict[int, Path]:
     """Return the parts of an action set by number, in order."""
-    files = place.glob("*.jsonl")  # none of a folder that is missing
+    files = place.glob("*.jsonl")  # empty if the folder is missing
     found = {int(match[1]): file for file in files if (match := _NUMBER.fullmatch(file.name))}
     return dict(sorted(found.items()))
 
 
 class RecordStore:
-    """Appends episodes; what is oldest makes room for what is new.
+    """Appends episodes; the oldest ones are dropped if the store is full.
 
     One process at a time may append: see `ator_ros.learning.sets.locked`.
 
@@ -114,7 +114,7 @@ class RecordStore:
         part.append(json.dumps(row, allow_nan=False, separators=(",", ":")).encode() + b"\n")
 
     def sync(self) -> None:
-        """Bring what was appended to the disk, so that it outlasts a loss of power."""
+        """Flush appended episodes to the disk."""
         for part in self._parts.values():
             part.sync()
 
@@ -126,7 +126,7 @@ class RecordStore:
 
 
 class _Part:
-    """The part of an action set that grows, open for appending."""
+    """The newest part of an action set, open for appending."""
 
     def __init__(self, place: Path, number: int) -> None:
         self.number, self._dirty = number, False
@@ -135,7 +135,7 @@ class _Part:
         lines = file.read_bytes().split(b"\n")
         self.lines = len(lines) - 1
         self._size = file.stat().st_size - len(lines[-1])
-        os.ftruncate(self._handle, self._size)  # a line that was cut off
+        os.ftruncate(self._handle, self._size)  # drop a cut-off line
 
     def append(self, line: bytes) -> None:
         try:
@@ -157,7 +157,7 @@ class _Part:
 
 @dataclass(frozen=True)
 class StoredRecords:
-    """What a store holds of one action set.
+    """The episodes of one action set in a store.
 
     Attributes
     ----------
@@ -177,7 +177,7 @@ def is_store(path: Path) -> bool:
 
 
 def action_sets_in(folder: Path) -> list[str]:
-    """Return the action sets of which a store holds episodes."""
+    """Return the action sets with episodes in a store."""
     places = [place for place in folder.iterdir() if place.is_dir() and is_name(place.name)]
     return sorted(place.name for place in places if _parts_of(place))
 
@@ -190,7 +190,7 @@ def read_store(folder: Path, action_set: str | None = None) -> Experience:
     folder : Path
         Of the store.
     action_set : str, optional
-        Name of the set; it may be left out where the store holds one only.
+        Name of the set; by default the only one of the store.
 
     Raises
     ------
@@ -218,18 +218,18 @@ def read_store(folder: Path, action_set: str | None = None) -> Experience:
 
 
 def read_records(folder: Path, action_set: str) -> StoredRecords:
-    """Read all episodes of an action set; what is damaged is left out, and counted."""
+    """Read all episodes of an action set; damaged lines are left out and counted."""
     frames: list[pd.DataFrame] = []
     numbers: list[np.ndarray] = []
     damaged = 0
     for number, file in _parts_of(folder / action_set).items():
         try:
             lines = file.read_bytes().split(b"\n")[:-1]
-        except FileNotFoundError:  # dropped meanwhile
+        except FileNotFoundError:  # dropped in the meantime
             continue
         rows = [row for n, line in enumerate(lines) if (row := _row(line, n)) is not None]
         frame = _frame(file, rows, action_set)
-        if frame is None:  # a line that is no episode shall not cost the others
+        if frame is None:  # leave out the lines that are no episodes
             rows = [row for row in rows if _frame(file, [row], action_set) is not None]
             frame = _frame(file, rows, action_set)
         damaged += len(lines)
@@ -244,7 +244,7 @@ def read_records(folder: Path, action_set: str) -> StoredRecords:
 
 
 def _row(line: bytes, number: int) -> dict[str, object] | None:
-    """Return a line's columns, with its number as `episode`; None if it is no JSON or lacks some."""
+    """Return the columns of a line, with its number as `episode`; None if the line is damaged."""
     try:
         row = json.loads(line)
     except (ValueError, RecursionError):
@@ -254,7 +254,7 @@ def _row(line: bytes, number: int) -> dict[str, object] | None:
 
 
 def _frame(file: Path, rows: list[dict[str, object]], action_set: str) -> pd.DataFrame | None:
-    """Return lines as checked rows of experience; None where there are none, or one of them is no episode."""
+    """Return lines as checked rows of experience; None if there are none, or if one is no episode."""
     objects = tuple(dict.fromkeys(name for row in rows for name in objects_of_columns(row)))
     declared = tuple(dict.fromkeys(name for row in rows for name in goal_variables_of_columns(row)))
     few = len(objects) <= MOST_OBJECTS and len(declared) <= MOST_GOAL_VARIABLES

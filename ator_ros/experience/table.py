@@ -37,7 +37,7 @@ _NAME = "a name of letters, digits and _"
 
 
 class _Rule(NamedTuple):
-    """What the numbers of a column are to be, in words and in bounds; `whole`: without a fraction."""
+    """The allowed numbers of a column; `whole`: without a fraction."""
 
     expected: str
     low: float
@@ -64,12 +64,12 @@ _TRUTHS = ("hold", "success")
 
 
 def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) -> pd.DataFrame:
-    """Return the rows with plain types, if models can be learned from them and saved under their names.
+    """Check rows of experience, and return them with plain types.
 
     Parameters
     ----------
     source : Path or str
-        Where they were read, for the message.
+        File of the rows, for the message.
     frame : pandas.DataFrame
         With the columns of `columns.columns`, of any types.
     action_set : object
@@ -302,7 +302,7 @@ def read_experience(path: Path | str) -> Experience:
 
 
 def _read_table(parquet: Any, path: Path) -> tuple[dict[str, Any], list[str], Any]:
-    """Return metadata, names of columns, and columns; texts once each, however often they are used."""
+    """Return metadata, names of columns, and columns; equal texts are stored once."""
     with parquet.ParquetFile(path) as file:
         rows, schema = file.metadata.num_rows, file.schema_arrow
     metadata, declared = _metadata(path, (schema.metadata or {}).get(_KEY))
@@ -333,7 +333,7 @@ def _holds_text(kind: Any) -> bool:
 
 @dataclass(frozen=True)
 class _Metadata:
-    """The metadata that is used; a recording has no seed, and perhaps no action set."""
+    """The checked metadata; a recording has no seed, and perhaps no action set."""
 
     objects: Annotated[tuple[Annotated[str, Name()], ...], AtMost(MOST_OBJECTS)]
     goal_variables: Annotated[tuple[Annotated[str, Name()], ...], AtMost(MOST_GOAL_VARIABLES)] = ()

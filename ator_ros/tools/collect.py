@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
-from tqdm import tqdm
 
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.toolset import ToolsetSource
@@ -20,7 +19,7 @@ from ator_ros.evaluation.trials import possible_actions
 from ator_ros.experience import collect as simulated
 from ator_ros.experience.collect import FinishedEpisodes
 from ator_ros.experience.columns import ExperienceError
-from ator_ros.experience.parallel import cluster
+from ator_ros.experience.parallel import cluster, progress
 from ator_ros.experience.table import (
     Experience,
     join,
@@ -85,7 +84,7 @@ def collect(
     finished = FinishedEpisodes(
         out, {**settings, **versions, "robot": robot.sections(), "over_ros": over_ros is not None}
     )
-    with contextlib.closing(finished), cluster(scheduler):
+    with finished, cluster(scheduler):
         there = frozenset(finished.frames)
         if over_ros is None:
             frames = simulated.collect(
@@ -110,10 +109,8 @@ def collect(
         done = sum(key in there for key in wanted)
         if done:
             print(f"collect: {done} episodes of an earlier call are there", file=sys.stderr)
-        often = 0.1 if sys.stderr.isatty() else 30.0  # s; a log gets a line now and then
-        pace = {"mininterval": often, "delay": often - 0.1}
         with contextlib.closing(frames):  # which ends workers and nodes
-            for frame in tqdm(frames, initial=done, total=len(wanted), unit="episode", **pace):
+            for frame in progress(frames, done=done, total=len(wanted), unit="episode"):
                 finished.add(frame)
         table = join(finished.frames[key] for key in wanted)
         metadata = {**settings, **versions, "robot_digest": robot.digest(), "command": command}

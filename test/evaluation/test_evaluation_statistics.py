@@ -24,10 +24,9 @@ from ator_ros.evaluation.gate_learning import (
     compare_gates,
     fit_threshold,
 )
-from ator_ros.evaluation.running import PartialResults, read_result, to_records, write_result
-from ator_ros.evaluation.situation import Settings
+from ator_ros.evaluation.running import read_result, to_records, write_result
 from ator_ros.evaluation.statistics import labels, outcomes, summarise
-from ator_ros.evaluation.trials import EvaluationError, random_trial
+from ator_ros.evaluation.trials import random_trial
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.training import TrainingError
 from ator_ros.refinement.gate import FEATURES
@@ -119,14 +118,6 @@ def test_result_is_written_and_read(tmp_path: Path) -> None:
     data = read_result(path)
     assert data["summary"] == {"situations": 3}
     assert to_records(data["runs"], 3) == RECORDS
-
-
-class TestPartialResults:
-    @pytest.mark.parametrize(("seed", "digest"), [(2, "d"), (1, "other")])
-    def test_refuses_results_of_other_settings(self, seed: int, digest: str, tmp_path: Path) -> None:
-        PartialResults(tmp_path, Settings(seed=1), "d").append(RECORDS[0])
-        with pytest.raises(EvaluationError, match="same settings"):
-            PartialResults(tmp_path, Settings(seed=seed), digest)
 
 
 @pytest.mark.parametrize(

@@ -80,10 +80,10 @@ def test_drives_are_kept_until_the_table_is_written(tmp_path: Path, monkeypatch:
     table = tmp_path / "drives.parquet"
     words = ["--domain", "tour", "--actions", "drive_to", "--over-ros", "--episodes", "2"]
     words += ["--seed", str(SEED), "--out", str(table)]
-    kept = finished_of(table, words)
-    for frame in collect(TOUR.actions().values(), TOUR.tops, TOUR.robot(), objects=(), episodes=2, seed=SEED):
-        kept.add(frame.head(1))
-    kept.close()
+    drives = collect(TOUR.actions().values(), TOUR.tops, TOUR.robot(), objects=(), episodes=2, seed=SEED)
+    with finished_of(table, words) as kept:
+        for frame in drives:
+            kept.add(frame.head(1))
 
     def fail(*_: object) -> None:
         raise OSError("no space left")

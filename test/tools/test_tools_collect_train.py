@@ -174,10 +174,10 @@ class Bar:
     def close(self):
         self.episodes.close()
 
-collect.tqdm = Bar
+collect.progress = Bar
 sys.exit(collect.main(sys.argv[1:]))
 """
-"""Runs `collect` and tells how far it is."""
+"""Runs `collect` and prints its progress."""
 
 
 def test_train_writes_models_with_their_accuracy(learned: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 import shutil
@@ -16,6 +17,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.running import PARTIAL, run_situations, to_records
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import ToolsetSource
+from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.performance.model_file import save_model
 from ator_ros.refinement.calibration import CALIBRATION, load_calibration_if_any
 from ator_ros.refinement.gate import GATE, ThresholdGate, load_gate, save_gate
@@ -96,6 +98,8 @@ def test_goes_on_after_an_interruption(models: Path, tmp_path: Path) -> None:
     partial.write_text("\n".join([*lines, lines[1][:40]]))
     assert run_situations(settings, situations=2, folder=tmp_path / "parts") == whole
     assert partial.read_text().splitlines()[1] == lines[1]
+    with pytest.raises(EvaluationError, match="expected results of the same settings, models and gate"):
+        run_situations(dataclasses.replace(settings, seed=406), situations=2, folder=tmp_path / "parts")
 
 
 def test_a_gate_is_learned(models: Path, tmp_path: Path) -> None:
