@@ -13,7 +13,7 @@ from ator_ros.execution.motion_watch import Driving
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.supervisor import Deadlines, Phase, Supervisor
 from ator_ros.robot.description import Robot
-from ator_ros.simulation.sensors import SensorConfig, Sensors, Sight
+from ator_ros.simulation.sensors import ObjectErrors, SensorConfig, Sensors
 from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
@@ -112,9 +112,8 @@ def drive(
         fence=fence or Fence.around(robot),
     )
     done, driving, sensors = Drive(execution), Driving(robot, base.latency), Sensors(base.sensors, seed)
-    sight = base.sensors.objects.get(BALL, Sight())
-    noise, velocity_noise = sight.noise, sight.velocity_noise
-    tracker, last = ObjectTracker(noise, velocity_noise), -1.0
+    errors = base.sensors.objects.get(BALL, ObjectErrors())
+    tracker, last = ObjectTracker(errors.noise, errors.velocity_noise), -1.0
     with Simulation(base.robot(robot)) as simulation:
         simulation.place_robot(start.robot.pose, v=start.robot.v, w=start.robot.w)
         if ball_of(start) is not None:

@@ -84,7 +84,7 @@ class RefinedAlong:
     @property
     def again(self) -> int:
         """Number of answers that changed the chain after its start."""
-        return self._supervisor.refining.again
+        return self._supervisor.refining.refined_again
 
     @property
     def records(self) -> list[ActionRecord]:

@@ -133,7 +133,7 @@ class Action(ABC):
     def step(self, world: World) -> Step:
         """Return the command for the next tick; `Step.status` says whether the action has ended."""
 
-    def way(self) -> FloatArray | None:
+    def path(self) -> FloatArray | None:
         """Return the planned poses of the axle, shape (n, 3): x, y in m, yaw in rad; None without a plan.
 
         To be drawn only: whoever executes the action does not need it.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
-from ator_ros.examples.rotate_drive_rotate import Doing, RotateDriveRotate, Seen
+from ator_ros.examples.rotate_drive_rotate import Phase, RotateDriveRotate, State
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import STOP, Command, World
 
@@ -35,10 +35,10 @@ class DriveToStandIn(Action):
             self._commanded = True
         if not self._sent:
             return Step(STOP, Status.RUNNING, "stopping, before the server takes over")
-        if self._law.doing is Doing.ARRIVED:
+        if self._law.phase is Phase.ARRIVED:
             return finished(Status.SUCCEEDED, "arrived")
-        if self._law.doing in (Doing.MISSED, Doing.TOO_LONG):
-            return finished(Status.FAILED, f"the server {self._law.doing.value}")
+        if self._law.phase in (Phase.MISSED, Phase.TOO_LONG):
+            return finished(Status.FAILED, f"the server {self._law.phase.value}")
         robot = world.robot
-        command = self._law.step(Seen(world.time, *robot.pose, robot.v, robot.w))
-        return Step(Command(*command), Status.RUNNING, self._law.doing.value)
+        command = self._law.step(State(world.time, *robot.pose, robot.v, robot.w))
+        return Step(Command(*command), Status.RUNNING, self._law.phase.value)

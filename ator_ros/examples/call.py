@@ -89,6 +89,10 @@ def _plain(value: Any) -> Any:
         return {name: _plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, str | bool | int):
         return value
+    if isinstance(value, bytes):  # a field of type byte
+        return value[0]
+    if hasattr(value, "tolist"):  # arrays of numbers
+        return _plain(value.tolist())
     if isinstance(value, float):
         return float(f"{value:.6g}")
     return [_plain(item) for item in value]
@@ -153,7 +157,7 @@ def _answer(node: Node, future: Any, name: str, *, timeout: float = _TIMEOUT) ->
     return future.result()
 
 
-def main(words: list[str] | None = None) -> int:
+def main(arguments: list[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     parser = argparse.ArgumentParser(
         prog="call", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -163,8 +167,8 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("values", nargs="?", default="{}", help="of the request's or goal's fields, as YAML")
     parser.add_argument("--once", action="store_true", help="of echo: end after one message")
     parser.add_argument("-f", "--feedback", action="store_true", help="as of `ros2`; it is always printed")
-    options = parser.parse_args(words)
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # to cancel a goal takes ROS
+    options = parser.parse_args(arguments)
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C first cancels the goal
     node = rclpy.create_node("call")
     try:
         if options.name == "echo":
@@ -174,7 +178,7 @@ def main(words: list[str] | None = None) -> int:
             run = send_goal if hasattr(kind, "Goal") else call
             run(node, options.name, kind, yaml.safe_load(options.values))
         sys.stdout.flush()
-    except BrokenPipeError:  # of `| head`, which has read enough; Python would write the rest at its end
+    except BrokenPipeError:  # of `| head`; Python would write the rest at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (CallError, yaml.YAMLError, NameValidationException) as error:
         print(f"call: {error}", file=sys.stderr)

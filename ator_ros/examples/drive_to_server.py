@@ -1,8 +1,8 @@
-"""An action server that drives a differential base to a pose, written as such servers are.
+"""An action server that drives a differential base to a pose, written like such servers.
 
-It knows nothing of TOPs, chains or models, and imports nothing of ator_ros but its own control law. It steers
-when odometry comes, by odometry's stamps, so that it works in simulated time too: a loop on a timer of its
-own would steer a simulation that runs twenty times faster than real time once in twenty ticks.
+It is independent of TOPs, chains and models, and imports nothing of ator_ros but its control law. It computes
+a command for each odometry message, by its stamp, so that it works in simulated time too: a timer in real
+time would fire once in twenty ticks of a simulation that runs twenty times faster than real time.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
 from ator_interfaces.action import DriveTo
-from ator_ros.examples.rotate_drive_rotate import ENDED, Doing, RotateDriveRotate, Seen, Tuning
+from ator_ros.examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotate, State, Tuning
 
 _FEEDBACK_PERIOD = 0.5
-_CODES = {Doing.MISSED: DriveTo.Result.MISSED, Doing.TOO_LONG: DriveTo.Result.TOO_LONG}
+_CODES = {Phase.MISSED: DriveTo.Result.MISSED, Phase.TOO_LONG: DriveTo.Result.TOO_LONG}
 
 
 class _Drive:
-    """A goal under way."""
+    """An active goal."""
 
     def __init__(self, handle: ServerGoalHandle, tuning: Tuning) -> None:
         self.handle = handle
@@ -43,7 +43,7 @@ class _Drive:
         self.law = RotateDriveRotate((pose.position.x, pose.position.y, _yaw(pose.orientation)), tuning)
         self.ended = Future()
         self.superseded = False
-        self.told = -math.inf
+        self.feedback_at = -math.inf  # s, by the stamps
 
 
 class DriveToServer(Node):
@@ -69,7 +69,7 @@ class DriveToServer(Node):
             if not 0.0 < value < math.inf:
                 raise ValueError(f"parameter {name}: expected a finite number above 0, got {value:g}")
         self._tuning = Tuning(**given)
-        self._seen: Seen | None = None
+        self._state: State | None = None
         self._frame = ""
         self._drive: _Drive | None = None
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -95,7 +95,7 @@ class DriveToServer(Node):
         return GoalResponse.REJECT
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
-        """Drive, beginning with the odometry that there is; odometry ends the drive."""
+        """Drive from the newest odometry on; later odometry ends the drive."""
         drive = _Drive(handle, self._tuning)
         former, self._drive = self._drive, drive
         if former is not None:
@@ -110,42 +110,40 @@ class DriveToServer(Node):
         yaw = _yaw(pose.orientation)
         time = stamp.sec + 1e-9 * stamp.nanosec
         self._frame = message.header.frame_id
-        self._seen = Seen(time, pose.position.x, pose.position.y, yaw, twist.linear.x, twist.angular.z)
+        self._state = State(time, pose.position.x, pose.position.y, yaw, twist.linear.x, twist.angular.z)
         self._steer()
 
     def _steer(self) -> None:
-        """Answer the newest odometry."""
-        drive, seen = self._drive, self._seen
-        if drive is None or seen is None:
+        """Publish the command for the newest odometry."""
+        drive, state = self._drive, self._state
+        if drive is None or state is None:
             return
-        v, w = (0.0, 0.0) if drive.handle.is_cancel_requested else drive.law.step(seen)
-        if drive.handle.is_cancel_requested or drive.law.doing in ENDED:
+        v, w = (0.0, 0.0) if drive.handle.is_cancel_requested else drive.law.step(state)
+        if drive.handle.is_cancel_requested or drive.law.phase in ENDED:
             self._drive = None
             drive.ended.set_result(None)
         command = Twist()
         command.linear.x, command.angular.z = v, w
         self._commands.publish(command)
-        if seen.time - drive.told >= _FEEDBACK_PERIOD and self._drive is not None:
-            drive.told = seen.time
-            phase = drive.law.doing.value
-            drive.handle.publish_feedback(
-                DriveTo.Feedback(distance_remaining=drive.law.distance, phase=phase)
-            )
+        if state.time - drive.feedback_at >= _FEEDBACK_PERIOD and self._drive is not None:
+            drive.feedback_at = state.time
+            feedback = DriveTo.Feedback(distance_remaining=drive.law.distance, phase=drive.law.phase.value)
+            drive.handle.publish_feedback(feedback)
 
     def _result(self, drive: _Drive) -> Any:
         """Put the goal into its final state and return its result."""
-        doing = drive.law.doing
+        phase = drive.law.phase
         if drive.superseded:
             drive.handle.abort()
             return DriveTo.Result(error_code=DriveTo.Result.SUPERSEDED, error_msg="a newer goal took over")
         if drive.handle.is_cancel_requested:
             drive.handle.canceled()
             return DriveTo.Result(error_code=DriveTo.Result.CANCELED, error_msg="canceled")
-        if doing is Doing.ARRIVED:
+        if phase is Phase.ARRIVED:
             drive.handle.succeed()
             return DriveTo.Result(error_code=DriveTo.Result.NONE)
         drive.handle.abort()
-        return DriveTo.Result(error_code=_CODES.get(doing, DriveTo.Result.CANCELED), error_msg=doing.value)
+        return DriveTo.Result(error_code=_CODES.get(phase, DriveTo.Result.CANCELED), error_msg=phase.value)
 
 
 def _yaw(q: Any) -> float:

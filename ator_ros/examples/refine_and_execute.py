@@ -54,7 +54,7 @@ def executed(node: Node, chain: TopChain) -> ExecuteChain.Result:
     if not client.wait_for_server(timeout_sec=_PATIENCE):
         raise TimeoutError("execute_chain: expected the action, found none")
     goal = ExecuteChain.Goal(chain=chain)  # refine=True would refine it again, from where the robot is then
-    handle = _waited(node, client.send_goal_async(goal, feedback_callback=_tell), "execute_chain")
+    handle = _waited(node, client.send_goal_async(goal, feedback_callback=_print_feedback), "execute_chain")
     return _waited(node, handle.get_result_async(), "the end of the chain").result
 
 
@@ -74,13 +74,13 @@ def report(record: ChainPerformance, *, refined: bool) -> str:
     return "\n".join([first, *steps])
 
 
-def _tell(message: Any) -> None:
-    told = message.feedback
-    print(f"  {told.elapsed:5.2f} s: step {told.step + 1} of {told.steps}, {told.top}: {told.status}")
+def _print_feedback(message: Any) -> None:
+    now = message.feedback
+    print(f"  {now.elapsed:5.2f} s: step {now.step + 1} of {now.steps}, {now.top}: {now.status}")
 
 
 def _waited(node: Node, future: Future, what: str) -> Any:
-    """Let the node work until an answer is there."""
+    """Spin the node until an answer is received."""
     rclpy.spin_until_future_complete(node, future, timeout_sec=_PATIENCE)
     if not future.done():
         raise TimeoutError(f"{what}: expected an answer within {_PATIENCE:g} s, got none")

@@ -1,7 +1,7 @@
 """A driver's control law: rotate to the path, follow it, rotate to the goal's heading.
 
-It is written as such drivers are, with tolerances and habits of its own, and knows nothing of ator_ros. It
-has no ROS either: the example server wraps it, and a simulation without ROS can run the same law.
+It is written like such drivers, with tolerances and rules of its own, and independent of ator_ros and of ROS:
+the example server wraps it, and a simulation without ROS runs the same law.
 """
 
 from __future__ import annotations
@@ -13,33 +13,33 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Tuning:
-    """What an integrator would tune; SI units, radians.
+    """Parameters for tuning; SI units, radians.
 
     Attributes
     ----------
     v, v_reverse, a : float
-        Speeds forward and backward, and how fast speed is gained.
+        Speeds forward and backward, and acceleration.
     brake : float
         Deceleration by which the speed near the goal is planned.
     w_path, w_goal, aw : float
-        Turn rates in place: to the path, and, for precision slower, to the goal's heading; and how fast
-        turning is gained and lost.
+        Turn rates in place: to the path, and, for precision slower, to the goal's heading; and
+        the angular acceleration.
     rotate_above : float
-        Heading error above which it rotates in place before it drives. Below, it curves onto the path.
+        Heading error above which it rotates in place before it drives.
     aligned : float
         Heading error at which rotating to the path ends.
     reverse_above : float
         It drives backward to a goal that lies farther aside than this angle.
     lookahead : float
-        Of following, m.
+        Distance along the path to the point that it steers to.
     pause : float
-        Time for which it stands after rotating to the path, to look at it again.
+        Standstill after rotating to the path.
     xy_tolerance, yaw_tolerance : float
-        When it has arrived; once near enough it does not look at the place again.
+        Errors at which it has arrived; within xy_tolerance it no longer corrects the position.
     settle : float
         Time for which it must have stood at the goal's heading.
     time_limit : float
-        After that it gives up.
+        Time after which it fails.
     """
 
     v: float = 0.7
@@ -60,11 +60,11 @@ class Tuning:
     time_limit: float = 60.0
 
 
-class Doing(enum.Enum):
-    """What it does at present."""
+class Phase(enum.Enum):
+    """Phase of a drive."""
 
     ROTATING_TO_PATH = "rotating to the path"
-    LOOKING = "looking at the path"
+    PAUSING = "pausing before the path"
     FOLLOWING = "following the path"
     ROTATING_TO_GOAL = "rotating to the goal's heading"
     SETTLING = "settling"
@@ -73,16 +73,16 @@ class Doing(enum.Enum):
     TOO_LONG = "took too long"
 
 
-ENDED = (Doing.ARRIVED, Doing.MISSED, Doing.TOO_LONG)
-_LOST = 3.0  # xy tolerances beside the goal at the end of the path
+ENDED = (Phase.ARRIVED, Phase.MISSED, Phase.TOO_LONG)
+_MISSED = 3.0  # xy tolerances from the goal at the end of the path
 _TURN_GAIN, _FOLLOW_GAIN = 3.0, 2.0
 _SLOWEST = 0.06  # m/s
 _STANDS = (0.02, 0.04)
 
 
 @dataclass(frozen=True)
-class Seen:
-    """One odometry: time in s, pose (m, rad), velocities (m/s, rad/s)."""
+class State:
+    """State of the robot: time in s, pose (m, rad), velocities (m/s, rad/s)."""
 
     time: float
     x: float
@@ -100,12 +100,12 @@ class RotateDriveRotate:
     goal : tuple of float
         x, y (m) and yaw (rad).
     tuning : Tuning, optional
-        Speeds, tolerances, habits.
+        Speeds and tolerances.
     """
 
     def __init__(self, goal: tuple[float, float, float], tuning: Tuning | None = None) -> None:
         self.tuning = tuning or Tuning()
-        self.doing = Doing.ROTATING_TO_PATH
+        self.phase = Phase.ROTATING_TO_PATH
         self.distance = math.inf
         self._goal = goal
         self._began: float | None = None
@@ -114,72 +114,72 @@ class RotateDriveRotate:
         self._sign = 1.0
         self._v = self._w = 0.0
 
-    def step(self, seen: Seen) -> tuple[float, float]:
-        """Return the velocities (m/s, rad/s) that answer an odometry; `doing` says whether it continues."""
+    def step(self, state: State) -> tuple[float, float]:
+        """Return the velocities (m/s, rad/s) for a state; `phase` shows whether the drive has ended."""
         if self._began is None:
-            self._begin(seen)
-        self.distance = math.hypot(self._goal[0] - seen.x, self._goal[1] - seen.y)
-        if seen.time - (self._began or 0.0) > self.tuning.time_limit:
-            self._do(Doing.TOO_LONG, seen)
-        v, w = self._wanted(seen)
-        dt, self._last = max(0.0, seen.time - self._last), seen.time
+            self._begin(state)
+        self.distance = math.hypot(self._goal[0] - state.x, self._goal[1] - state.y)
+        if state.time - (self._began or 0.0) > self.tuning.time_limit:
+            self._enter(Phase.TOO_LONG, state)
+        v, w = self._wanted(state)
+        dt, self._last = max(0.0, state.time - self._last), state.time
         self._v = _toward(self._v, v, self.tuning.a * dt, slowing=math.inf)
         self._w = _toward(self._w, w, self.tuning.aw * dt, slowing=self.tuning.aw * dt)
-        if self.doing in ENDED:
+        if self.phase in ENDED:
             self._v = self._w = 0.0
         return self._v, self._w
 
-    def _begin(self, seen: Seen) -> None:
+    def _begin(self, state: State) -> None:
         """Decide which way to drive, and whether to rotate in place first."""
-        self._began = self._last = seen.time
-        self._start = (seen.x, seen.y)
-        far = math.hypot(self._goal[0] - seen.x, self._goal[1] - seen.y)
+        self._began = self._last = state.time
+        self._start = (state.x, state.y)
+        far = math.hypot(self._goal[0] - state.x, self._goal[1] - state.y)
         if far < self.tuning.xy_tolerance:
-            self._do(Doing.ROTATING_TO_GOAL, seen)
+            self._enter(Phase.ROTATING_TO_GOAL, state)
             return
-        self._sign = -1.0 if abs(self._bearing(seen)) > self.tuning.reverse_above else 1.0
-        if abs(self._bearing(seen)) <= self.tuning.rotate_above:
-            self._do(Doing.FOLLOWING, seen)
+        self._sign = -1.0 if abs(self._bearing(state)) > self.tuning.reverse_above else 1.0
+        if abs(self._bearing(state)) <= self.tuning.rotate_above:
+            self._enter(Phase.FOLLOWING, state)
 
-    def _wanted(self, seen: Seen) -> tuple[float, float]:
-        """Return the velocities to go for, the limits of their change left aside."""
+    def _wanted(self, state: State) -> tuple[float, float]:
+        """Return the target velocities, before accelerations are limited."""
         tuning = self.tuning
-        if self.doing is Doing.ROTATING_TO_PATH:
-            error = self._bearing(seen)
+        if self.phase is Phase.ROTATING_TO_PATH:
+            error = self._bearing(state)
             if abs(error) > tuning.aligned:
                 return 0.0, self._turning(error, tuning.w_path)
-            self._do(Doing.LOOKING, seen)
-        if self.doing is Doing.LOOKING:
-            if seen.time - self._since < tuning.pause:
+            self._enter(Phase.PAUSING, state)
+        if self.phase is Phase.PAUSING:
+            if state.time - self._since < tuning.pause:
                 return 0.0, 0.0
-            self._do(Doing.FOLLOWING, seen)
-        if self.doing is Doing.FOLLOWING:
-            left = self._left(seen)
+            self._enter(Phase.FOLLOWING, state)
+        if self.phase is Phase.FOLLOWING:
+            left = self._left(state)
             if self.distance > tuning.xy_tolerance and left > 0.0:
-                return self._following(seen, left)
-            missed = self.distance > _LOST * tuning.xy_tolerance
-            self._do(Doing.MISSED if missed else Doing.ROTATING_TO_GOAL, seen)
-        if self.doing in (Doing.ROTATING_TO_GOAL, Doing.SETTLING):
-            return self._at_goal(seen)
+                return self._following(state, left)
+            missed = self.distance > _MISSED * tuning.xy_tolerance
+            self._enter(Phase.MISSED if missed else Phase.ROTATING_TO_GOAL, state)
+        if self.phase in (Phase.ROTATING_TO_GOAL, Phase.SETTLING):
+            return self._at_goal(state)
         return 0.0, 0.0
 
-    def _at_goal(self, seen: Seen) -> tuple[float, float]:
-        error = _wrapped(self._goal[2] - seen.yaw)
-        if self.doing is Doing.ROTATING_TO_GOAL:
+    def _at_goal(self, state: State) -> tuple[float, float]:
+        error = _wrapped(self._goal[2] - state.yaw)
+        if self.phase is Phase.ROTATING_TO_GOAL:
             if abs(error) > self.tuning.yaw_tolerance:
                 return 0.0, self._turning(error, self.tuning.w_goal)
-            self._do(Doing.SETTLING, seen)
-        if abs(seen.v) > _STANDS[0] or abs(seen.w) > _STANDS[1]:
-            self._since = seen.time
-        if seen.time - self._since >= self.tuning.settle:
+            self._enter(Phase.SETTLING, state)
+        if abs(state.v) > _STANDS[0] or abs(state.w) > _STANDS[1]:
+            self._since = state.time
+        if state.time - self._since >= self.tuning.settle:
             stands_right = abs(error) <= 2.0 * self.tuning.yaw_tolerance
-            self._do(Doing.ARRIVED if stands_right else Doing.ROTATING_TO_GOAL, seen)
+            self._enter(Phase.ARRIVED if stands_right else Phase.ROTATING_TO_GOAL, state)
         return 0.0, 0.0
 
-    def _following(self, seen: Seen, left: float) -> tuple[float, float]:
+    def _following(self, state: State, left: float) -> tuple[float, float]:
         """Head for a point on the path ahead; slower where it has to turn much, and near the goal."""
         tuning, (x, y) = self.tuning, self._ahead(left)
-        error = self._heading_error(seen, x, y)
+        error = self._heading_error(state, x, y)
         most = tuning.v if self._sign > 0.0 else tuning.v_reverse
         speed = most * max(0.15, math.cos(error)) if abs(error) < math.pi / 2.0 else 0.0
         speed = max(_SLOWEST, min(speed, math.sqrt(2.0 * tuning.brake * left)))
@@ -187,33 +187,33 @@ class RotateDriveRotate:
         return self._sign * speed, turn
 
     def _ahead(self, left: float) -> tuple[float, float]:
-        """Return the point of the path, a straight line, that lies `lookahead` before where the robot is."""
+        """Return the point of the path, a straight line, that lies `lookahead` ahead of the robot."""
         (x0, y0), (x1, y1, _) = self._start, self._goal
         length = math.hypot(x1 - x0, y1 - y0)
         share = (max(0.0, left - self.tuning.lookahead)) / length
         return x1 - share * (x1 - x0), y1 - share * (y1 - y0)
 
-    def _left(self, seen: Seen) -> float:
-        """Return how much of the path is left in m, seen along it."""
+    def _left(self, state: State) -> float:
+        """Return the remaining distance along the path in m."""
         (x0, y0), (x1, y1, _) = self._start, self._goal
         length = math.hypot(x1 - x0, y1 - y0)
-        return ((x1 - seen.x) * (x1 - x0) + (y1 - seen.y) * (y1 - y0)) / length
+        return ((x1 - state.x) * (x1 - x0) + (y1 - state.y) * (y1 - y0)) / length
 
-    def _bearing(self, seen: Seen) -> float:
+    def _bearing(self, state: State) -> float:
         """Return by how much to turn until the goal lies ahead, or behind where it drives backward."""
-        return self._heading_error(seen, self._goal[0], self._goal[1])
+        return self._heading_error(state, self._goal[0], self._goal[1])
 
-    def _heading_error(self, seen: Seen, x: float, y: float) -> float:
+    def _heading_error(self, state: State, x: float, y: float) -> float:
         flipped = 0.0 if self._sign > 0.0 else math.pi
-        return _wrapped(math.atan2(y - seen.y, x - seen.x) + flipped - seen.yaw)
+        return _wrapped(math.atan2(y - state.y, x - state.x) + flipped - state.yaw)
 
     def _turning(self, error: float, most: float) -> float:
         """Return a turn rate from which it can stop at the error 0."""
         rate = min(most, _TURN_GAIN * abs(error), math.sqrt(2.0 * 0.8 * self.tuning.aw * abs(error)))
         return math.copysign(rate, error)
 
-    def _do(self, what: Doing, seen: Seen) -> None:
-        self.doing, self._since = what, seen.time
+    def _enter(self, phase: Phase, state: State) -> None:
+        self.phase, self._since = phase, state.time
 
 
 def _toward(value: float, target: float, most: float, *, slowing: float) -> float:

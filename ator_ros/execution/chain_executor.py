@@ -81,7 +81,7 @@ STAGES: Mapping[Stage, frozenset[Stage]] = MappingProxyType(
 
 
 class TransitionError(RuntimeError):
-    """An event that the present phase does not know: a fault of the program."""
+    """An event without a transition in the present phase: a fault of the program."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,8 +170,8 @@ class ChainExecutor:
         Number of times that a lost object may be fetched again; the chain then goes on from the latest step
         that fetches it.
     rolling : Rolling, optional
-        What is known of how objects roll; whoever ticks the executor lets it observe. Steps that begin from a
-        stand use it, because actions compute tables for it.
+        Observed deceleration of rolling objects, updated by the caller. Steps use it if they begin from a
+        stand, because actions compute tables for it.
     """
 
     def __init__(
@@ -185,7 +185,7 @@ class ChainExecutor:
         rolling: Rolling | None = None,
     ) -> None:
         self._described, self._rolling = library, rolling
-        self._library = self._library_as_seen()
+        self._library = self._corrected_library()
         self.chain = chain
         self._time_limit = time_limit
         self._predict = predict
@@ -247,9 +247,9 @@ class ChainExecutor:
         if self._run.begun and self._run.stage is not Stage.OVER:
             self.records.append(self._run.close(world, ending, why))
 
-    def way(self) -> FloatArray | None:
-        """Return the planned way of the action under way; see `Action.way`."""
-        return self._run.way()
+    def path(self) -> FloatArray | None:
+        """Return the planned path of the active action; see `Action.path`."""
+        return self._run.path()
 
     @property
     def call(self) -> TopCall:
@@ -279,7 +279,7 @@ class ChainExecutor:
         Returns
         -------
         bool
-            False if no way for the changed present step is found at once; then nothing has changed.
+            False if no path for the changed step is found in this tick; then nothing has changed.
         """
         if chain.calls[self.index] != self._run.call:
             run = self._changed_run(chain, standing_first=self._run.stage is Stage.STANDING)
@@ -292,13 +292,13 @@ class ChainExecutor:
         return True
 
     def _begins(self, world: World, run: StepRun) -> bool:
-        """Begin `run` while the robot drives; return whether its way is known."""
+        """Begin `run` while the robot drives; return whether its path was planned in this tick."""
         self._planned = world.time
         self._run.defer_planning(world.time)  # it may go on after all: one search per tick
-        known = run.begin(world) is None and not run.planning
-        if not known:
-            run.end("no way from here was known at once: the former goal stays")
-        return known
+        planned = run.begin(world) is None and not run.planning
+        if not planned:
+            run.end("no path from here was found in one tick: the former goal stays")
+        return planned
 
     def _follow(self, world: World) -> Step | None:
         """Move the goal with an object that has left it; return a stop if the robot must stand first."""
@@ -348,11 +348,11 @@ class ChainExecutor:
     def _enter(self, index: int, standing_first: bool) -> None:
         self.index = index
         if standing_first:
-            self._library = self._library_as_seen()
+            self._library = self._corrected_library()
         self._run = self._new_run(self.chain, index, standing_first=standing_first)
 
-    def _library_as_seen(self) -> TopLibrary:
-        """Return the TOPs and actions for the scene as it has been seen to be."""
+    def _corrected_library(self) -> TopLibrary:
+        """Return the TOPs and actions for the scene with observed decelerations."""
         return self._described if self._rolling is None else self._rolling.library(self._described)
 
     def _changed_run(self, chain: TopChain, *, standing_first: bool) -> StepRun:
@@ -441,9 +441,9 @@ class StepRun:
         """Whether its action has started and is still planning."""
         return self.stage is Stage.ACTING and self._acting.planning
 
-    def way(self) -> FloatArray | None:
-        """Return the planned way of its action; see `Action.way`."""
-        return self._acting.way() if self.stage is Stage.ACTING else None
+    def path(self) -> FloatArray | None:
+        """Return the planned path of its action; see `Action.path`."""
+        return self._acting.path() if self.stage is Stage.ACTING else None
 
     def defer_planning(self, time: float) -> None:
         """Let the action, if it has started, plan nothing in the tick at `time` (s)."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
-from ator_ros.robot.response import clip, stopping_way
+from ator_ros.robot.response import clip, stopping_distance
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_front
 from ator_ros.tops.ranges import Range, RangeOf, Ranges
@@ -35,7 +35,7 @@ def room_inside(robot: Robot) -> float:
 
 
 def _stop_room(speed: float, robot: Robot) -> float:
-    return max(stopping_way(speed, robot.stop), speed**2 / (2.0 * robot.limits.brake))
+    return max(stopping_distance(speed, robot.stop), speed**2 / (2.0 * robot.limits.brake))
 
 
 def _room(robot: Robot, point: Point, speed: float = 0.0) -> float:
@@ -213,7 +213,7 @@ class FenceWatch:
         here = self._fence.outside(pose.x, pose.y)
         self._allowed = min(self._allowed, here + 2.0 * self._robot.reach if here > 0.0 else 0.0)
         robot, reach = world.robot, self._reaction(world.time) * abs(world.robot.v)
-        stop = math.copysign(abs(stopping_way(robot.v, self._robot.stop)) + reach, robot.v)
+        stop = math.copysign(abs(stopping_distance(robot.v, self._robot.stop)) + reach, robot.v)
         brake = math.copysign(robot.v**2 / (2.0 * self._robot.limits.brake) + reach, robot.v)
         curved = max(self._outside(robot, share * brake, bend=True) for share in (0.5, 1.0))
         if max(self._outside(robot, stop), min(self._outside(robot, brake), curved)) <= self._allowed:

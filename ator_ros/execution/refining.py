@@ -21,7 +21,7 @@ from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_
 from ator_ros.world.state import ObjectState, World
 
 AGAIN_AFTER = 0.15
-"""Distance in m by which the world must differ from what was expected before refinement is asked again."""
+"""Deviation in m of an object or the robot after which refinement is asked again."""
 _NOT_ASKED = "executed as sent; the goal has refine: false"
 _NOT_REACHED = "refinement not requested yet"
 _UNANSWERED = "no answer from refinement yet"
@@ -78,7 +78,7 @@ class Refining:
         Whether the goal asks for refinement.
     refined : bool
         Whether an answer changed the chain.
-    again : int
+    refined_again : int
         Number of changes after the chain's start.
 
     Parameters
@@ -106,7 +106,7 @@ class Refining:
         again_after: float = AGAIN_AFTER,
     ) -> None:
         self.question: Question | None = None
-        self.wanted, self.refined, self.again = wanted, False, 0
+        self.wanted, self.refined, self.refined_again = wanted, False, 0
         self._executor, self._library, self._robot = executor, library, library.robot
         self._plans, self._number = plans, 0
         self._again_after, self._trigger = again_after, ReplanTrigger(library.robot)
@@ -129,11 +129,11 @@ class Refining:
         self.question = Question(world, self._executor.chain, 0, now)
 
     def ask_again(self, world: World, now: float) -> None:
-        """Ask about what remains, and about the other plans, if the world differs from the last one."""
+        """Ask about the remaining steps and the other plans if the world deviates from the reference."""
         if not (self.wanted and self._again_after) or self.question is not None:
             return
         executor, step = self._executor, self._executor.index
-        cause = self._trigger.deviation(self._again_after, world, executor.chain, step, executor.way)
+        cause = self._trigger.deviation(self._again_after, world, executor.chain, step, executor.path)
         if not cause:
             return
         resting = at_rest(world, self._robot)
@@ -193,13 +193,13 @@ class Refining:
         """
         if not self.refined or not self._executor.begin_again(self._plans[self._number]):
             return False
-        self.refined, self.again = False, 0
+        self.refined, self.refined_again = False, 0
         self._first = f"executed as sent, as the refined chain failed at its start: {why}"
         self._changed = self._unchanged = ""
         return True
 
     def apply(self, world: World) -> bool:
-        """Switch to the refined goals if there are some and it is still possible; return whether it was."""
+        """Switch to the refined goals of an answer, if they can still be used; return whether it did."""
         answer, question, self._answer = self._answer, self.question, None
         if answer is None or question is None:
             return False
@@ -230,7 +230,7 @@ class Refining:
         except InvalidChainError as error:
             return f"the answer cannot be used: {error}"
         if not self._executor.head_for(world, changed):
-            return "there is no way from here to the refined subgoal"
+            return "no path leads from here to the refined subgoal"
         return ""
 
     def _close(self, why: str, *, changed: bool) -> None:
@@ -243,7 +243,7 @@ class Refining:
             return
         after = f"after {self._executor.elapsed:.2f} s, as {cause}: {printable(why, _LONGEST)}"
         if changed:
-            self.again += 1
+            self.refined_again += 1
             self._changed, self._unchanged = f"; refined again {after}", ""
         else:
             self._unchanged = f"; asked again {after}"
@@ -272,7 +272,7 @@ class ReplanTrigger:
     def deviation(
         self, most: float, world: World, chain: TopChain, step: int, path: Callable[[], FloatArray | None]
     ) -> str:
-        """Return in words what differs by more than `most` (m) from the reference; empty: nothing does.
+        """Return what deviates by more than `most` (m) from the reference; empty if nothing does.
 
         Objects are compared where they come to rest, those that the robot itself moves excepted.
 
@@ -285,7 +285,7 @@ class ReplanTrigger:
         chain, step
             The chain, and the step being executed, from 0.
         path : callable
-            Returns the planned path of the action under way; see `Action.way`.
+            Returns the planned path of the active action; see `Action.path`.
         """
         resting = at_rest(world, self._robot)
         for _, name in awaited(chain.calls[step:]):
@@ -301,7 +301,7 @@ class ReplanTrigger:
         if self._path is None or call != self._call:
             self._path, self._call = path(), call
         off = 0.0 if self._path is None else _distance(world.robot.pose, self._path)
-        return f"the robot is {off:.2f} m off its way" if off > most else ""
+        return f"the robot is {off:.2f} m off its path" if off > most else ""
 
 
 def _distance(pose: Pose, path: FloatArray) -> float:
@@ -315,7 +315,7 @@ def _distance(pose: Pose, path: FloatArray) -> float:
 
 
 def awaited(calls: Sequence[TopCall]) -> Iterator[tuple[int, str]]:
-    """Yield the steps that follow an object which no step before moves, from 0, and the object."""
+    """Yield index (from 0) and object of each step that follows an object which no earlier step moves."""
     moved: set[str] = set()
     for index, call in enumerate(calls):
         name = followed(call.top)
@@ -376,7 +376,7 @@ def continuations(
 
 
 def _same(done: TopCall, planned: TopCall) -> bool:
-    """Return whether a step that is done is one that was planned, in all that this commits to."""
+    """Return whether a step that is done has the TOP and all bound goal variables of a planned one."""
     if done.top != planned.top or done.goal.values.keys() != planned.goal.values.keys():
         return False
     there = goal_values(done.goal)

@@ -1,4 +1,4 @@
-"""Supervises one goal: waits, refines, executes, stops. Both clocks are passed in."""
+"""Supervises one goal: waits, refines, executes, stops. Real time and stamps are passed in."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from ator_ros.world.state import STOP, Command, World
 WATCH_PERIOD = 0.05
 """Real time in s between two checks of the deadlines."""
 LONGEST_STOP_DELAY = 5.0
-"""Greatest factor by which a slow clock delays the command to stand. After a pause of some seconds a clock
-seems up to 50 times slower than real time; the end of a goal may wait that long, a moving robot must not."""
+"""Greatest factor by which a slow clock delays the stop command. After a pause of some seconds a clock seems
+up to 50 times slower than real time; the end of a goal may wait that long, a moving robot must not."""
 LONGEST_STOP = 5.0
 """Time in s for which a robot that still moves is commanded to stop."""
 _FIRST_GAP = 1.0
-"""Real s in which a robot that does not drive yet may lack odometry, whose rate may not be known."""
+"""Least real s without odometry that end a goal before it drives: the rate may not be known yet."""
 
 
 class Phase(enum.Enum):
@@ -49,7 +49,7 @@ class Signal(enum.Enum):
     ASKED = "all that the chain needs is known, and refinement is asked"
     ANSWERED = "refinement has answered or timed out"
     STOOD = "the robot stands, or the time to stop is over"
-    SILENT = "odometry is missing, so no state will show that the robot stands"
+    NO_ODOMETRY = "odometry is missing, so no state will show that the robot stands"
     DROPPED = "the goal does not wait until the robot stands: a newer goal takes over, or the program ends"
 
 
@@ -79,7 +79,7 @@ TRANSITIONS: Mapping[tuple[Phase, Event], Phase] = MappingProxyType(
         **{(phase, ending): Phase.STOPPING for phase, endings in ENDINGS.items() for ending in endings},
         (Phase.STOPPING, Ending.BASE_FAULT): Phase.STOPPING,  # instead of a success
         (Phase.STOPPING, Signal.STOOD): Phase.ENDED,
-        (Phase.STOPPING, Signal.SILENT): Phase.ENDED,
+        (Phase.STOPPING, Signal.NO_ODOMETRY): Phase.ENDED,
         (Phase.STOPPING, Signal.DROPPED): Phase.ENDED,
     }
 )
@@ -108,14 +108,14 @@ class Deadlines:
     action: float = TIME_LIMIT
 
     @property
-    def silence(self) -> float:
+    def stop_after(self) -> float:
         """Real time in s without newer odometry after which the robot should stand."""
         return self.odom / 2.0
 
     @property
     def longest_gap(self) -> float:
         """Greatest real time in s from the last odometry until the robot is commanded to stand."""
-        return self.silence + WATCH_PERIOD
+        return self.stop_after + WATCH_PERIOD
 
 
 class Supervisor:
@@ -161,7 +161,7 @@ class Supervisor:
         Other chains for the same end: refinement may choose one of them, and without it the first valid
         plan is executed.
     rolling : Rolling, optional
-        What is known of how objects roll; see `ChainExecutor`.
+        Observed deceleration of rolling objects; see `ChainExecutor`.
     """
 
     def __init__(
@@ -199,7 +199,7 @@ class Supervisor:
         self._fence = FenceWatch(fence, library.robot, deadlines.longest_gap)
         self._missing: str | None = None  # an object that the last state lacked
         self._newest: World | None = None
-        self._accepted, self._heard = now, math.inf
+        self._accepted, self._odom_at = now, math.inf
         self._stopped_at = math.inf
 
     @property
@@ -207,9 +207,9 @@ class Supervisor:
         """The open question to refinement; None if there is none."""
         return self.refining.question if self.phase in (Phase.REFINING, Phase.EXECUTING) else None
 
-    def way(self) -> FloatArray | None:
-        """Return the planned path of the action under way; see `Action.way`."""
-        return self.executor.way() if self.phase is Phase.EXECUTING else None
+    def path(self) -> FloatArray | None:
+        """Return the planned path of the active action; see `Action.path`."""
+        return self.executor.path() if self.phase is Phase.EXECUTING else None
 
     def predicted_remaining(self, now: float) -> float:
         """Return the predicted time in s from `now`, on odometry's clock, to the end; NaN if unknown."""
@@ -244,8 +244,8 @@ class Supervisor:
             None if another program moves the robot.
         """
         if fault is not None:
-            self.misbehaved(fault)
-        self._heard, self._newest = now, world
+            self.base_fault(fault)
+        self._odom_at, self._newest = now, world
         # The first command, to stand, makes a simulation wait for the next one, which takes planning.
         if self.phase is Phase.WAITING and self._begin(world, now) and world.robot.is_standing:
             return STOP
@@ -304,7 +304,7 @@ class Supervisor:
             self.forecast.change(at_rest(world, self._robot))
             return STOP
         last = self.executor.records[-1]
-        if not self._lacks(self.executor.call.top, world):  # the step that has just begun
+        if not self._end_if_missing(self._top, world):  # the step that has just begun
             if last.lost is not None:
                 self.end(Ending.OBJECT_LOST, f"{last.lost} lost in {self._top.name}: {step.message}")
             else:
@@ -320,7 +320,7 @@ class Supervisor:
         top = self._top
         before, self._missing = self._missing, missing_object(top, world)
         if self._missing and before:
-            self._lacks(top, world)
+            self._end_if_missing(top, world)
             return ""
         late = self._missing or next((name for name in objects_in(top) if name in overdue), None)
         if late:
@@ -328,9 +328,9 @@ class Supervisor:
         fault = self._fence.fault(world, self.executor.call)
         if fault is not None:
             self.end(Ending.OUT_OF_BOUNDS, fault)
-        return f"{top.name} paused: what it follows leads out of the fence" if self._fence.pausing else ""
+        return f"{top.name} paused: the followed object is outside the fence" if self._fence.pausing else ""
 
-    def _lacks(self, top: Top, world: World) -> bool:
+    def _end_if_missing(self, top: Top, world: World) -> bool:
         """End if an object that a TOP needs is unknown; return whether it is."""
         name = missing_object(top, world)
         if name is not None:
@@ -355,20 +355,20 @@ class Supervisor:
 
     # Deadlines
 
-    def silent(self, now: float) -> bool:
+    def odometry_is_late(self, now: float) -> bool:
         """Return whether odometry has been missing for half its deadline, so that the robot should stand.
 
         A slow clock makes that at most `LONGEST_STOP_DELAY` times longer. A robot that another program moves
-        cannot be paused: our commands would only disturb.
+        is not paused: our commands would interfere.
         """
         released = self.phase is Phase.EXECUTING and self.executor.released
         waiting = self.phase is not Phase.ENDED and not released
         slowdown = min(self.slowdown, LONGEST_STOP_DELAY)
-        return waiting and now - self._heard > slowdown * self._deadlines.silence
+        return waiting and now - self._odom_at > slowdown * self._deadlines.stop_after
 
-    def listening(self, now: float) -> None:
-        """Restart the deadline of odometry at `now`: messages that came during a tick were not missing."""
-        self._heard = now
+    def odometry_received(self, now: float) -> None:
+        """Restart the deadline of odometry at `now`: messages that arrived during a tick were not late."""
+        self._odom_at = now
 
     def postpone(self, now: float, why: str) -> None:
         """Restart the deadline of a goal that has not begun, and cannot yet."""
@@ -384,18 +384,18 @@ class Supervisor:
         limit = self.slowdown * self._deadlines.odom
         if self.phase is Phase.WAITING:
             limit = max(limit, _FIRST_GAP)
-        if self.phase is not Phase.ENDED and now - self._heard > limit:
+        if self.phase is not Phase.ENDED and now - self._odom_at > limit:
             reason = f"odom is missing: expected newer odometry within {limit:.3g} s, got none"
             self.end(Ending.INPUT_LOST, reason)
-            self._dispatch(Signal.SILENT)
+            self._dispatch(Signal.NO_ODOMETRY)
 
     def _give_up_waiting(self) -> None:
         seconds = self.slowdown * self._deadlines.start
-        got = "got none" if math.isinf(self._heard) else "it came too late"
+        got = "got none" if math.isinf(self._odom_at) else "it came too late"
         limit = f"expected one within {seconds:.3g} s of the goal"
         if self.start is None:
             self.end(Ending.INPUT_LOST, f"odom is missing: {limit}, {got}")
-            self._dispatch(Signal.SILENT)
+            self._dispatch(Signal.NO_ODOMETRY)
         else:
             name, top = missing_in(self.executor.chain.calls, self.start) or ("", "")
             self.end(Ending.INPUT_LOST, f"{name} is missing: {top} needs it, {limit}, got none")
@@ -441,11 +441,11 @@ class Supervisor:
             self.executor.break_off(self._newest, ending, reason)
         self._dispatch(ending)
         self.reason = reason
-        if math.isinf(self._heard):  # odometry never came: its deadline counts from the acceptance
-            self._heard = self._accepted
+        if math.isinf(self._odom_at):  # odometry never came: its deadline counts from the acceptance
+            self._odom_at = self._accepted
 
-    def misbehaved(self, reason: str) -> None:
-        """End because the base does not follow its commands, even if only its standstill is awaited."""
+    def base_fault(self, reason: str) -> None:
+        """End because the base does not follow its commands, also after a success, before it stands."""
         if self.ending is Ending.SUCCEEDED and self.phase is Phase.STOPPING:
             self._dispatch(Ending.BASE_FAULT)
             self.reason = reason

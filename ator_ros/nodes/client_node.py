@@ -30,8 +30,8 @@ _RETRY = 3.0
 class SpinThread:
     """Spins an executor in a thread of its own.
 
-    An executor of rclpy that is shut down destroys what a thread that spins it still uses; so the thread
-    leaves first.
+    Shutting down an rclpy executor destroys entities that a spinning thread still uses, so the thread is
+    ended first.
 
     Parameters
     ----------
@@ -60,11 +60,11 @@ class SpinThread:
     def end(self, timeout: float | None = None) -> None:
         """Wait until the running callback has returned, at most `timeout` real s; shut the executor down."""
         if self.is_alive:
-            self._executor.create_task(self._leave)
+            self._executor.create_task(self._stop)
             self._thread.join(timeout)
         self._executor.shutdown()
 
-    def _leave(self) -> None:
+    def _stop(self) -> None:
         self._is_ending = True
 
 
@@ -77,7 +77,7 @@ class ClientNode:
         Of the node.
     domain : int, optional
         ROS domain; by default that of the environment.
-    words : sequence of str
+    arguments : sequence of str
         ROS arguments, such as remappings.
     check : callable
         Called while waiting; raises to end it.
@@ -97,7 +97,7 @@ class ClientNode:
         name: str,
         *,
         domain: int | None = None,
-        words: Sequence[str] = (),
+        arguments: Sequence[str] = (),
         check: Callable[[], None] = lambda: None,
         timeout: float = 10.0,
         error: type[RuntimeError] = RuntimeError,
@@ -105,11 +105,11 @@ class ClientNode:
         self._check, self.timeout, self._error = check, timeout, error
         self._context = rclpy.Context()
         try:
-            self._context.init(args=list(words), domain_id=domain)
+            self._context.init(args=list(arguments), domain_id=domain)
             self.node = Node(name, context=self._context)
         except RuntimeError as cause:  # of rcl, in several lines
             text = " ".join(str(cause).split())
-            raise error(f"expected arguments of ROS, got {list(words)}: {text}") from cause
+            raise error(f"expected arguments of ROS, got {list(arguments)}: {text}") from cause
         executor = SingleThreadedExecutor(context=self._context)
         executor.add_node(self.node)
         self._executor, self._thread = executor, SpinThread(executor)
@@ -138,7 +138,7 @@ class ClientNode:
     def send(self, client: Any, request: Any) -> Future:
         """Call a service that is there; do not wait for the answer."""
         if not client.service_is_ready():
-            raise self._error(f"expected the service {client.srv_name}, it is not there")
+            raise self._error(f"expected the service {client.srv_name}, it is not available")
         future: Future = client.call_async(request)
         return future
 
@@ -213,13 +213,13 @@ class SimulationClient:
             name: node.create_client(PlaceObject, f"place_{name}", qos_profile=SERVICES) for name in objects
         }
 
-    def is_there(self, timeout: float = 0.0) -> bool:
+    def is_available(self, timeout: float = 0.0) -> bool:
         """Return whether a simulation offers all of them within `timeout` real s."""
         end = time.monotonic() + timeout
         clients = (self._robot, self._pause, *self._objects.values())
         return all(client.wait_for_service(max(0.0, end - time.monotonic())) for client in clients)
 
-    def knows(self, name: str) -> bool:
+    def can_place(self, name: str) -> bool:
         """Return whether the simulation can place an object."""
         return name in self._objects
 
@@ -238,7 +238,7 @@ class SimulationClient:
         self.paused = paused
 
     def resume(self) -> Future:
-        """Resume time; does not wait, and a simulation that has gone is no error."""
+        """Resume time; does not wait, and it is no error if the simulation has ended."""
         answer: Future = self._pause.call_async(SetBool.Request(data=False))
         self.paused = False
         return answer
@@ -250,7 +250,7 @@ class SimulationClient:
             self._own.call(client, PlaceObject.Request(remove=True))
         self._own.call(self._robot, _at_pose(world.robot.pose))
         for name, there in world.objects.items():
-            if self.knows(name):
+            if self.can_place(name):
                 self._own.call(self._objects[name], _at_point(there.x, there.y))
 
 

@@ -28,13 +28,13 @@ _LONGEST = 500
 _REMEMBERED = 1000
 
 
-class Lateness:
+class LongestGap:
     """The longest gap between regular events since it was last read."""
 
     def __init__(self) -> None:
         self._last, self._longest = math.nan, 0.0
 
-    def came(self, now: float) -> None:
+    def record(self, now: float) -> None:
         """Record an event at `now` s."""
         if now - self._last > self._longest:
             self._longest = now - self._last
@@ -46,7 +46,7 @@ class Lateness:
         return f"{1000.0 * longest:.1f}"
 
 
-class Ticks(Lateness):
+class Ticks(LongestGap):
     """How long ticks take, and the longest gap between them."""
 
     def __init__(self) -> None:
@@ -60,10 +60,7 @@ class Ticks(Lateness):
         self._newest.append(duration)
 
     def diagnostics(self) -> dict[str, object]:
-        """Return values of diagnostics.
-
-        The longest gap and tick are those since they were last told.
-        """
+        """Return the diagnostics: the longest gap and tick are those since the last call."""
         slowest, self._slowest = self._slowest, 0.0
         most = f"{1000.0 * np.quantile(self._newest, 0.99):.1f}" if self._newest else "none yet"
         return {
@@ -131,7 +128,7 @@ class Diagnostics:
         """Publish the health now."""
         health = self._health()
         strange = strange_senders(self._node, self._topics), rival_senders(self._node, self._states)
-        if new := [told for told in strange if told and told not in self._strange]:
+        if new := [text for text in strange if text and text not in self._strange]:
             self._node.get_logger().warning("; ".join(new))
         self._strange = strange
         self._log_lasting(health.lasting)

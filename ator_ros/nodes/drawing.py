@@ -97,7 +97,7 @@ class ExecutionDrawing:
             self._drawn, start = drawn, run.start
             pose = Pose(0.0, 0.0, 0.0) if start is None else start.robot.pose
             self._chain.publish(partial(self._chain_message, pose, *drawn))
-        path = run.way()
+        path = run.path()
         path = _NO_PATH if path is None else path
         if not np.array_equal(path, self._path_drawn):
             self._path_drawn = path

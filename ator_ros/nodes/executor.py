@@ -33,7 +33,7 @@ from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Ticks
 from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
 from ator_ros.nodes.inputs import ObjectSources, RobotSource, TfListener
-from ator_ros.nodes.models import LEARNED, model_diagnostics, problems_of, rehearsed_predictors, startup_text
+from ator_ros.nodes.models import LEARNED, model_diagnostics, problems_of, startup_text, warmed_up_predictors
 from ator_ros.nodes.parameters import (
     DOMAIN,
     FENCE,
@@ -118,7 +118,7 @@ def _parameters_of(name: str) -> tuple[Parameter, ...]:
             60.0,
             live=True,
         ),
-        # A tracker that errs by more than 1 m or 10 m/s says nothing about an object of a robot's size.
+        # Errors of more than 1 m or 10 m/s make the position of an object of a robot's size useless.
         Parameter(
             f"{name}_noise", 0.0, f"m, standard deviation of the {name}'s coordinates; 0: exact", 0.0, 1.0
         ),
@@ -166,7 +166,7 @@ class ExecutorNode(Node):
         incomplete = (library.incomplete for library in self._libraries.values())
         for reason in filter(None, (*(top.lacks(robot) for top in domain.tops_for(robot)), *incomplete)):
             self.get_logger().warning(reason)
-        self._sets = rehearsed_predictors(self, self._settings, domain, self._libraries)
+        self._sets = warmed_up_predictors(self, self._settings, domain, self._libraries)
         self._inputs = inputs_of(self._settings, domain.objects)
         self._driving = Driving(robot, self._settings["latency"])
         self._fence, self._rolling = fence_of(self._settings, robot), rolling_of(self._settings, robot)
@@ -174,7 +174,7 @@ class ExecutorNode(Node):
         self._run: GoalRun | None = None
         self._odom_at, self._jumped, self._stopping = 0.0, -math.inf, False
         self._stop_until = -math.inf
-        self._slow = ""  # what was last said of a base that is slower than commanded
+        self._slow = ""  # last warning of a base that is slower than commanded
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._last_error, self._goals, self._ticks = "", 0, Ticks()
         self._offer(robot)
@@ -216,12 +216,12 @@ class ExecutorNode(Node):
         now = time.monotonic()
         self._diagnosis.read(name, stamp, now)
         try:
-            remark = self._inputs.object(name, stamp, there, now)
+            warning = self._inputs.object(name, stamp, there, now)
         except StampError as error:
             self._ignore(name, error)
             return
-        if remark is not None:
-            self._note(remark)
+        if warning is not None:
+            self._note(warning)
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
         now = time.monotonic()
@@ -243,17 +243,17 @@ class ExecutorNode(Node):
             self.get_logger().warning(self._slow)
         self._world, self._odom_at = world, now
         self._rolling.observe(world)  # also between goals, when the robot has lost an object
-        self._ticks.came(now)
+        self._ticks.record(now)
         if self._run is not None:
             self._run.supervisor.slowdown = self._inputs.slowdown
-        if self._run is not None and (self._remotes.ending() or self._is_new(self._run, now)):
+        if self._run is not None and (self._remotes.ending() or self._is_connecting(self._run, now)):
             self._stand_by(self._run)
         elif self._run is not None:
             command = self._run.supervisor.tick(world, now, overdue=self._inputs.overdue, fault=fault)
             done = time.monotonic()
             self._send(self._driving.punctual(world.robot, command, done - now), answers=True)
             self._ticks.took(done - now)
-            self._run.supervisor.listening(done)
+            self._run.supervisor.odometry_received(done)
             self._follow(self._run)
         elif self._stop_until > -math.inf:
             self._stop_unattended(world.robot, now)
@@ -271,17 +271,17 @@ class ExecutorNode(Node):
                 "after the goal ended"
             )
 
-    def _is_new(self, run: GoalRun, now: float) -> bool:
-        """Return whether a goal would begin on a base that may not receive commands yet, as if blocked."""
+    def _is_connecting(self, run: GoalRun, now: float) -> bool:
+        """Return whether a goal would begin while DDS may still connect the base: it would seem blocked."""
         grace = min(_DISCOVERY_GRACE, 0.5 * self._settings["start_timeout"])
-        connecting = now - max(self._inputs.since, self._commands.changed) < grace
-        return run.supervisor.phase is Phase.WAITING and connecting
+        new = now - max(self._inputs.since, self._commands.changed) < grace
+        return run.supervisor.phase is Phase.WAITING and new
 
     def _stand_by(self, run: GoalRun) -> None:
-        """Send stop commands, while a canceled server may still drive or before a new base listens."""
+        """Send stop commands, while a canceled server may still drive or a new base is not connected yet."""
         self._send(STOP)
         self._driving.reset()  # its motion is not ours
-        run.supervisor.listening(time.monotonic())
+        run.supervisor.odometry_received(time.monotonic())
 
     def _take_jump(self, jump: ClockJumpError) -> None:
         """Reset the state after odometry's clock has jumped. One reset is no cause for a warning."""
@@ -292,13 +292,13 @@ class ExecutorNode(Node):
             self._note(str(jump))
         self._jumped = now
         self._driving.reset()
-        # A goal that waits for its first state has nothing to lose, as after a restart of the simulation.
+        # A goal that waits for its first state goes on, as after a restart of the simulation.
         if self._run is not None and self._run.supervisor.phase is not Phase.WAITING:
             self._end(Ending.INPUT_LOST, str(jump))
 
     def _watch(self) -> None:
-        for remark in self._remotes.remarks():
-            self._note(remark)
+        for warning in self._remotes.warnings():
+            self._note(warning)
         self._commands.adapt()
         now = time.monotonic()
         silence, ending = now - self._odom_at, self._remotes.ending()
@@ -309,13 +309,13 @@ class ExecutorNode(Node):
         if ending and fresh:
             self._run.supervisor.postpone(now, "waiting until a canceled server has ended")
         silent = 0.5 * self._settings["odom_timeout"] * min(self._inputs.slowdown, LONGEST_STOP_DELAY)
-        if self._run.supervisor.silent(now) or (ending and silence > silent):
+        if self._run.supervisor.odometry_is_late(now) or (ending and silence > silent):
             self._send(STOP)
         self._run.supervisor.watch(now)
         self._follow(self._run)
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
-        """Begin a goal and wait for its end, which the odometry callback and the watchdog bring about."""
+        """Begin a goal and wait for its end, which odometry callback and watchdog detect."""
         self._goals += 1
         try:
             models = self._sets.present.by_set
@@ -347,7 +347,7 @@ class ExecutorNode(Node):
         return concluded(result, handle)
 
     def _adjust_watchdog(self) -> None:
-        """Watch closely while a goal is under way."""
+        """Use a short period while a goal is active, and a long one otherwise."""
         period = round(1e9 * (_IDLE_PERIOD if self._run is None else WATCH_PERIOD))
         if period != self._watchdog.timer_period_ns:
             self._watchdog.timer_period_ns = period
@@ -394,7 +394,7 @@ class ExecutorNode(Node):
         self.get_logger().info(f"goal ended: {run.summary}")
 
     def _cause(self, run: Supervisor) -> str:
-        """Return the most likely cause of an ending that inputs or the base have brought about."""
+        """Return the most likely cause of an ending that is due to inputs or the base; empty if unknown."""
         if run.ending is Ending.BASE_FAULT:
             return self._commands.cause()
         if run.ending is Ending.SUCCEEDED:
@@ -416,7 +416,7 @@ class ExecutorNode(Node):
         return float(self._settings["odom_timeout"]) * self._inputs.slowdown
 
     def _send(self, command: Command | None, *, answers: bool = False) -> None:
-        """Send a command, as of now or of the state that it `answers`; None where others move the robot."""
+        """Send a command, as of now or for the state that it `answers`; None if others move the robot."""
         if self._inputs.time is not None:
             now = time.monotonic()
             self._driving.sent(self._inputs.time + (0.0 if answers else now - self._odom_at), command, now)
@@ -471,12 +471,12 @@ class ExecutorNode(Node):
         self._stopping = True
         self._end(Ending.SHUTDOWN, "the executor was ended", at_once=True)
         self._send(STOP)
-        spin_out(self)  # so that the answer leaves, also to a client that asks for it only now
+        spin_out(self)  # so that the result is sent, also to a client that requests it only now
         self._send(STOP)
 
 
 def inputs_of(settings: Mapping[str, Any], objects: Iterable[str]) -> Inputs:
-    """Return what joins odometry and the objects; raises SetupError."""
+    """Return the inputs for these objects; raises SetupError."""
     return Inputs({name: _sightings(settings, name) for name in objects})
 
 
@@ -491,7 +491,7 @@ def _sightings(settings: Mapping[str, Any], name: str) -> Sightings:
 
 
 def rolling_of(settings: Mapping[str, Any], robot: Robot) -> Rolling:
-    """Return what watches objects roll, at speeds that stand out from the noise."""
+    """Return the observer of rolling objects, for speeds well above the noise."""
     noises = (value for name, value in settings.items() if name.endswith("_velocity_noise"))
     return Rolling(robot, slowest=3.0 * max(noises, default=0.0))
 

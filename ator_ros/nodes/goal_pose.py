@@ -1,4 +1,4 @@
-"""The node `goal_pose`: lets RViz's tool 2D Goal Pose, and whoever publishes one, drive the robot there."""
+"""The node `goal_pose`: drives the robot to poses on a topic, as of RViz's tool 2D Goal Pose."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class GoalPoseNode(Node):
         if handle is not None and handle.accepted:
             handle.get_result_async().add_done_callback(self._ended)
         else:
-            self.get_logger().warning("rejected: the executor accepts no goal now; its log says why")
+            self.get_logger().warning("rejected: the executor accepts no goal now; see its log")
 
     def _ended(self, future: Future) -> None:
         answer = future.result()

@@ -70,7 +70,7 @@ class GoalRun:
     fence : Fence
         Where the robot may drive.
     rolling : Rolling
-        What the executor knows of how objects roll.
+        Observed deceleration of rolling objects.
 
     Raises
     ------
@@ -121,7 +121,7 @@ class GoalRun:
 
     @property
     def ended(self) -> bool:
-        """Whether there is nothing more to do."""
+        """Whether the goal has ended and the robot stands."""
         return self.supervisor.phase is Phase.ENDED
 
     @property
@@ -225,12 +225,13 @@ class GoalRun:
 
     @property
     def stage(self) -> tuple[object, ...]:
-        """What listeners should learn of at once when it changes."""
+        """Values whose change is published at once."""
         run, refining = self.supervisor, self.supervisor.refining
-        return self._id, run.phase, run.executor.index, len(self._records), refining.refined, refining.again
+        changes = refining.refined, refining.refined_again
+        return self._id, run.phase, run.executor.index, len(self._records), *changes
 
     def so_far(self, world: World) -> ChainPerformance:
-        """Return how it goes, without predictions; `world` is the last state known."""
+        """Return the present record, without predictions; `world` is the last known state."""
         run = self.supervisor
         waits = run.phase in (Phase.WAITING, Phase.REFINING)
         message = self._chain_record(world)
@@ -260,7 +261,7 @@ class GoalRun:
             refined=run.refining.refined,
             refinement=run.refining.reason,
             fetched=run.executor.fetched,
-            refined_again=run.refining.again,
+            refined_again=run.refining.refined_again,
             actions=self._records,
         )
         message.header = situation_of(world, frame=frame).header
@@ -308,6 +309,6 @@ def concluded(result: Any, handle: ServerGoalHandle) -> Any:
 
 
 def _actual(duration: float, ending: Ending, accuracy: float = math.nan) -> Performance:
-    """Write an actual performance; whether an action that was broken off had succeeded is unknown."""
+    """Write an actual performance; the success of an action that was broken off is NaN."""
     success = math.nan if ending in _BROKEN_OFF else float(ending is Ending.SUCCEEDED)
     return performance_of({"duration": duration, "spread": 0.0, "success": success, "accuracy": accuracy})

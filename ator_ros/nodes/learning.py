@@ -99,7 +99,7 @@ class LearningNode(Node):
             self._open.close()
             raise SetupError(f"parameter learned: {error}") from error
         for action_set in self._domain.action_sets:
-            # Which logs if they are of another robot.
+            # Logs a warning if they are of another robot.
             read_models(self, robot, action_set, settings["models"], self._domain)
         for topic in topics:
             self.create_subscription(ActionPerformance, topic, self._take, RESULTS)
@@ -134,9 +134,9 @@ class LearningNode(Node):
         self._report_room()
 
     def _work(self) -> None:
-        said = self._learner.work(time.monotonic())
-        if said:
-            self.get_logger().info(printable(said, 1000))
+        report = self._learner.work(time.monotonic())
+        if report:
+            self.get_logger().info(printable(report, 1000))
         self._report_room()
 
     def _report_room(self) -> None:
@@ -150,7 +150,7 @@ class LearningNode(Node):
     def _learn_now(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         why_not = self._learner.learn_now()
         response.success = not why_not
-        response.message = why_not or "a round begins; log and diagnostics tell what comes of it"
+        response.message = why_not or "a round begins; log and diagnostics report its result"
         return response
 
     def _freeze(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:

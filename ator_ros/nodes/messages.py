@@ -134,7 +134,7 @@ def action_set_from(chain: msg.TopChain, *, allowed: Collection[str], where: str
 
 
 def echo_of(chain: msg.TopChain) -> msg.TopChain:
-    """Return a chain as it came, to be sent back or kept; an empty one if it is too long for that."""
+    """Return a chain unchanged, for answers and records; an empty one if it is too long."""
     return chain if len(chain.calls) <= LONGEST_CHAIN else msg.TopChain()
 
 
@@ -151,7 +151,7 @@ def chain_from(
     Parameters
     ----------
     library : TopLibrary
-        Knows the TOPs.
+        The TOPs.
     frame : str
         The frame that goals must be given in.
     fence : Fence, optional

@@ -20,7 +20,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.rehearsal import rehearse, rehearse_predictions, rehearse_refinement
+from ator_ros.execution.warm_up import warm_up_actions, warm_up_predictions, warm_up_refinement
 from ator_ros.learning.sets import LearnedSetError, Manifest, current_set, read_manifest
 from ator_ros.nodes.diagnostics import STEADY
 from ator_ros.nodes.parameters import Parameter
@@ -145,7 +145,7 @@ def _calibration(
     ):
         node.get_logger().warning(
             f"action set {action_set}: predictions of {', '.join(others)} are not corrected: "
-            f"{folder / CALIBRATION} was learned for other models; `calibrate_predictions` learns it anew"
+            f"{folder / CALIBRATION} is of other models; run `calibrate_predictions` to learn it again"
         )
     return matching
 
@@ -322,11 +322,11 @@ class Refiners:
         return "with a gate"
 
 
-_LONG = 3.0  # real s; with compiled code on disk a rehearsal takes less
+_LONG = 3.0  # real s; with compiled code on disk the warm-up takes less
 
 
 @contextlib.contextmanager
-def _said_if_long(node: Node) -> Iterator[None]:
+def _log_if_long(node: Node) -> Iterator[None]:
     """Log that code is being compiled if the block takes long, as at the first start of a node."""
     text = "compiling code, as at each first start; later ones use what is kept on disk"
     timer = threading.Timer(_LONG, node.get_logger().info, [text])
@@ -345,19 +345,19 @@ def load_predictors(node: Node, domain: Domain, libraries: Libraries, folder: st
         name: Predictor(libraries[name].robot, read.models, read.calibration) for name, read in models.items()
     }
     for name, predictor in predictors.items():
-        rehearse_predictions(libraries[name], predictor)
+        warm_up_predictions(libraries[name], predictor)
     return Predictors(models, predictors)
 
 
-def rehearsed_predictors(
+def warmed_up_predictors(
     node: Node, settings: Mapping[str, Any], domain: Domain, libraries: Libraries
 ) -> LearnedSets[Predictors]:
-    """Return the predictors that the parameters `models` and `learned` name; all actions are rehearsed."""
+    """Return the predictors that the parameters `models` and `learned` name, and warm up all actions."""
     load = functools.partial(load_predictors, node, domain, libraries)
-    with _said_if_long(node):
+    with _log_if_long(node):
         sets = LearnedSets(node, settings["models"], settings["learned"], load)
         for name, library in libraries.items():
-            rehearse(library.robot, library, sets.present.by_set[name])
+            warm_up_actions(library, sets.present.by_set[name])
     return sets
 
 
@@ -373,7 +373,7 @@ def load_refiners(
 ) -> Refiners:
     """Read models and gate in `folder` ("": those that ship) of every action set; log what is wrong.
 
-    Places are searched inside the `fence`. A failure costs `failure_cost` (s) where a request does not say.
+    Places are searched inside the `fence`. `failure_cost` (s) applies to requests without one.
     """
     models, refiners = {}, {}
     for name, library in libraries.items():
@@ -388,8 +388,8 @@ def load_refiners(
                 calibration=read.calibration,
                 failure_cost=failure_cost,
             )
-            with _said_if_long(node):
-                rehearse_refinement(library, refiners[name])
+            with _log_if_long(node):
+                warm_up_refinement(library, refiners[name])
     return Refiners(models, refiners)
 
 

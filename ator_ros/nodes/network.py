@@ -40,7 +40,7 @@ def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:
 
 @contextmanager
 def free_domain() -> Iterator[int]:
-    """Reserve a ROS domain without nodes on this machine, not the caller's and not one that it used lately.
+    """Reserve a ROS domain without nodes on this machine, neither the caller's nor a recently used one.
 
     Nodes that were killed stay in the graph for up to 20 s, and rclpy counts their servers: on the domain
     of a run that has just ended, a client may wait for a server that is there, or call one that is gone.
@@ -73,7 +73,7 @@ def free_domain() -> Iterator[int]:
 
 
 def domains_in_use() -> set[int]:
-    """Return the ROS domains whose UDP ports are open on this machine, whoever runs the nodes."""
+    """Return the ROS domains whose UDP ports are open on this machine, of any user."""
     files = [file for file in map(Path, ("/proc/net/udp", "/proc/net/udp6")) if file.is_file()]
     rows = [row.split() for file in files for row in file.read_text().splitlines()[1:]]
     ports = [int(row[1].rpartition(":")[2], 16) for row in rows]

@@ -123,12 +123,12 @@ class RefinementNode(Node):
         return load_refiners(self, *where, fence=self._fence, gated=gated, failure_cost=cost)
 
     def _failure_cost(self, settings: Mapping[str, Any]) -> float:
-        """Return the time in s that a failure costs where a request does not say."""
+        """Return the cost of a failure in s for requests without one."""
         cost: float = settings["failure_cost"]
         return cost if cost >= 0.0 else self._domain.time_limit
 
     def _prepare(self, refiners: Refiners, changes: Mapping[str, Any] = MappingProxyType({})) -> None:
-        """Make refiners decide as the parameters say, with `changes` that are about to be made."""
+        """Apply the parameters `gate` and `failure_cost`, with `changes` to them, to refiners."""
         settings = {**self._settings, **changes}
         set_gates(self, refiners, gated=settings["gate"])
         for refiner in refiners.by_set.values():

@@ -89,9 +89,9 @@ class RemoteServers:
         """Return whether a server may still move the robot though its goal was canceled."""
         return any(server.ending() for server in self._servers.values())
 
-    def remarks(self) -> list[str]:
-        """Return, once, which servers have ignored a cancellation."""
-        return list(filter(None, (server.remark() for server in self._servers.values())))
+    def warnings(self) -> list[str]:
+        """Return warnings, each once, of servers that have ignored a cancellation."""
+        return list(filter(None, (server.warning() for server in self._servers.values())))
 
 
 class RemoteAction(Action):
@@ -135,7 +135,7 @@ class RemoteAction(Action):
         return self._failed() or self._answered(world, self._sent)
 
     def end(self, reason: str) -> None:  # noqa: ARG002
-        """Cancel the goal, if the server may still be at it; the server says when that is over."""
+        """Cancel the goal if the server may still execute it; `RemoteServer.ending` tracks the rest."""
         if self._sent is not None:
             self._server.release(self._sent)
 
@@ -195,7 +195,7 @@ class RemoteAction(Action):
 
 
 class RemoteServer:
-    """Sends goals to one action server, and knows which of them it may still be executing.
+    """Sends goals to one action server, and tracks which of them it may still be executing.
 
     Parameters
     ----------
@@ -284,8 +284,8 @@ class RemoteServer:
         self._ending = [(sent, until) for sent, until in self._ending if not sent.over]
         return bool(self._ending) and self.present(self.clock()) and not self._overdue()
 
-    def remark(self) -> str:
-        """Return, once, that the server has ignored a cancellation; empty if it has not."""
+    def warning(self) -> str:
+        """Return a warning, once, that the server has ignored a cancellation; empty if it has not."""
         if not (self._ending and self._overdue()):
             return ""
         self._ending = []
@@ -378,10 +378,10 @@ class RemoteGoal:
 class Heartbeat:
     """Detects whether an action server that executes a goal is still there, by one request at a time.
 
-    DDS counts a server that was killed for up to 20 s. So the server is asked now and then to cancel a goal
-    that nobody has sent. Each server answers that at once, except one that has no thread left for it while
-    it drives: until it has answered once, its silence means nothing. A server that was restarted does not
-    answer what its predecessor was asked: it does not know the goal either.
+    DDS lists a server that was killed for up to 20 s. So the server is requested periodically to cancel an
+    unknown goal. Each server answers that at once, except one that has no free thread while it drives: until
+    the first answer, missing ones mean nothing. A restarted server does not answer requests to its
+    predecessor, and does not execute the goal either.
 
     Parameters
     ----------
@@ -407,11 +407,11 @@ class Heartbeat:
         self._next, self._checked, self._quiet = now + self._period, now, 0.0
 
     def reset(self) -> None:
-        """Record a sign of life, as feedback."""
+        """Record a sign of life, such as feedback."""
         self._quiet = 0.0
 
     def silence(self, now: float) -> float:
-        """Return for how many real s nothing has come at `now`; 0 for a server that never answers."""
+        """Return the real s without a sign of life at `now`; 0 for a server that has never answered."""
         # While this node was stalled, answers were not read: a long time counts less.
         self._quiet += min(max(now - self._checked, 0.0), self._period)
         self._checked = now

@@ -185,7 +185,7 @@ def _require(holds: bool, where: str, expected: str, got: Any) -> None:
 
 
 def _described(got: Any) -> str:
-    """Return a value, or the type of a field, as a message tells it."""
+    """Return a value, or the type of a field, as text for a message."""
     if isinstance(got, definition.NamespacedType):
         return "/".join((got.namespaces[0], got.name))
     if isinstance(got, definition.AbstractType):

@@ -53,16 +53,16 @@ def run_node(
     files end the process with one line and exit code 1, unknown arguments with exit code 2. ``--help`` prints
     the documentation of the node and its `parameters`.
     """
-    words = list(sys.argv if args is None else args)
+    arguments = list(sys.argv if args is None else args)
     stopped: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):  # for good: a second one must not disturb the end
         signal.signal(number, lambda received, _: stopped.append(received))
     try:
-        check_parameters(words, {parameter.name: parameter.description for parameter in parameters})
-        _command_line(make, parameters).parse_args(remove_ros_args(words)[1:])
+        check_parameters(arguments, {parameter.name: parameter.description for parameter in parameters})
+        _command_line(make, parameters).parse_args(remove_ros_args(arguments)[1:])
         stay_on_this_machine(os.environ)
         # rclpy's own handlers would invalidate the context before the robot has been stopped.
-        rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = make()
     except _EXPECTED as error:
         rclpy.try_shutdown()
@@ -85,7 +85,7 @@ def run_node(
 
 
 def spin_out(node: Node) -> None:
-    """Spin a node that is about to end once more, so that its last messages leave."""
+    """Spin a node for a moment before it ends, so that its last messages are sent."""
     executor: Any = node.executor
     end = time.monotonic() + _LAST_SPINS
     while time.monotonic() < end:
@@ -103,15 +103,15 @@ def _command_line(make: Callable[[], Node], parameters: Sequence[Parameter]) -> 
     )
 
 
-def check_parameters(words: Sequence[str], descriptions: Mapping[str, str]) -> None:
-    """Check what rclpy and rcl do not report in words; call this before they read the command line.
+def check_parameters(arguments: Sequence[str], descriptions: Mapping[str, str]) -> None:
+    """Check what rclpy and rcl do not report clearly; call this before they read the command line.
 
     rcl waits for ever for a pipe as a parameter file, and ignores a text that holds no parameters. rclpy
     raises a ValueError without the parameter's name for an empty list, whose type is unknown.
 
     Parameters
     ----------
-    words : sequence of str
+    arguments : sequence of str
         The command line.
     descriptions : mapping of str to str
         Descriptions of the node's parameters by name.
@@ -121,11 +121,11 @@ def check_parameters(words: Sequence[str], descriptions: Mapping[str, str]) -> N
     SetupError
         A parameter is an empty list; a file cannot be read, or holds something else than parameters.
     """
-    for word, following in itertools.pairwise(words):
-        if word in ("-p", "--param"):
+    for argument, following in itertools.pairwise(arguments):
+        if argument in ("-p", "--param"):
             name, _, value = following.partition(":=")
             _refuse_empty({name: [] if value.replace(" ", "") == "[]" else value}, descriptions)
-        if word != "--params-file":
+        if argument != "--params-file":
             continue
         try:
             content = read_yaml(Path(following), largest=_LARGEST)

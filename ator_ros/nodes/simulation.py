@@ -21,7 +21,8 @@ from ator_ros.domains.domain import domain_for
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.nodes import messages
-from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Lateness
+from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, LongestGap
+from ator_ros.nodes.inputs import TFMessage
 from ator_ros.nodes.messages import stamp_of
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -40,19 +41,13 @@ from ator_ros.nodes.running import run_node
 from ator_ros.nodes.simulated_world import SimulatedRobot, SimulatedWorld, Stop
 from ator_ros.printable import quoted
 from ator_ros.robot.description import Robot
-from ator_ros.simulation.sensors import SensorConfig, Sensors, Sight
+from ator_ros.simulation.sensors import ObjectErrors, SensorConfig, Sensors
 from ator_ros.simulation.simulation import TICK
 from ator_ros.simulation.urdf import WHEEL_NAMES, Wheels, robot_urdf
 from ator_ros.world import messages as checks
 from ator_ros.world.messages import MessageError
 from ator_ros.world.scene import Area
 from ator_ros.world.state import World
-
-try:
-    from tf2_msgs.msg import TFMessage
-except ImportError:  # ROS without tf
-    TFMessage = None
-
 
 WORLD = "world"
 """The frame in which robots of one simulation begin."""
@@ -63,7 +58,7 @@ _COMMON = (
     ROBOT_FRAME,
     DOMAIN,
     ROBOT,
-    # Times as fast as computers can be (0: no limit), and not so slow that a tick takes more than a minute.
+    # Faster than any computer (0: no limit), and not so slow that a tick takes more than a minute.
     Parameter("robots", [""], "names of the robots, namespaces of their topics and frames; '': none"),
     Parameter("descriptions", [""], "files of robots' descriptions; missing or empty: what `robot` names"),
     Parameter(
@@ -119,7 +114,7 @@ class SimulationNode(Node):
 
     Subscribes to
         cmd_vel (geometry_msgs/Twist or TwistStamped): clipped to the robot's limits; 0.5 s of simulated time
-        after the last command the robot stands, as far as BaseController says.
+        after the last command the robot stands, see `BaseController`.
     Publishes, every tick, as the robot's sensors see it, stamped with the simulated time of what they see
         odom (nav_msgs/Odometry): the middle of the axle, twist in the robot's frame.
         NAME of each object of the scene (nav_msgs/Odometry): position and velocity, both in the
@@ -162,18 +157,18 @@ class SimulationNode(Node):
         self._topics = [self._topics_of(number) for number in range(len(robots))]
         factor = self._settings["real_time_factor"]
         self._waits = self._waits_at(factor)
-        self._lateness = Lateness()
+        self._gaps = LongestGap()
         self._ticks, self._counted = 0, (time.monotonic(), 0)
         self._timer = self.create_timer(_period_at(factor), self._tick, clock=STEADY)
         commands = {topics.resolved("cmd_vel"): self._command_type for topics in self._topics}
         self._diagnostics = Diagnostics(self, self._health, commands)
         speed = f"at {factor:g} times real time" if factor else "as fast as possible"
         named = zip((robot.name for robot in robots), self._names, strict=True)
-        told = [f"{kind} as {name}" if name else kind for kind, name in named]
+        who = [f"{kind} as {name}" if name else kind for kind, name in named]
         domain = domain_for(self._settings["domain"], self._settings["robot"]).name
         where = f"domain {domain}, ROS domain {self.context.get_domain_id()}"
         self.get_logger().info(
-            f"simulating {', '.join(told)} {speed} ({where}): cmd_vel ({self._command_type.__name__}) to odom"
+            f"simulating {', '.join(who)} {speed} ({where}): cmd_vel ({self._command_type.__name__}) to odom"
             f"{''.join(f', {name}' for name in robots[0].scene.objects)}"
         )
 
@@ -202,7 +197,7 @@ class SimulationNode(Node):
         return bool(self._settings["lockstep"]) or factor == 0.0 or factor > 1.0
 
     def _change(self, values: Mapping[str, Any]) -> None:
-        """Let time go at another speed from now on."""
+        """Apply a new real-time factor."""
         if "real_time_factor" in values:
             factor = values["real_time_factor"]
             self._waits, self._due, self._deadline = self._waits_at(factor), False, 0.0
@@ -220,7 +215,7 @@ class SimulationNode(Node):
         if self._paused:
             self._deadline = now + _PAUSED_PERIOD
         else:
-            self._lateness.came(now)
+            self._gaps.record(now)
             for stop in self._world.tick():
                 self.get_logger().debug(_stop_text(stop))
             self._ticks += 1
@@ -229,7 +224,7 @@ class SimulationNode(Node):
         self._publish()
 
     def _schedule(self, now: float) -> None:
-        """Set from when on the next tick may come, whatever the timer says."""
+        """Set the earliest time of the next tick; the timer may fire before."""
         factor, wait = self._settings["real_time_factor"], self._settings["command_wait"]
         if self._awaited:
             self._deadline = now + wait / len(self._topics)
@@ -237,7 +232,7 @@ class SimulationNode(Node):
         elif self._unhurried > 0:
             self._unhurried -= 1
             self._deadline = max(self._deadline, now - TICK) + TICK
-            self._counted = (now, self._ticks)  # no lapse counts as slow
+            self._counted = (now, self._ticks)  # ticks that wait on purpose are not slow
 
     def _publish(self) -> None:
         if self._clock_publisher is not None:
@@ -327,7 +322,7 @@ class SimulationNode(Node):
                 "real-time factor": f"{factor:.2f}",
                 "paused": self._paused,
                 "commands": "coming" if self._world.steered() else "none",
-                "longest time between ticks (ms)": self._lateness.take(),
+                "longest time between ticks (ms)": self._gaps.take(),
                 "last error": self._rejected,
                 "robot digest": ", ".join(self._digests),
                 "parameters digest": digest_of(self._settings),
@@ -338,7 +333,7 @@ class SimulationNode(Node):
 def _stop_text(stop: Stop) -> str:
     """Return the log message of a stop."""
     who = f"robot {stop.robot}" if stop.robot else "the robot"
-    return f"{who} stands since {stop.stood:.2f} s, last told to move at {stop.last_command:.2f} s"
+    return f"{who} stands since {stop.stood:.2f} s, last commanded to move at {stop.last_command:.2f} s"
 
 
 def _period_at(factor: float) -> float:
@@ -356,7 +351,7 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
 
 def _parameters_of(name: str, place: int) -> tuple[Parameter, ...]:
     start = [0.0, _ASIDE * place]
-    # Noise of 1 m or 1 m/s, an age of 5 s and one sight in a hundred are beyond what any chain can bear.
+    # With noise of 1 m or 1 m/s, a delay of 5 s or 99 % dropouts no chain succeeds.
     return (
         Parameter(
             f"{name}_start", start, f"position of the {name} after a reset: x, y in m from the area's centre"
@@ -369,7 +364,7 @@ def _parameters_of(name: str, place: int) -> tuple[Parameter, ...]:
 
 
 def names_of(settings: Mapping[str, Any]) -> list[str]:
-    """Return the names of the robots; raises SetupError where they cannot be told apart by them."""
+    """Return the names of the robots; raises SetupError if they are invalid or not unique."""
     names = list(settings["robots"])
     good = 0 < len(names) <= _MOST and len(set(names)) == len(names)
     if not good or not all(is_name(name) for name in names if name or len(names) > 1):
@@ -418,7 +413,7 @@ def simulated_of(settings: Mapping[str, Any], robots: Sequence[Robot]) -> list[S
         drift=settings["drift"],
         heading_drift=settings["heading_drift"],
         latency=settings["latency"],
-        objects={name: _sight_of(settings, name) for name in robots[0].scene.objects},
+        objects={name: _errors_of(settings, name) for name in robots[0].scene.objects},
     )
     try:
         starts = _starts(settings["robot_start"], len(robots), robots[0].scene.area)
@@ -444,9 +439,9 @@ def _starts(numbers: Sequence[float], count: int, area: Area) -> list[Pose]:
     return starts
 
 
-def _sight_of(settings: Mapping[str, Any], name: str) -> Sight:
-    kinds = (field.name for field in dataclasses.fields(Sight))
-    return Sight(**{kind: settings[f"{name}_{kind}"] for kind in kinds})
+def _errors_of(settings: Mapping[str, Any], name: str) -> ObjectErrors:
+    kinds = (field.name for field in dataclasses.fields(ObjectErrors))
+    return ObjectErrors(**{kind: settings[f"{name}_{kind}"] for kind in kinds})
 
 
 # Topics
@@ -482,7 +477,7 @@ class RobotTopics:
             for name in robot.robot.scene.objects
         }
         self.objects = tuple(self._objects)
-        self._embodiment = RobotStatePublisher(
+        self._state_publisher = RobotStatePublisher(
             node, robot.robot, frame=self.frame, robot_frame=self.robot_frame, prefix=self._prefix
         )
 
@@ -500,7 +495,7 @@ class RobotTopics:
             self._objects[name].publish(message)
         odometry = messages.odometry_of(world.time, world.robot, frame=self.frame, child=self.robot_frame)
         self._odom.publish(odometry)
-        self._embodiment.publish(world)
+        self._state_publisher.publish(world)
 
 
 class RobotStatePublisher:
@@ -533,8 +528,8 @@ class RobotStatePublisher:
         self._tf = None if TFMessage is None else node.create_publisher(TFMessage, "tf", RESULTS)
         if TFMessage is not None and prefix:
             self._fixed = node.create_publisher(TFMessage, "tf_static", LATCHED)
-            beginning = transform_of(0.0, Pose(0.0, 0.0, 0.0), frame=WORLD, child=frame)
-            self._fixed.publish(TFMessage(transforms=[beginning]))
+            origin = transform_of(0.0, Pose(0.0, 0.0, 0.0), frame=WORLD, child=frame)
+            self._fixed.publish(TFMessage(transforms=[origin]))
         self._description = node.create_publisher(String, f"{prefix}robot_description", LATCHED)
         self._description.publish(String(data=robot_urdf(robot)))
 

@@ -328,7 +328,7 @@ class RosBackend:
         The frame of odometry and goals.
     ros_domain : int, optional
         By default that of the environment.
-    words : sequence of str
+    arguments : sequence of str
         ROS arguments, such as the namespace of the robot's nodes.
     check : callable
         Called while waiting; raises to end it.
@@ -348,14 +348,15 @@ class RosBackend:
         *,
         frame: str = "odom",
         ros_domain: int | None = None,
-        words: Sequence[str] = (),
+        arguments: Sequence[str] = (),
         check: Callable[[], None] = lambda: None,
         start_timeout: float = 60.0,
         timeout: float = 5.0,
     ) -> None:
         self._own = own = ClientNode(
-            "view", domain=ros_domain, words=words, check=check, timeout=start_timeout, error=BackendError
-        )
+            "view", domain=ros_domain, arguments=arguments, check=check,
+            timeout=start_timeout, error=BackendError,
+        )  # fmt: skip
         self._frame, self._timeouts = frame, (start_timeout, timeout)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         self.can_place = False
@@ -393,11 +394,11 @@ class RosBackend:
         """
         self._own.timeout = self._timeouts[0]
         if simulated:
-            self._own.until(self._simulation.is_there, "the simulation's services")
+            self._own.until(self._simulation.is_available, "the simulation's services")
         self._own.until(self._refinement.service_is_ready, f"the service {self._refinement.srv_name}")
         self._own.until(self._server.server_is_ready, "the action execute_chain")
         self._world.follow_robot(self._robot_settings())
-        self.can_place = simulated or self._simulation.is_there(_DISCOVERY)
+        self.can_place = simulated or self._simulation.is_available(_DISCOVERY)
         alone, several = self._factors
         self._is_shared = not alone.service_is_ready() and several.service_is_ready()
         if not simulated:  # they may end, and the page waits for every answer
@@ -537,7 +538,7 @@ class RosBackend:
         paused = False
         try:
             self._simulation.place(world)
-            placed = [name for name in world.objects if self._simulation.knows(name)]
+            placed = [name for name in world.objects if self._simulation.can_place(name)]
             self._world.expect_messages()  # which the executor then has received, too
             end = time.monotonic() + _PLACED
             self._own.until(

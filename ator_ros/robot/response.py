@@ -26,7 +26,7 @@ def ramped(speeds: Command, target: Command, dt: float, limits: Limits, stop: St
     )
 
 
-def stopping_way(v: float, stop: StopBraking) -> float:
+def stopping_distance(v: float, stop: StopBraking) -> float:
     """Return the signed stopping distance in m at `v` (m/s) after a command to stop."""
     return v * abs(v) / (2.0 * _braking(v, stop))
 

@@ -1,4 +1,4 @@
-"""What a robot's sensors make of the true state: odometry drift, noisy and late objects, dropouts."""
+"""Sensor errors: drift of odometry; noise, delay and dropouts of objects; latency of both."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _TELEPORT = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
-    """How the robot sees an object; the default is the truth.
+class ObjectErrors:
+    """Errors in the observations of an object; by default none.
 
     Attributes
     ----------
@@ -27,9 +27,9 @@ class Sight:
     velocity_noise : float
         Standard deviation in m/s of each component of the velocity.
     delay : float
-        Time in s from seeing the object to knowing it, rounded up to a tick.
+        Time in s from an observation until it is known, rounded up to a tick.
     dropouts : float
-        Probability in [0, 1) that the object is not seen in a tick.
+        Probability in [0, 1) that the object is not observed in a tick.
     """
 
     noise: float = 0.0
@@ -37,85 +37,69 @@ class Sight:
     delay: float = 0.0
     dropouts: float = 0.0
 
-    def __post_init__(self) -> None:
-        _check(self)
-        if self.dropouts >= 1.0:
-            raise ValueError(f"sensors: dropouts: expected less than 1, got {self.dropouts}")
-
 
 @dataclass(frozen=True, slots=True)
 class SensorConfig:
-    """How the sensors err; the default is the truth.
+    """Errors of all sensors; by default none.
 
     Attributes
     ----------
     drift : float
-        Standard deviation in m of the odometry's position after 1 m of driving; grows with the root of it.
+        Standard deviation in m of the odometry's position after 1 m of driving; grows with the square root.
     heading_drift : float
-        Standard deviation in rad of the odometry's heading after 1 m of driving; grows alike.
+        Standard deviation in rad of the odometry's heading after 1 m of driving; grows likewise.
     latency : float
-        Time in s from a state to its messages, rounded up to a tick: odometry and objects come that late,
-        with the time of the state; what `Sight.delay` delays is late by both. The first state, and the first
-        after a reset or when the robot was placed, comes at once, and then for that time nothing newer. An
-        object that was placed is seen at once.
-    objects : mapping of str to Sight
-        How each object is seen, by its name; one that is not named is seen exactly.
+        Time in s from a state to its messages, rounded up to a tick: odometry and objects arrive that late,
+        with the time of the state; `ObjectErrors.delay` is added to it. The first state, and the first after
+        a reset or a placement of the robot, arrives at once, and then nothing newer for that time. A placed
+        object is observed at once.
+    objects : mapping of str to ObjectErrors
+        Errors of each object by its name; others are observed exactly.
     """
 
     drift: float = 0.0
     heading_drift: float = 0.0
     latency: float = 0.0
-    objects: Mapping[str, Sight] = field(default_factory=dict, hash=False)
-
-    def __post_init__(self) -> None:
-        _check(self)
+    objects: Mapping[str, ObjectErrors] = field(default_factory=dict, hash=False)
 
     @property
     def exact(self) -> bool:
-        """Whether the truth is observed."""
-        seen_truly = all(sight == Sight() for sight in self.objects.values())
-        return seen_truly and not (self.drift or self.heading_drift or self.latency)
+        """Whether there are no errors."""
+        exact_objects = all(errors == ObjectErrors() for errors in self.objects.values())
+        return exact_objects and not (self.drift or self.heading_drift or self.latency)
 
 
-def _check(config: Sight | SensorConfig) -> None:
-    """Make sure that all numbers of `config` are finite and not negative; raises ValueError."""
-    for item in dataclasses.fields(config):
-        value = getattr(config, item.name)
-        if not isinstance(value, Mapping) and not (math.isfinite(value) and value >= 0.0):
-            raise ValueError(f"sensors: {item.name}: expected a number that is not negative, got {value!r}")
-
-
-#: What a real robot has to live with: a camera that sees an object within 3 cm and late, …
-REALISTIC_SIGHT = Sight(noise=0.015, velocity_noise=0.05, delay=0.1, dropouts=0.05)
-#: … and odometry that drifts.
 REALISTIC = SensorConfig(drift=0.02, heading_drift=0.01)
+"""Drift like that of a real robot's odometry."""
 
 
-class _Seeing:
-    """One object as it is seen.
+class _ObservedObject:
+    """The observations of one object; the last known one is extrapolated at constant velocity."""
 
-    From where it was seen last it is believed to have gone on at the velocity seen.
-    """
-
-    def __init__(self, sight: Sight, rng: np.random.Generator) -> None:
-        self._sight, self._rng = sight, rng
-        self._seen: deque[tuple[float, ObjectState]] = deque()
+    def __init__(self, errors: ObjectErrors, rng: np.random.Generator) -> None:
+        self._errors, self._rng = errors, rng
+        self._pending: deque[tuple[float, ObjectState]] = deque()
         self._known: tuple[float, ObjectState] | None = None
 
-    def look(self, time: float, there: ObjectState | None, true: Pose, believed: Pose) -> ObjectState | None:
-        """Return what is believed at `time` (s) of an object that is `there`; None: nothing is known."""
+    def observe(
+        self, time: float, there: ObjectState | None, true: Pose, believed: Pose
+    ) -> ObjectState | None:
+        """Return the estimate at `time` (s) of an object that is `there`; None if it is unknown.
+
+        `true` is the robot's pose, and `believed` that of its odometry.
+        """
         numbers = self._rng.normal(size=4)
-        missed = self._rng.random() < self._sight.dropouts and self._known is not None
+        missed = self._rng.random() < self._errors.dropouts and self._known is not None
         if there is None:
-            self._seen.clear()
+            self._pending.clear()
             self._known = None
             return None
         if not missed:
-            self._seen.append((time, self._measured(there, numbers.tolist(), true, believed)))
-        while self._seen and time - self._seen[0][0] >= self._sight.delay - 1e-9:
-            self._known = self._seen.popleft()
-        if self._known is None and self._seen:
-            self._known = self._seen[0]  # better than nothing, just after the object has appeared
+            self._pending.append((time, self._measured(there, numbers.tolist(), true, believed)))
+        while self._pending and time - self._pending[0][0] >= self._errors.delay - 1e-9:
+            self._known = self._pending.popleft()
+        if self._known is None and self._pending:
+            self._known = self._pending[0]  # without delay, just after the object has appeared
         if self._known is None:
             return None
         last, state = self._known
@@ -123,28 +107,28 @@ class _Seeing:
 
     def _measured(self, there: ObjectState, numbers: list[float], true: Pose, believed: Pose) -> ObjectState:
         """Return the object in the frame of the believed pose, with noise."""
-        sight = self._sight
+        errors = self._errors
         moving = Pose(true.x + there.vx, true.y + there.vy, true.yaw)
         place = believed.compose(true.relative(Pose(there.x, there.y, 0.0)))
         velocity = believed.compose(true.relative(moving))
         x, y, vx, vy = numbers
         return ObjectState(
-            place.x + sight.noise * x,
-            place.y + sight.noise * y,
-            velocity.x - believed.x + sight.velocity_noise * vx,
-            velocity.y - believed.y + sight.velocity_noise * vy,
+            place.x + errors.noise * x,
+            place.y + errors.noise * y,
+            velocity.x - believed.x + errors.velocity_noise * vx,
+            velocity.y - believed.y + errors.velocity_noise * vy,
         )
 
 
 class Sensors:
     """Observes a world, once per control tick.
 
-    Objects are seen from the robot, so that what is believed of them drifts with the odometry.
+    Objects are observed from the robot, so that their estimates drift with the odometry.
 
     Parameters
     ----------
     config : SensorConfig
-        How the sensors err.
+        Errors of the sensors.
     seed : int
         The same seed and worlds give the same observations.
     """
@@ -155,17 +139,18 @@ class Sensors:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past: the next observation of the robot is true."""
+        """Reset odometry to the next true pose, and forget all observations."""
         self._true: Pose | None = None
         self._believed = Pose(0.0, 0.0, 0.0)
-        self._seeing = {name: _Seeing(sight, self._rng) for name, sight in self.config.objects.items()}
+        items = self.config.objects.items()
+        self._observed = {name: _ObservedObject(errors, self._rng) for name, errors in items}
         self._coming: deque[World] = deque()
 
     def placed(self, name: str, world: World) -> None:
-        """See an object where it now is, or no more, also in observations that are still delayed."""
+        """Observe a placed or removed object at once, also in observations that are still delayed."""
         if self.config.exact:
             return
-        self._seeing[name] = _Seeing(self.config.objects.get(name, Sight()), self._rng)
+        self._observed[name] = _ObservedObject(self.config.objects.get(name, ObjectErrors()), self._rng)
         there = self._believe(world).objects.get(name)
         known = {} if there is None else {name: there}
         self._coming = deque(
@@ -174,9 +159,9 @@ class Sensors:
         )
 
     def observe(self, world: World) -> World:
-        """Return what is believed of `world`, with the same time; with a latency, of the last that is known.
+        """Return the estimate of `world`, with the same time; with a latency, that of an earlier world.
 
-        A robot that has jumped, as when it was placed, is believed to be where it is.
+        Odometry of a robot that has jumped, as when it was placed, is reset to its true pose.
         """
         if self.config.exact:
             return world
@@ -191,11 +176,11 @@ class Sensors:
         self._true = pose
         robot = dataclasses.replace(world.robot, pose=self._believed)
         for name in world.objects:
-            if name not in self._seeing:
-                self._seeing[name] = _Seeing(Sight(), self._rng)
+            if name not in self._observed:
+                self._observed[name] = _ObservedObject(ObjectErrors(), self._rng)
         seen = {
-            name: seeing.look(world.time, world.objects.get(name), pose, self._believed)
-            for name, seeing in self._seeing.items()
+            name: item.observe(world.time, world.objects.get(name), pose, self._believed)
+            for name, item in self._observed.items()
         }
         return World(world.time, robot, {name: state for name, state in seen.items() if state is not None})
 

@@ -257,7 +257,7 @@ class Client:
 
     def ready(self, servers: Sequence[str] = (), started: int = 0) -> None:
         """Wait until all nodes and action servers are there, and `started` servers subscribe to odometry."""
-        self._own.until(self._placing.is_there, "the simulation")
+        self._own.until(self._placing.is_available, "the simulation")
         self._own.until(self._refine.service_is_ready, f"the service {self._refine.srv_name}")
         self._own.until(self._server.server_is_ready, "the action execute_chain")
         where = f"on ROS_DOMAIN_ID {self._domain}, where only our nodes and those under `servers` are started"

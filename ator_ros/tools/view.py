@@ -102,7 +102,7 @@ def serve(
                 body,
                 frame=frame or (f"{name}/odom" if name else "odom"),
                 ros_domain=number,
-                words=[*words, *space],
+                arguments=[*words, *space],
                 check=check,
             )
             closing.callback(backends[name].close)

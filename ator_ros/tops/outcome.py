@@ -36,7 +36,7 @@ def shortfall(top: Top, world: World, goal: Goal, robot: Robot) -> float:
 def may_settle(top: Top, world: World) -> bool:
     """Return whether an object of the post-condition still moves."""
     objects = (world.objects.get(name) for name in top.post.objects())
-    return any(there is not None and not there.rests for there in objects)
+    return any(there is not None and not there.is_resting for there in objects)
 
 
 def top_of(situation: Situation, tops: Sequence[Top], robot: Robot) -> Top:

@@ -104,7 +104,7 @@ class ObjectState:
         return math.hypot(self.vx, self.vy)
 
     @property
-    def rests(self) -> bool:
+    def is_resting(self) -> bool:
         """Whether the object counts as resting: at most 0.02 m/s."""
         return RESTING.holds(self.speed)
 

@@ -29,9 +29,9 @@ def test_the_way_is_the_curve_from_the_robot_to_the_goal(robot: Robot) -> None:
     start, goal = Pose(-1.0, 0.5, 0.3), Pose(1.0, -0.5, 1.2)
     world = World(0.0, RobotState(start))
     action.start(world, Goal(goal))
-    assert action.way() is None
+    assert action.path() is None
     action.step(world)
-    way = action.way()
+    way = action.path()
     assert way is not None
     assert way[0] == pytest.approx(start, abs=0.1)
     assert way[-1] == pytest.approx(goal)

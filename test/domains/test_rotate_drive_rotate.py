@@ -9,7 +9,7 @@ import pytest
 from ator_ros.actions.base import Goal, Status
 from ator_ros.domains.domain import find_domain
 from ator_ros.domains.tour_stand_in import DriveToStandIn
-from ator_ros.examples.rotate_drive_rotate import ENDED, Doing, RotateDriveRotate, Seen, Tuning
+from ator_ros.examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotate, State, Tuning
 from ator_ros.geometry import Pose
 from ator_ros.simulation.run import place, run_action
 from ator_ros.simulation.simulation import Simulation
@@ -18,35 +18,35 @@ from ator_ros.world.state import Command, RobotState, World
 ROBOT = find_domain("tour").robot()
 
 
-def phases(start: Pose, goal: Pose, tuning: Tuning | None = None) -> tuple[list[Doing], list[Command], Pose]:
+def phases(start: Pose, goal: Pose, tuning: Tuning | None = None) -> tuple[list[Phase], list[Command], Pose]:
     """Drive in the simulation; return the phases in their order, the commands, and where it ended."""
-    law, doing, commands = RotateDriveRotate(tuple(goal), tuning), [], []
+    law, phase, commands = RotateDriveRotate(tuple(goal), tuning), [], []
     with Simulation(ROBOT) as simulation:
         place(simulation, World(0.0, RobotState(start)))
-        while law.doing not in ENDED:
+        while law.phase not in ENDED:
             state = simulation.world()
             robot = state.robot
-            commands.append(Command(*law.step(Seen(state.time, *robot.pose, robot.v, robot.w))))
-            if not doing or doing[-1] is not law.doing:
-                doing.append(law.doing)
+            commands.append(Command(*law.step(State(state.time, *robot.pose, robot.v, robot.w))))
+            if not phase or phase[-1] is not law.phase:
+                phase.append(law.phase)
             simulation.command(commands[-1])
             simulation.tick()
-        return doing, commands, simulation.world().robot.pose
+        return phase, commands, simulation.world().robot.pose
 
 
 @pytest.mark.parametrize(
     ("start", "first", "backward"),
     [
-        (Pose(-2.0, 0.0, 0.5), Doing.FOLLOWING, False),
-        (Pose(-2.0, 0.0, 1.2), Doing.ROTATING_TO_PATH, False),
-        (Pose(-2.0, 0.0, 3.0), Doing.FOLLOWING, True),
+        (Pose(-2.0, 0.0, 0.5), Phase.FOLLOWING, False),
+        (Pose(-2.0, 0.0, 1.2), Phase.ROTATING_TO_PATH, False),
+        (Pose(-2.0, 0.0, 3.0), Phase.FOLLOWING, True),
     ],
 )
-def test_it_turns_follows_and_turns(start: Pose, first: Doing, backward: bool) -> None:
+def test_it_turns_follows_and_turns(start: Pose, first: Phase, backward: bool) -> None:
     goal = Pose(1.0, 0.3, 1.0)
-    doing, commands, end = phases(start, goal)
-    assert doing[0] is first
-    assert doing[-4:] == [Doing.FOLLOWING, Doing.ROTATING_TO_GOAL, Doing.SETTLING, Doing.ARRIVED]
+    phase, commands, end = phases(start, goal)
+    assert phase[0] is first
+    assert phase[-4:] == [Phase.FOLLOWING, Phase.ROTATING_TO_GOAL, Phase.SETTLING, Phase.ARRIVED]
     assert (min(c.v for c in commands) < -0.1) is backward
     assert (max(c.v for c in commands) > 0.1) is not backward
     assert end.distance(goal) < 0.1
@@ -55,8 +55,8 @@ def test_it_turns_follows_and_turns(start: Pose, first: Doing, backward: bool) -
 
 
 def test_it_gives_up_after_its_time() -> None:
-    doing, _, _ = phases(Pose(-2.0, 0.0, 0.0), Pose(2.0, 0.0, 0.0), Tuning(time_limit=1.0))
-    assert doing[-1] is Doing.TOO_LONG
+    phase, _, _ = phases(Pose(-2.0, 0.0, 0.0), Pose(2.0, 0.0, 0.0), Tuning(time_limit=1.0))
+    assert phase[-1] is Phase.TOO_LONG
 
 
 def test_the_stand_in_waits_until_the_robot_stands_and_succeeds() -> None:

@@ -203,7 +203,7 @@ def execute(
                 goal.states.append((base.time, base.state()))
                 goal.commands.append(command or STOP)
                 heard, stopped = base.time, False
-        elif not stopped and execution.silent(base.time):
+        elif not stopped and execution.odometry_is_late(base.time):
             goal.driving.sent(heard + (base.time - heard), STOP, base.time)
             _command((base, twin), STOP)
             stopped = True

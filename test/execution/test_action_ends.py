@@ -98,7 +98,7 @@ def test_a_start_that_is_not_taken_is_ended_too() -> None:
     goal.tick(mark=2.5)
     (new, why), (former, _) = ledger.ends
     assert (new.pose.x, former.pose.x) == (2.5, 2.0)
-    assert "no way" in why
+    assert "no path" in why
 
 
 def test_where_others_move_the_robot_nothing_is_sent_and_nothing_is_accused() -> None:
@@ -185,7 +185,7 @@ def test_an_overdue_object_does_not_pause_it() -> None:
 
 def test_late_odometry_does_not_stop_it_until_the_goal_ends() -> None:
     goal = begun(Ledger())
-    assert not goal.execution.silent(goal.now + 0.2)
+    assert not goal.execution.odometry_is_late(goal.now + 0.2)
     goal.execution.watch(goal.now + 0.4)
     assert goal.execution.phase is Phase.ENDED
     assert "odom is missing" in goal.execution.reason
@@ -200,8 +200,8 @@ def test_after_a_pause_the_robot_stands_soon_and_the_goal_waits_longer() -> None
     goal = Sent(Ledger(), TopChain((CALL,)))
     goal.tick()
     goal.execution.slowdown = slowdown
-    assert not goal.execution.silent(goal.now + 0.7)
-    assert goal.execution.silent(goal.now + 0.8)  # five times half of 0.3 s
+    assert not goal.execution.odometry_is_late(goal.now + 0.7)
+    assert goal.execution.odometry_is_late(goal.now + 0.8)  # five times half of 0.3 s
     goal.execution.watch(goal.now + 1.2)
     assert goal.execution.phase is Phase.EXECUTING
 

@@ -36,15 +36,15 @@ def test_an_execution_answers_once_then_drives_and_stands_before_it_ends() -> No
 
 def test_the_planned_way_leads_from_the_robot_to_the_goal_while_it_is_executed() -> None:
     run = execution(FORWARD_LEFT)
-    assert run.way() is None
+    assert run.path() is None
     run.tick(world(), 100.0)
     run.tick(world(1.05), 100.05)
-    way = run.way()
+    way = run.path()
     assert way is not None
     assert way[0] == pytest.approx((0.0, 0.0, 0.0), abs=0.01)
     assert way[-1] == pytest.approx((1.0, 1.0, 0.0), abs=0.01)
     run.end(Ending.CANCELED, "canceled by the client")
-    assert run.way() is None
+    assert run.path() is None
 
 
 def test_a_robot_that_drives_is_not_stopped_by_a_new_goal() -> None:
@@ -70,12 +70,12 @@ def test_a_goal_that_is_canceled_before_any_odom_ends() -> None:
 
 def test_half_of_the_silence_is_told_so_that_the_robot_may_stand() -> None:
     run = execution(FORWARD)
-    assert not run.silent(200.0)  # none has come: it has not been told to move
+    assert not run.odometry_is_late(200.0)  # none has come: it has not been told to move
     run.tick(world(), 100.0)
-    assert not run.silent(100.14)
-    assert run.silent(100.16)
+    assert not run.odometry_is_late(100.14)
+    assert run.odometry_is_late(100.16)
     run.tick(world(1.05), 100.2)
-    assert not run.silent(100.2)
+    assert not run.odometry_is_late(100.2)
 
 
 def test_silence_ends_it_with_a_reason() -> None:

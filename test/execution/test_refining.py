@@ -169,7 +169,7 @@ def test_another_plan_is_taken_up_without_a_stop_and_carried_out(simulation: Sim
     assert STOP not in drive.commands[3:]
     assert_smooth(drive.commands[3:])
     assert drive.run.predicted_remaining(drive.simulation.time) == pytest.approx(2.0 + 0.0, abs=0.1)
-    assert drive.run.refining.again == 1
+    assert drive.run.refining.refined_again == 1
     told = "as the ball comes to rest 0.40 m from the forecast: alternative 2 is chosen: 3 s faster"
     assert told in drive.run.refining.reason
     assert drive.to_the_end() is Ending.SUCCEEDED, drive.run.reason
@@ -212,7 +212,7 @@ def test_a_choice_that_was_not_offered_or_changes_what_it_may_not_is_left_alone(
     drive.tick()
     assert "y of step 3 (shoot): expected 0 as planned, got 1" in drive.run.refining.reason
     assert drive.run.executor.chain.calls[1:] == before.calls[1:]
-    assert drive.run.refining.again == 0
+    assert drive.run.refining.refined_again == 0
 
 
 def test_a_robot_that_keeps_to_its_way_raises_no_question(simulation: Simulation) -> None:
@@ -231,7 +231,7 @@ def test_a_robot_that_is_pushed_off_its_way_raises_one_question(simulation: Simu
     drive.tick(2)
     question = drive.run.question
     assert question is not None
-    assert question.cause.endswith("m off its way")
+    assert question.cause.endswith("m off its path")
     drive.run.refined_to(question.chain, False, "no better")
     drive.tick(20)
     assert drive.run.question is None
@@ -278,7 +278,7 @@ def test_the_answer_changes_the_goal_without_a_stop(drive: Drive) -> None:
     assert STOP not in drive.commands[5:]
     assert drive.run.executor.chain.calls[0].goal.pose == Pose(0.3, 0.4, NEW_YAW)
     assert drive.to_the_end() is Ending.SUCCEEDED
-    assert (drive.run.refining.refined, drive.run.refining.again) == (True, 1)
+    assert (drive.run.refining.refined, drive.run.refining.refined_again) == (True, 1)
     assert drive.run.refining.reason == (
         "the first answer; refined again after 1.20 s, as the ball comes to rest 0.50 m from the forecast: "
         "0.5 s faster"
@@ -304,7 +304,7 @@ def test_without_an_answer_it_goes_on(drive: Drive) -> None:
     assert "asked again after" in drive.run.refining.reason
     assert "m from the forecast: no answer within 0.5 s" in drive.run.refining.reason
     assert drive.to_the_end() is Ending.SUCCEEDED
-    assert drive.run.refining.again == 0
+    assert drive.run.refining.refined_again == 0
 
 
 @pytest.mark.parametrize(
@@ -325,7 +325,7 @@ def test_an_answer_that_changes_what_it_may_not_is_left_alone_on_the_way(
     assert drive.run.executor.chain == question.chain
     assert f"m from the forecast: the answer cannot be used: {told}" in drive.run.refining.reason
     assert drive.to_the_end() is Ending.SUCCEEDED
-    assert drive.run.refining.again == 0
+    assert drive.run.refining.refined_again == 0
 
 
 def test_a_long_refusal_on_the_way_is_told_in_short(drive: Drive) -> None:

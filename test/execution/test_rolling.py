@@ -1,9 +1,8 @@
-"""Balls that roll: chains refined along the way, and what is learned of how objects roll."""
+"""Balls that roll: chains refined along the way, and the observed deceleration of rolling objects."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
@@ -127,7 +126,7 @@ def test_a_ball_that_rolls_about_as_described_changes_nothing(share: float, libr
     assert rolling.diagnostics() == {}
 
 
-def test_what_the_robot_may_push_and_what_rolls_too_briefly_tell_nothing() -> None:
+def test_what_the_robot_may_push_and_what_rolls_too_briefly_change_nothing() -> None:
     rolling = Rolling(ROBOT)
     roll(rolling, 0.0, away=-0.5, seconds=0.9)  # past the robot, beside its front
     assert rolling.robot() is ROBOT
@@ -140,16 +139,14 @@ def test_a_ball_that_hits_a_wall_did_not_roll_freely() -> None:
     rolling, place = Rolling(ROBOT), 1.0
     for tick in range(60):
         time = tick * PERIOD
-        speed = max(2.0 - DESCRIBED * time, 0.0) * (1.0 if tick < 15 else 0.4)
+        speed = max(2.0 - 0.5 * DESCRIBED * time, 0.0) * (1.0 if tick < 15 else 0.5)
         place += PERIOD * (speed if tick < 15 else -speed)
         ball = ObjectState(place, 0.0, speed if tick < 15 else -speed, 0.0)
         rolling.observe(World(time, RobotState(Pose(0.0, 0.0, 0.0)), {"ball": ball}))
-    seen = rolling.remembered()["ball"]
-    assert len(seen) == 2  # before the wall, and after it
-    assert seen[0][1] == pytest.approx(DESCRIBED)
+    assert 0.25 * DESCRIBED <= deceleration(rolling) <= 0.5 * DESCRIBED  # not that of the impact
 
 
-def test_what_is_only_extrapolated_tells_nothing() -> None:
+def test_what_is_only_extrapolated_changes_nothing() -> None:
     rolling = Rolling(ROBOT)
     for tick in range(200):
         ball = ObjectState(1.0 + 0.5 * tick * PERIOD, 0.0, 0.5, 0.0)  # seen once, then lost from sight
@@ -160,19 +157,19 @@ def test_what_is_only_extrapolated_tells_nothing() -> None:
     assert deceleration(twice) == pytest.approx(DESCRIBED / 2.0)
 
 
-def test_lies_are_believed_within_reason() -> None:
+def test_a_correction_has_bounds() -> None:
     rolling = Rolling(ROBOT)
     roll(rolling, DESCRIBED / 5.0, seconds=2.0)
     assert deceleration(rolling) == DESCRIBED / 4.0
-    for told in (0.0, DESCRIBED / 10.0, 2.0 * DESCRIBED):  # pushed by another robot, or braked by it
+    for pushed in (0.0, DESCRIBED / 10.0, 2.0 * DESCRIBED):  # pushed by another robot, or braked by it
         rolling = Rolling(ROBOT)
         for _ in range(9):
-            roll(rolling, told, seconds=0.6)
+            roll(rolling, pushed, seconds=0.6)
         assert rolling.robot() is ROBOT
 
 
 @pytest.mark.parametrize("noise", [0.07, 0.1, 0.2])
-def test_a_resting_ball_whose_velocity_is_noise_tells_nothing(noise: float) -> None:
+def test_a_resting_ball_whose_velocity_is_noise_changes_nothing(noise: float) -> None:
     rolling, rng = Rolling(ROBOT), np.random.default_rng(4)
     for tick in range(20 * 300):
         ball = ObjectState(2.0, 0.0, *(noise * rng.standard_normal(2)))
@@ -201,14 +198,6 @@ def test_the_rate_of_sightings_does_not_matter(rate: float) -> None:
     assert deceleration(rolling) == pytest.approx(0.35)
 
 
-@pytest.mark.parametrize(
-    "damaged", [5, [5], [["a", 1.0, 0.0]], [[1.0, 2.0]], [[1.0, math.nan, 0.0]], [[1, -1, 0]]]
-)
-def test_a_damaged_memory_is_refused(damaged: object) -> None:
-    with pytest.raises(ValueError, match="expected"):
-        Rolling(ROBOT, {"ball": damaged})  # type: ignore[dict-item]
-
-
 def test_a_ball_that_vanishes_is_not_taken_for_the_next_one() -> None:
     rolling = Rolling(ROBOT)
     for part in range(4):
@@ -220,17 +209,13 @@ def test_a_ball_that_vanishes_is_not_taken_for_the_next_one() -> None:
     assert rolling.robot() is ROBOT
 
 
-def test_it_can_be_stored_and_forgets_an_old_floor() -> None:
+def test_it_forgets_an_old_floor() -> None:
     rolling = Rolling(ROBOT)
     roll(rolling, DESCRIBED / 2.0)
-    stored = rolling.remembered()
-    again = Rolling(ROBOT, stored)
-    assert deceleration(again) == deceleration(rolling)
-    other = Rolling(ROBOT, again.remembered())
+    assert rolling.robot() is not ROBOT
     for _ in range(7):  # back on the floor that is described
-        roll(other, DESCRIBED)
-    assert other.robot() is ROBOT
-    assert deceleration(again) == deceleration(rolling)
+        roll(rolling, DESCRIBED)
+    assert rolling.robot() is ROBOT
 
 
 def test_a_robot_that_has_lost_the_ball_once_brakes_so_that_it_keeps_it(library: TopLibrary) -> None:
@@ -252,7 +237,6 @@ def test_a_ball_in_the_simulation_rolls_as_described(library: TopLibrary) -> Non
     for index in range(4):
         trial = random_trial(SOCCER, "rolling", library, seed=78, index=index)
         run_chain(ROBOT, library, trial.world, trial.chain, rolling=rolling)
-    assert rolling.remembered()["ball"]  # it was watched
     assert rolling.robot() is ROBOT
 
 

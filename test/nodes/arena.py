@@ -34,7 +34,7 @@ SETTINGS: dict[str, dict[str, object]] = {
     "executor": {"odom_timeout": 1.5, "refinement_timeout": 3.0, "start_timeout": 20.0},
     "refinement": {},
 }
-_STOP = re.compile(r"the robot stands since (\S+) s, last told to move at (\S+) s")
+_STOP = re.compile(r"the robot stands since (\S+) s, last commanded to move at (\S+) s")
 
 
 class Visit:

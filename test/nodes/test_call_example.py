@@ -8,11 +8,13 @@ import subprocess
 import sys
 
 import pytest
+from action_msgs.msg import GoalInfo
 from conftest import Host, Start
+from diagnostic_msgs.msg import DiagnosticStatus
 from ros_client import Client
 
 from ator_interfaces.srv import PlaceObject
-from ator_ros.examples.call import CallError, filled
+from ator_ros.examples.call import CallError, filled, text
 
 pytestmark = pytest.mark.node
 
@@ -100,3 +102,10 @@ def test_what_cannot_be_called_is_reported(words: tuple[str, ...], message: str,
 def test_values_that_do_not_fit_are_refused(values: object, message: str) -> None:
     with pytest.raises(CallError, match=message):
         filled(PlaceObject.Request, values)
+
+
+def test_bytes_and_arrays_of_whole_numbers_are_printed() -> None:
+    info = GoalInfo()
+    info.goal_id.uuid = list(range(16))
+    assert "- 15\n" in text(info)
+    assert text(DiagnosticStatus(level=DiagnosticStatus.WARN)).startswith("level: 1\n")

@@ -118,7 +118,7 @@ def test_a_server_that_never_ends_is_given_up_and_canceled(bench: Bench) -> None
     bench.until(lambda: server.canceled)
     server.finish("canceled")
     bench.until(lambda: not bench.server.ending(), patience=0.5 + SLACK)
-    assert bench.server.remark() == ""
+    assert bench.server.warning() == ""
 
 
 def test_two_servers_of_one_name_are_refused(bench: Bench) -> None:

@@ -201,7 +201,8 @@ def test_two_robots_of_one_simulation_are_shown_moved_and_played(domain: int, st
             start("refinement", namespace=name, frame=frame, deadline=5.0)
             start("executor", namespace=name, frame=frame, robot_frame=f"{name}/base_link", **BUSY)
             backends[name] = RosBackend(
-                SOCCER, ROBOT, frame=frame, ros_domain=domain, words=["--ros-args", "-r", f"__ns:=/{name}"],
+                SOCCER, ROBOT, frame=frame, ros_domain=domain,
+                arguments=["--ros-args", "-r", f"__ns:=/{name}"],
                 start_timeout=PATIENCE, timeout=PATIENCE / 4.0,
             )  # fmt: skip
             closing.callback(backends[name].close)

@@ -17,7 +17,7 @@ from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, NoHolderError, Robot, load_robot
-from ator_ros.robot.response import ramped, stopping_way
+from ator_ros.robot.response import ramped, stopping_distance
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.tops.chain import TopCall, TopChain
@@ -196,5 +196,5 @@ def test_a_weaker_stop_takes_longer(tmp_path: Path) -> None:
     robot, dt = loaded(data, tmp_path), 0.1
     assert ramped(Command(1.0, 2.0), STOP, dt, robot.limits, robot.stop) == Command(0.9, 1.4)
     assert ramped(Command(-1.0, 0.0), STOP, dt, robot.limits, robot.stop) == Command(-0.8, 0.0)
-    assert stopping_way(1.0, robot.stop) == pytest.approx(0.5)
-    assert stopping_way(-1.0, robot.stop) == pytest.approx(-0.25)
+    assert stopping_distance(1.0, robot.stop) == pytest.approx(0.5)
+    assert stopping_distance(-1.0, robot.stop) == pytest.approx(-0.25)

@@ -49,9 +49,9 @@ class BezierGoToPose(Action):
         self._driver = Driver(self.robot.limits, style, self.robot, beside)
         self._driver.reset(Command(world.robot.v, world.robot.w))
 
-    def way(self) -> FloatArray | None:
-        """Return the curve of the last tick; see `Action.way`."""
-        return self._driver.way()
+    def path(self) -> FloatArray | None:
+        """Return the curve of the last tick; see `Action.path`."""
+        return self._driver.path()
 
     def step(self, world: World) -> Step:
         """Return the next command; see `Action.step`."""
@@ -141,9 +141,9 @@ class BezierDribbleBall(Action):
         self._driver.reset(Command(world.robot.v, world.robot.w))
         self._takes = self._room(world) > _LOOSE
 
-    def way(self) -> FloatArray | None:
-        """Return the curve of the last tick; see `Action.way`."""
-        return self._driver.way()
+    def path(self) -> FloatArray | None:
+        """Return the curve of the last tick; see `Action.path`."""
+        return self._driver.path()
 
     def step(self, world: World) -> Step:
         """Return the next command; see `Action.step`."""
@@ -220,9 +220,9 @@ class BezierShoot(Action):
         """Return half the width in m in which the ball's centre passes clear of the posts."""
         return field_of(self.robot).goal_width / 2 - self.robot.scene.radius(BALL) - _POST_ROOM
 
-    def way(self) -> FloatArray | None:
-        """Return the curve of the last tick; see `Action.way`."""
-        return self._driver.way()
+    def path(self) -> FloatArray | None:
+        """Return the curve of the last tick; see `Action.path`."""
+        return self._driver.path()
 
     def step(self, world: World) -> Step:
         """Return the next command; see `Action.step`."""

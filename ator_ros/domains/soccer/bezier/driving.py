@@ -254,8 +254,8 @@ class Driver:
         self._side = 0.0
         self._laid: tuple[Curve, Pose] | None = None
 
-    def way(self) -> FloatArray | None:
-        """Return the curve of the last tick as poses; see `Action.way`."""
+    def path(self) -> FloatArray | None:
+        """Return the curve of the last tick as poses; see `Action.path`."""
         return None if self._laid is None else sampled(*self._laid)
 
     def curve(self, pose: Pose, target: Pose, v: float) -> Curve:

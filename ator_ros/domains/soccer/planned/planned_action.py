@@ -117,8 +117,8 @@ class PlannedAction(Action):
         """Whether there is no plan yet; see `Action.planning`."""
         return self._tracker is None and not self._at_goal
 
-    def way(self) -> FloatArray | None:
-        """Return the plan that is followed; see `Action.way`."""
+    def path(self) -> FloatArray | None:
+        """Return the plan that is followed; see `Action.path`."""
         return None if self._tracker is None else self._tracker.trajectory.poses()
 
     def defer_planning(self, time: float) -> None:

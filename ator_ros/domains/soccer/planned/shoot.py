@@ -279,7 +279,7 @@ class Shoot(HoldingAction):
             return finished(Status.SUCCEEDED, "the ball is in the goal")
         if self._released is None:
             return super().step(world)
-        over = world.time - self._released > _PATIENCE or ball is None or ball.rests
+        over = world.time - self._released > _PATIENCE or ball is None or ball.is_resting
         if over:
             why = "the ball stopped before the goal"
             if self.check(world) is not None:

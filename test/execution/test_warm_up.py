@@ -1,4 +1,4 @@
-"""Rehearsal: what a first goal needs has been computed, and compiled, before."""
+"""Warm-up: what a first goal needs is computed, and compiled, before."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ator_ros.actions.base import Action, Goal, Status, Step
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.rehearsal import rehearse, rehearse_refinement
+from ator_ros.execution.warm_up import warm_up_actions, warm_up_refinement
 from ator_ros.refinement.refiner import Refinement, Refiner
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.tops.chain import Top
@@ -33,11 +33,11 @@ PIONEER = load_robot()
     ],
     ids=["with a holder", "without", "another domain"],
 )
-def test_a_refinement_is_rehearsed_whatever_the_tops(domain: Domain, robot: Robot) -> None:
+def test_each_usable_top_is_refined_once(domain: Domain, robot: Robot) -> None:
     ended: list[Refinement] = []
 
-    class Heard(Refiner):
-        """Keeps what it answers."""
+    class Recording(Refiner):
+        """Records its answers."""
 
         def refine(self, *arguments: Any, **options: Any) -> Refinement:
             ended.append(super().refine(*arguments, **options))
@@ -45,15 +45,15 @@ def test_a_refinement_is_rehearsed_whatever_the_tops(domain: Domain, robot: Robo
 
     models = {name: made_up_model("goToPose", robot) for name in domain.actions()}
     library = domain.library(robot)
-    rehearse_refinement(library, Heard(robot, models, ranges=domain.ranges))
+    warm_up_refinement(library, Recording(robot, models, ranges=domain.ranges))
     assert "yaw" in {variable.name for variable in ended[0].free}
     assert ended[0].curves
-    rehearsed = {call.top.name for refinement in ended for call in refinement.original.calls}
-    assert rehearsed == {top.name for top in library.usable()}
+    refined = {call.top.name for refinement in ended for call in refinement.original.calls}
+    assert refined == {top.name for top in library.usable()}
 
 
 class Lift(Action):
-    """Needs the cube, which its TOP's pre-condition speaks of."""
+    """Needs the cube, which its TOP's pre-condition names."""
 
     name = "lift"
 
@@ -65,8 +65,8 @@ class Lift(Action):
 
 
 @pytest.mark.parametrize("other", ["goal", "hold"])
-def test_a_rehearsal_knows_the_objects_of_other_domains(other: str) -> None:
+def test_objects_of_other_domains_are_in_the_warm_up(other: str) -> None:
     near = Condition(tuple(Term(f"{other}.{axis}", f"cube.{axis}", 0.1) for axis in "xy"))
     robot = load_robot()
     library = TopLibrary(robot, "own", tops=(Top("lift", "lift", near, near),), actions={"lift": Lift})
-    rehearse(robot, library, Predictor(robot, {}))
+    warm_up_actions(library, Predictor(robot, {}))

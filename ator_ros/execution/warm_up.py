@@ -17,26 +17,26 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import fetched, held_first, kept, objects_in
 from ator_ros.world.state import CONTROL_PERIOD, ObjectState, RobotState, World
 
-OPEN = frozenset({"yaw", "speed"})
+_OPEN = frozenset({"yaw", "speed"})
 _MOST_TICKS = 100
 
 
-def rehearse_refinement(library: TopLibrary, refiner: Refiner) -> None:
-    """Refine chains of two steps, each TOP among them, with heading and arrival speed between them free."""
-    for world, chain in _rehearsed(library):
+def warm_up_refinement(library: TopLibrary, refiner: Refiner) -> None:
+    """Refine chains of two steps, with each TOP, whose first goal has a free heading and speed."""
+    for world, chain in _chains(library):
         with contextlib.suppress(RefinementError):  # the first request reports it
             refiner.refine(world, chain)
 
 
-def rehearse_predictions(library: TopLibrary, predictor: Predictor) -> None:
-    """Predict once a chain of two steps; no action is touched."""
-    for world, chain in _rehearsed(library):
+def warm_up_predictions(library: TopLibrary, predictor: Predictor) -> None:
+    """Predict one chain of two steps; no action is started."""
+    for world, chain in _chains(library):
         with contextlib.suppress(RefinementError):
             predictor.chain(world, chain)
             return
 
 
-def _rehearsed(library: TopLibrary) -> Iterator[tuple[World, TopChain]]:
+def _chains(library: TopLibrary) -> Iterator[tuple[World, TopChain]]:
     """Yield chains of two steps and where they start: first, to fetch an object and to carry it."""
     usable, robot, area = library.usable(), library.robot, library.robot.scene.area
     fetching = next((top for top in usable if fetched(top)), None)
@@ -44,7 +44,7 @@ def _rehearsed(library: TopLibrary) -> Iterator[tuple[World, TopChain]]:
     fetches = [(fetching, carrying)] if fetching is not None and carrying is not None else []
     for first, last in (*fetches, *zip(usable, usable, strict=True)):
         calls = (
-            TopCall(first, library.goal(first, area.at(0.0, 0.0)), OPEN),
+            TopCall(first, library.goal(first, area.at(0.0, 0.0)), _OPEN),
             TopCall(last, library.goal(last, area.at(2.0, 1.0))),
         )
         held = held_first(first) is not None
@@ -52,8 +52,9 @@ def _rehearsed(library: TopLibrary) -> Iterator[tuple[World, TopChain]]:
         yield start, TopChain(calls)
 
 
-def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
+def warm_up_actions(library: TopLibrary, predictor: Predictor) -> None:
     """Plan and predict each TOP of `library` in the open and beside a bay, where the search is long."""
+    robot = library.robot
     area, bays = robot.scene.area, robot.scene.bays
     end = area.at(area.length / 2.0, 0.0)
     x, y, width = (bays[-1].x, bays[-1].y, bays[-1].width) if bays else (end.x, end.y, 0.0)
@@ -63,10 +64,8 @@ def rehearse(robot: Robot, library: TopLibrary, predictor: Predictor) -> None:
             starts = (_holding(robot, Pose(x - 2.0, y, 0.2), top), _holding(robot, corner, top))
             goals = (Pose(x, y, 0.0), Pose(x, y, 0.0))
         else:
-            starts, goals = (
-                (_world(robot, top),) * 2,
-                (area.at(0.0, 0.0), corner._replace(yaw=2.5)),
-            )
+            starts = (_world(robot, top),) * 2
+            goals = (area.at(0.0, 0.0), corner._replace(yaw=2.5))
         for world, goal in zip(starts, goals, strict=True):
             call = TopCall(top, library.goal(top, goal))
             if _planned(library, top, world, call.goal):
@@ -98,7 +97,7 @@ def _planned(library: TopLibrary, top: Top, world: World, goal: Goal) -> bool:
     """Search to the end; return whether there is a plan. Actions from outside may need other situations."""
     try:
         action = library.action(top)
-        with started(action, world, goal, "rehearsed"):
+        with started(action, world, goal, "warmed up"):
             return _search_ends(action, world)
     except ActionError:
         return False
