@@ -1,7 +1,6 @@
-"""Compilation of number-crunching functions with numba, and loops that several cores share.
+"""Compilation of numerical functions with numba, and parallel loops.
 
-Division by zero gives infinity, as in numpy; nothing else is relaxed. Machine code is kept on disk for the
-next process.
+Division by zero gives infinity, as in numpy. Machine code is cached on disk.
 """
 
 from __future__ import annotations
@@ -20,12 +19,12 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def _cache_folder() -> str:
-    """Return the folder for the machine code of these sources.
+    """Return the cache folder for the machine code of these sources.
 
-    numba alone notices a change of a function's own file, not of the functions that it calls.
+    numba itself notices changes of a function's own file only, not of the functions that it calls.
     """
     package = Path(__file__).resolve().parent
-    # Compiled code is in the last three; `world` has constants that it contains.
+    # The last three contain compiled code, which uses constants of `world`.
     folders = ("world", "motion", "performance", "domains")
     digest = hashlib.sha256(Path(__file__).read_bytes())
     for file in sorted(file for name in folders for file in (package / name).rglob("*.py")):
@@ -53,64 +52,64 @@ def compiled(function: Function) -> Function:
 
 
 def inlined(function: Function) -> Function:
-    """Compile `function` into each place that calls it: handing over many arguments takes longer than it."""
+    """Compile `function` into its callers: passing many arguments would take longer than the function."""
     return _compiled(function, forceinline=True)
 
 
 def unlocked(function: Function) -> Function:
-    """Compile `function` to run without Python's lock, so that other threads run meanwhile."""
+    """Compile `function` to run without the GIL, in parallel with other threads."""
     return _compiled(function, nogil=True)
 
 
 def elementwise(function: Function) -> Function:
-    """Compile `function` for compiled code that calls it; from Python it is numpy's, for arrays of any shape.
+    """Compile `function` for compiled callers only; Python calls it with numpy arrays of any shape.
 
-    To compile it for each combination of shapes would take seconds for each, and numpy is as fast with
-    arrays. The results are the same to the last bit.
+    Compiling each combination of shapes would take seconds, and numpy is as fast with arrays. The results
+    are bitwise equal.
     """
     made: Function = register_jitable(error_model="numpy")(function)
     return made
 
 
 class _Cores:
-    """The threads that take shares beside the caller's."""
+    """The worker threads of `parallel_for`."""
 
     count = 1
     pool: ThreadPoolExecutor | None = None
 
 
 def use_cores(most: int) -> int:
-    """Share loops among `most` cores from now on, or among as many as the process may use; return how many.
+    """Run `parallel_for` on up to `most` cores from now on; return how many there are.
 
-    By default nothing is shared: tools start a process for each core instead.
+    The default is one core, because tools start a process for each core.
     """
     _Cores.count = max(1, min(most, len(os.sched_getaffinity(0))))
     _Cores.pool = ThreadPoolExecutor(_Cores.count - 1) if _Cores.count > 1 else None
     return _Cores.count
 
 
-def in_shares(run: Callable[[int, int], None], count: int, least: int) -> None:
-    """Call `run(first, end)` for shares of `count` items, on all cores that may be used.
+def parallel_for(run: Callable[[int, int], None], count: int, least: int) -> None:
+    """Call `run(first, end)` for chunks of `count` items, on all cores of `use_cores`.
 
     Parameters
     ----------
     run : callable
-        Computes the items from `first` to `end`. It must be compiled with `unlocked`, else one core waits for
-        the other.
+        Computes the items from `first` to `end`; compiled with `unlocked`, otherwise nothing runs in
+        parallel.
     count, least : int
-        How many items there are, and the fewest in a share. Fewer than three shares are not worth the time
-        that it takes to wake up another core.
+        Number of items, and least number per chunk. Fewer than three chunks run on one core, since waking a
+        thread takes longer.
 
     Notes
     -----
-    Each item is computed on its own, so results do not depend on how items are shared. Whichever core is free
-    takes the next share: a busy core delays nothing but the share that it has taken.
+    Items are independent, so results do not depend on the chunks. Each core takes the next chunk when it is
+    free.
     """
     if _Cores.pool is None or count < 3 * least:
         run(0, count)
         return
     size = max(least, -(-count // (4 * (_Cores.count - 1))))
-    starts = iter(range(0, count, size))  # taking the next one is atomic
+    starts = iter(range(0, count, size))  # next() is atomic
 
     def work() -> None:
         for first in starts:

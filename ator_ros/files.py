@@ -1,4 +1,4 @@
-"""Files: written whole or not at all, read with bounds; `save` and `load` for those of our own formats.
+"""Files: atomic writing, reading with limits, and `save` and `load` for our own formats.
 
 A file of ours is a JSON object whose first fields are ``format`` ("ator_ros gate") and ``schema_version``;
 the others are those of a dataclass, see `ator_ros.schema`.
@@ -47,10 +47,10 @@ _LONGEST_NAME = 100  # characters; a file's name may have 255 bytes
 
 
 @contextlib.contextmanager
-def replaced(path: Path | str) -> Iterator[Path]:
-    """Yield a temporary file beside `path` to write to; it replaces `path` when the block ends well.
+def atomic_write(path: Path | str) -> Iterator[Path]:
+    """Yield a temporary file beside `path`, which replaces `path` at the end of the block.
 
-    Missing folders are made. When the block raises, `path` is left as it was.
+    Missing folders are created. If the block raises, `path` is unchanged.
     """
     file = Path(path)
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -66,21 +66,21 @@ def replaced(path: Path | str) -> Iterator[Path]:
 
 
 def write_text(path: Path | str, text: str) -> None:
-    """Write `text` as UTF-8 to `path`, whole or not at all."""
-    with replaced(path) as temporary:
+    """Write `text` as UTF-8 to `path`, atomically."""
+    with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
 @contextlib.contextmanager
-def alone_in(folder: Path | str) -> Iterator[None]:
-    """Keep other processes that ask for the same out of `folder`, made when missing, during the block.
+def exclusive_folder(folder: Path | str) -> Iterator[None]:
+    """Lock `folder`, which is created if missing, for this process during the block.
 
-    The lock ends with this process. A file system without locks keeps no process out.
+    The lock ends with the process. On a file system without locks there is no protection.
 
     Raises
     ------
     OSError
-        Another process is in it, or there is no such folder and it cannot be made.
+        Another process holds the lock, or the folder cannot be created.
     """
     place = Path(folder)
     try:
@@ -89,29 +89,29 @@ def alone_in(folder: Path | str) -> Iterator[None]:
     except OSError as error:
         raise OSError(f"{place}: expected a folder that can be written: {error.strerror}") from error
     try:
-        if is_locked_elsewhere(handle):
+        if not try_lock(handle):
             raise OSError(f"{place}: expected a folder of its own, another command is writing there")
         yield
     finally:
         os.close(handle)
 
 
-def is_locked_elsewhere(handle: int) -> bool:
-    """Lock the file that is open as `handle`; return whether another process has locked it."""
+def try_lock(handle: int) -> bool:
+    """Lock the open file `handle`; return False if another process holds the lock."""
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        return True
-    except OSError:  # no locks here
         return False
-    return False
+    except OSError:  # the file system has no locks
+        pass
+    return True
 
 
 @contextlib.contextmanager
 def limited_memory(extra: int) -> Iterator[None]:
-    """Let this process take at most `extra` bytes more in the block: a small file may unpack to any size.
+    """Limit this process to `extra` bytes more memory in the block: a small file may unpack to any size.
 
-    What needs more raises MemoryError. Without Linux's /proc nothing is limited.
+    Allocations beyond raise MemoryError. Without Linux's /proc there is no limit.
     """
     pages = Path("/proc/self/statm")
     if not pages.exists():
@@ -128,12 +128,12 @@ def limited_memory(extra: int) -> Iterator[None]:
 
 
 def is_name(value: object) -> bool:
-    """Return whether `value` may name an action or a set of them, and so a file or a folder."""
+    """Return whether `value` is valid as the name of an action or a set of actions, and of their files."""
     return isinstance(value, str) and len(value) <= _LONGEST_NAME and value.isascii() and value.isidentifier()
 
 
 def portable_command(name: str, words: Sequence[str]) -> str:
-    """Return a command line as it is to be recorded: files without the folders of this machine."""
+    """Return a command line to be recorded: files without the folders of this machine."""
     return shlex.join([name, *(Path(word).name if "/" in word else word for word in words)])
 
 
@@ -148,7 +148,7 @@ class FileError(ValueError):
     """A file that cannot be used; the message names it."""
 
 
-def head(kind: str) -> dict[str, Any]:
+def header(kind: str) -> dict[str, Any]:
     """Return the first fields of a file of this kind, such as "gate"."""
     return {_FORMAT: f"ator_ros {kind}", _VERSION: VERSION}
 
@@ -160,14 +160,14 @@ def save(
     *,
     compact: Collection[str] = (),
 ) -> None:
-    """Write a file of this kind, whole or not at all; fields named in `compact` take one line each.
+    """Write a file of this kind, atomically; fields named in `compact` take one line each.
 
-    A field of a dataclass that is None, and by default so, is left out.
+    Fields of a dataclass whose value and default are None are left out.
     """
     fields = content if isinstance(content, Mapping) else unstructured(content)
     lines = ",\n".join(
         f" {json.dumps(name)}: {_in_one_line(value) if name in compact else _indented(value)}"
-        for name, value in {**head(kind), **fields}.items()
+        for name, value in {**header(kind), **fields}.items()
     )
     write_text(path, f"{{\n{lines}\n}}\n")
 
@@ -188,16 +188,16 @@ def load(
     kind : str
         As in `save`.
     schema : type
-        A dataclass; fields of the file that it lacks are left out.
+        A dataclass; other fields of the file are ignored.
     largest : int
         Bytes that the file may have.
     error : type
-        What is raised.
+        Type of the errors.
 
     Raises
     ------
     FileError
-        Or `error`: the file cannot be read, or is something else; the message names file and field.
+        Or `error`: the file cannot be read, or is of another kind; the message names file and field.
     """
     try:
         return structured(content_of(read_json(Path(path), largest=largest), kind), schema)
@@ -208,14 +208,14 @@ def load(
 
 
 def content_of(data: object, kind: str) -> dict[str, Any]:
-    """Return the fields of a file of this kind that follow the head.
+    """Return the fields of a file of this kind without its header.
 
     Raises
     ------
     SchemaError
-        It is a file of another kind, or one that this program cannot read.
+        The header is that of another kind or version.
     """
-    expected = head(kind)
+    expected = header(kind)
     if not isinstance(data, dict) or data.get(_FORMAT) != expected[_FORMAT]:
         got = short(data.get(_FORMAT)) if isinstance(data, dict) else "no table"
         raise SchemaError(f"{_FORMAT}: expected {expected[_FORMAT]!r}, got {got}")
@@ -224,17 +224,17 @@ def content_of(data: object, kind: str) -> dict[str, Any]:
     return {name: value for name, value in data.items() if name not in expected}
 
 
-def content_if_stated(data: object, kind: str) -> object:
-    """Return what `content_of` does; `data` without the head are returned as they are.
+def content_with_optional_header(data: object, kind: str) -> object:
+    """Return the fields of a file as `content_of` does, but accept one without a header.
 
-    For files that people write, which need not begin with the head.
+    For files that people write.
     """
-    stated = isinstance(data, dict) and not data.keys().isdisjoint(head(kind))
+    stated = isinstance(data, dict) and not data.keys().isdisjoint(header(kind))
     return content_of(data, kind) if stated else data
 
 
 def _indented(value: object) -> str:
-    """Return JSON over several lines, as a field of an object."""
+    """Return indented JSON, as a field of an object."""
     return json.dumps(value, indent=1, allow_nan=False).replace("\n", "\n ")  # a string has no line break
 
 
@@ -242,8 +242,8 @@ def _in_one_line(value: object) -> str:
     return json.dumps(value, separators=(",", ":"))
 
 
-def _whole(digits: str) -> int:
-    # More than anything here needs; a little more, and no float holds it.
+def _parse_int(digits: str) -> int:
+    # A float holds at most 1.8e308.
     if len(digits) > _DIGITS:
         raise ValueError(f"expected numbers below 1e{_DIGITS}, got one of {len(digits)} digits")
     return int(digits)
@@ -259,10 +259,10 @@ def read_text(path: Path, largest: int) -> str:
     ValueError
         It is larger, not in UTF-8, or no ordinary file.
     """
-    if not path.is_file() and path.exists():  # opening a pipe would wait for its other end
+    if not path.is_file() and path.exists():  # opening a pipe would block
         raise ValueError("expected an ordinary file, got a folder, a pipe or a device")
     with path.open("rb") as file:
-        data = file.read(largest + 1)  # not more, whatever kind of file it is
+        data = file.read(largest + 1)
     if len(data) > largest:
         raise ValueError(f"expected at most {largest / 1e6:g} MB, got more")
     return data.decode("utf-8")
@@ -274,10 +274,10 @@ def read_json(path: Path, *, largest: int = LARGEST_JSON) -> Any:
     Raises
     ------
     FileError
-        The file cannot be read, has more than `largest` bytes, is no JSON, or is nested beyond reason.
+        The file cannot be read, has more than `largest` bytes, is not JSON, or is nested too deeply.
     """
     try:
-        return json.loads(read_text(path, largest), parse_int=_whole)
+        return json.loads(read_text(path, largest), parse_int=_parse_int)
     except FileNotFoundError:
         raise FileError(f"{path}: expected a JSON file, there is none") from None
     except (OSError, RecursionError, ValueError) as error:
@@ -290,7 +290,7 @@ def read_yaml(path: Path, *, largest: int) -> Any:
     Raises
     ------
     FileError
-        The file cannot be read, is larger, or is no plain YAML.
+        The file cannot be read, is larger, or is not plain YAML.
     """
     try:
         return yaml.load(read_text(path, largest), Loader=_PlainLoader)  # noqa: S506 (a SafeLoader)
@@ -299,31 +299,31 @@ def read_yaml(path: Path, *, largest: int) -> Any:
 
 
 def _problem_of(error: Exception) -> str:
-    """Return the number of the line and its problem; the text of PyYAML has several lines."""
+    """Return line and problem in one line, unlike the text of PyYAML."""
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
         return f"line {error.problem_mark.line + 1}: {printable(error.problem, 200)}"
     return printable(" ".join(str(error).split()), 200)
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Reads YAML with each key once, without aliases, with which a few lines name billions of values."""
+    """Reads YAML, but no aliases, with which a few lines expand to billions of values, nor duplicate keys."""
 
     _depth = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """Refuse an alias."""
+        """Reject an alias."""
         if self.check_event(yaml.AliasEvent):
             event = self.get_event()  # type: ignore[no-untyped-call]
             raise yaml.YAMLError(f"line {event.start_mark.line + 1}: expected no alias, got *{event.anchor}")
         self._depth += 1
-        if self._depth > _DEEPEST:  # PyYAML takes seconds until it gives up
+        if self._depth > _DEEPEST:  # PyYAML itself takes seconds to fail
             raise yaml.YAMLError(f"expected at most {_DEEPEST} levels of lists and tables, got more")
         node = super().compose_node(parent, index)
         self._depth -= 1
         return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """Refuse a key that stands twice: PyYAML would take the later value without a word."""
+        """Reject a duplicate key, whose earlier value PyYAML would drop silently."""
         seen: set[tuple[str, str]] = set()
         for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
             if (key.tag, key.value) in seen:

@@ -28,7 +28,7 @@ class Pose(NamedTuple):
     yaw: float
 
     def compose(self, local: Pose) -> Pose:
-        """Return the pose `local`, seen from this pose, in the frame of this pose."""
+        """Return the pose `local`, which is relative to this pose, in the frame of this pose."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose(
             self.x + c * local.x - s * local.y,
@@ -37,7 +37,7 @@ class Pose(NamedTuple):
         )
 
     def relative(self, other: Pose) -> Pose:
-        """Return the pose `other`, of the same frame as this one, as seen from this pose."""
+        """Return the pose `other`, in the frame of this pose, relative to this pose."""
         dx, dy = other.x - self.x, other.y - self.y
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose(c * dx + s * dy, -s * dx + c * dy, wrap_angle(other.yaw - self.yaw))

@@ -1,18 +1,18 @@
-"""Text from outside, made fit for a log, an answer or a terminal: short, and without control characters."""
+"""Text from outside, shortened and without control characters, for logs, answers and terminals."""
 
 from __future__ import annotations
 
 LONGEST = 60
-"""Characters of a foreign text that are shown, so that a sentence about it keeps below 200."""
+"""Default number of characters that are shown."""
 _LONGEST_WHOLE = 200
 """Characters up to which `short` shows a value whole."""
 
 
 def printable(text: object, most: int = LONGEST) -> str:
-    """Return at most `most` characters of a text, with what no terminal should be sent escaped as in Python.
+    """Return at most `most` characters of a text, with those that are not printable escaped as in Python.
 
-    That is all that has no picture of its own: control characters, escape sequences, marks that change the
-    direction of writing, halves of surrogate pairs. Where something is cut off, the whole length is named.
+    Among these are control characters, escape sequences, changes of the writing direction, and halves of
+    surrogate pairs. A text that is cut off ends with its whole length.
     """
     whole = text if isinstance(text, str) else str(text)
     shown = "".join(
@@ -24,15 +24,15 @@ def printable(text: object, most: int = LONGEST) -> str:
 
 
 def quoted(value: object, most: int = LONGEST) -> str:
-    """Return a foreign text as `printable` does, in quotes; anything else as Python writes it."""
+    """Return a text as `printable` does, in quotes; for any other value, its repr."""
     return f"'{printable(value, most)}'" if isinstance(value, str) else printable(repr(value), most)
 
 
 def short(value: object) -> str:
-    """Return `value` as Python writes it; of a long one, its beginning and its end."""
+    """Return the repr of `value`; if it is long, its beginning and end."""
     return short_path(repr(value))
 
 
 def short_path(path: str) -> str:
-    """Return a path into a file; of a long one, its beginning and its end."""
+    """Return a text such as a path into a file; if it is long, its beginning and end."""
     return path if len(path) <= _LONGEST_WHOLE else f"{path[:80]} … {path[-80:]}"

@@ -1,4 +1,4 @@
-"""Where the files that ship with the package lie: config/, models/, urdf/, launch/, rviz/."""
+"""The files that ship with the package: config/, models/, urdf/, launch/, rviz/."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ PACKAGE = "ator_ros"
 
 
 class ResourceError(FileNotFoundError):
-    """A shipped file or folder that is not there; the message names where it was looked for."""
+    """A shipped file or folder is missing; the message names the path."""
 
 
 @cache
 def share_folder() -> Path:
     """Return the folder that holds config/, models/ and urdf/.
 
-    In a checkout (also one built with ``colcon build --symlink-install``) that is the checkout itself, so
-    that an edited file counts at once; otherwise it is the installed ``share/ator_ros``.
+    In a checkout (also one built with ``colcon build --symlink-install``) it is the checkout itself, so
+    that edits take effect at once; otherwise it is the installed ``share/ator_ros``.
 
     Raises
     ------
     ResourceError
-        When the code neither lies in a checkout nor is found in the ament index.
+        The code is not in a checkout, and the package is not in the ament index.
     """
     checkout = Path(__file__).resolve().parents[1]
     if (checkout / "package.xml").is_file() and (checkout / "config").is_dir():
@@ -31,7 +31,7 @@ def share_folder() -> Path:
 
 
 def _installed_share(checkout: Path) -> Path:
-    """Ask the ament index; `checkout` is where there was none, for the message."""
+    """Return the folder from the ament index; `checkout` is named in the message."""
     advice = f"{PACKAGE}'s files are not found: {checkout} is no checkout, and"
     try:
         from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
@@ -49,7 +49,7 @@ def resource_path(*parts: str) -> Path:
     Raises
     ------
     ResourceError
-        When it is not there; the message lists what its folder holds instead.
+        It is missing; the message lists its folder.
     """
     path = share_folder().joinpath(*parts)
     if path.exists():

@@ -1,9 +1,9 @@
-"""Files as typed classes: cattrs structures what a parser read, strictly, and reports where it does not fit.
+"""Files as typed classes: cattrs structures parsed data strictly, and reports the first field that is wrong.
 
-A schema is a dataclass. Its annotations say what each field must be: numbers are finite, nothing is converted
+A schema is a dataclass. Its annotations define the fields: numbers are finite, nothing is converted
 silently (no "3" for 3, no true for 1), a union is the first of its types that fits, and `Within`, `OneOf`,
 `Name` and `AtMost` narrow further. Fields without a default are required. A schema's own ``__post_init__``
-raises ValueError for what fields can't say alone.
+raises ValueError for constraints between fields.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ T = TypeVar("T")
 
 
 class SchemaError(ValueError):
-    """Data that does not fit its schema; the message is one line: field, what was expected, what came."""
+    """Data that does not fit its schema; the message is one line: field, expected, actual."""
 
 
 @dataclass(frozen=True)
@@ -95,13 +95,13 @@ def structured(data: object, schema: type[T], where: str = "", *, closed: bool =
     Parameters
     ----------
     data : object
-        What a parser read.
+        Parsed data.
     schema : type
         A dataclass, or a type built of them.
     where : str
         Path of `data` in its file, for messages.
     closed : bool
-        Whether fields that the schema lacks are refused; otherwise they are left out.
+        Whether fields that the schema lacks are an error; otherwise they are ignored.
 
     Raises
     ------
@@ -116,22 +116,22 @@ def structured(data: object, schema: type[T], where: str = "", *, closed: bool =
 
 
 def unstructured(data: DataclassInstance) -> dict[str, Any]:
-    """Return the fields of a dataclass as a file holds them; `structured` reads them back.
+    """Return the fields of a dataclass as plain data for a file; the inverse of `structured`.
 
-    A field that is None, and by default so, is left out.
+    Fields whose value and default are None are left out.
     """
     plain: dict[str, Any] = _OPEN.unstructure(data)
     return plain
 
 
 def require(holds: bool, name: str, expected: str, value: object) -> None:
-    """Raise ValueError about the field `name` unless something holds; for a schema's ``__post_init__``."""
+    """Raise ValueError about the field `name` unless `holds`; for a schema's ``__post_init__``."""
     if not holds:
         raise ValueError(f"{name}: expected {expected}; got {short(value)}")
 
 
 def _problems(error: BaseException, path: str) -> Iterator[tuple[str, str]]:
-    """Find the single errors in what cattrs raised, each with its path in the file."""
+    """Yield the errors in an exception group of cattrs, each with its path in the file."""
     if isinstance(error, ClassValidationError):
         named, others = error.group_exceptions()
         for inner, note in named:
@@ -155,12 +155,12 @@ def _problems(error: BaseException, path: str) -> Iterator[tuple[str, str]]:
 
 
 def _wrong(expected: str, value: object) -> ValueError:
-    """Return the error of a value that is not what was expected."""
+    """Return the error for an unexpected value."""
     return ValueError(f"expected {expected}; got {short(value)}")
 
 
 def _names_of_fields(schema: Any) -> str:
-    """Return the fields of a schema as a message lists them, those that may be left out in brackets."""
+    """Return the fields of a schema for a message, optional ones in brackets."""
     needed = [item for item in fields(schema) if item.default is item.default_factory is MISSING]
     others = sorted(item.name for item in fields(schema) if item not in needed)
     there = ", ".join(sorted(item.name for item in needed))
@@ -198,7 +198,7 @@ def _table(converter: Converter, kind: Any, *, closed: bool) -> Callable[[Any, A
     inner: Any
     if is_dataclass(kind):
         wanted = f"a table with {_names_of_fields(kind)}"
-        # cattrs itself reads a dataclass's annotations without what is Annotated.
+        # cattrs itself drops Annotated from the annotations of a dataclass.
         hints = get_type_hints(kind, include_extras=True)
         hooks: Any = {
             item.name: override(struct_hook=_as(converter, hints[item.name])) for item in fields(kind)
@@ -251,7 +251,7 @@ def _literal(kind: Any) -> Callable[[object, object], Any]:
 
 
 def _either(converter: Converter, kind: Any) -> Callable[[object, object], Any]:
-    """Return what structures a union: of tables the one that has all fields, else the first that fits."""
+    """Return the hook of a union: the first table with all fields, else the first type that fits."""
     kinds = [inner for inner in get_args(kind) if inner is not NoneType]
     tables: list[Any] = [inner for inner in kinds if is_dataclass(inner)]
 
@@ -278,12 +278,12 @@ def _either(converter: Converter, kind: Any) -> Callable[[object, object], Any]:
 
 
 def _plain(converter: Converter, kind: Any) -> Callable[[Any], dict[str, Any]]:
-    """Return what turns a dataclass into plain data, without fields whose value and default are None."""
+    """Return the hook that turns a dataclass into plain data, without fields that are None by default."""
     optional = {item.name for item in fields(kind) if item.default is None}
     whole = make_dict_unstructure_fn(cast("type[Any]", kind), converter)
 
     def unstructure(data: Any) -> dict[str, Any]:
-        values = whole(data).items()  # cattrs itself would move what may be left out to the end
+        values = whole(data).items()  # cattrs itself would move optional fields to the end
         return {name: value for name, value in values if value is not None or name not in optional}
 
     return unstructure

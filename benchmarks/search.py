@@ -39,11 +39,11 @@ SPEED_STEP = 0.05
 POPULATION, GENERATIONS = 32, 400
 """Of the optimiser: individuals for each variable, and generations."""
 OUTSIDE = 1000.0
-"""Cost in s of what a region does not allow."""
+"""Cost in s of values outside a region."""
 
 
 class Case(NamedTuple):
-    """What is open in the chain of a domain with this number; degrees between candidates, if on a grid."""
+    """Index of the domain's chain, what is open in it, and degrees between candidates of a grid, if any."""
 
     chain: int
     opened: Callable[[TopChain], TopChain]
@@ -66,7 +66,7 @@ CASES = {
 
 
 class Reference:
-    """The cost of a chain as a function of what is open in it; without a better one, the chain as it is."""
+    """The cost of a chain as a function of its open variables, and its minimum."""
 
     def __init__(self, tools: Toolset, trial: Trial, chain: TopChain) -> None:
         refiner = tools.refiner(gated=True)
@@ -133,7 +133,7 @@ class Reference:
 
 
 def fine_line(domain: Range, degrees: int) -> FloatArray:
-    """Return the candidates of one variable; speeds are as much coarser as angles are."""
+    """Return the candidates of one variable."""
     if domain.periodic:
         return np.linspace(domain.low, domain.high, 360 // degrees, endpoint=False)
     count = max(2, round((domain.high - domain.low) / (SPEED_STEP * degrees)) + 1)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A ruler that knows the ball: time-optimal approach, dribble, and the chain of both of a differential drive.
+"""Time-optimal motions with the ball: approach, dribble, and the chain of both of a differential drive.
 
     time_optimal_ball.py KIND SITUATIONS.json [--count N] [--ignore-body]
 

@@ -40,7 +40,7 @@ ABLATION: dict[str, _Row] = {
 
 
 def accuracy_table(models: Iterable[PerformanceModel], published: Mapping[str, str]) -> Iterator[str]:
-    """Yield lines of Markdown: what the model files say about themselves.
+    """Yield lines of Markdown: the accuracy in the model files.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def accuracy_table(models: Iterable[PerformanceModel], published: Mapping[str, s
 
 
 def _set(model: PerformanceModel) -> str:
-    """Return the action set of a model, and whether it knows nothing but what was observed."""
+    """Return the action set of a model, and whether it is an observed model."""
     observed = ", observed" if model.driving is not None else ""
     return f"{model.metadata['action_set']}{observed}"
 
@@ -99,9 +99,9 @@ def ablation_table(
     robot : Robot
         The robot of both.
     domain : Domain
-        Whose actions choose features.
+        The domain of the actions, which name features.
     seed : int
-        Of the fresh episodes.
+        Seed of the fresh episodes.
     """
     yield "| action | candidates | leaves | features used | MAE (s) | RMSE (s) |"
     yield "| --- | --- | --- | --- | --- | --- |"

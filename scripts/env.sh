@@ -2,14 +2,14 @@
 # `scripts/run COMMAND …` for one command. POSIX sh. The checkout that is sourced last replaces any other.
 
 _former=${ATOR_ROS_ROOT:-}
-if [ -n "${_ator_ros_root:-}" ]; then # scripts/run knows it
+if [ -n "${_ator_ros_root:-}" ]; then # set by scripts/run
     ATOR_ROS_ROOT=$_ator_ros_root
 elif [ -n "${BASH_VERSION:-}" ]; then
     ATOR_ROS_ROOT=$(cd "$(dirname "$BASH_SOURCE")/.." && pwd -P)
 elif [ -n "${ZSH_VERSION:-}" ]; then
     ATOR_ROS_ROOT=$(eval 'cd "${${(%):-%x}:h}/.." && pwd -P')
 else
-    # Other shells do not tell where a sourced file lies, but they hold it open. ($$ would miss a subshell.)
+    # Other shells have no variable for a sourced file, but they hold it open. ($$ would miss a subshell.)
     _shell=$(exec sh -c 'echo "$PPID"')
     for _file in /proc/"$_shell"/fd/*; do
         _file=$(readlink "$_file")

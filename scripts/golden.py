@@ -51,7 +51,7 @@ _NUMBER = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
 
 
 def as_planned(chain: TopChain) -> TopChain:
-    """Return the chain with what the plan opens."""
+    """Return the chain with the variables open that the plan opens."""
     return chain
 
 
@@ -68,7 +68,7 @@ REFINED: dict[str, tuple[ToolsetSource, str, Opening]] = {
     "drive_speed": (ToolsetSource(domain="drive"), "", open_speeds),
     "tour_heading": (ToolsetSource(domain="tour"), "", as_planned),
 }  # fmt: skip
-"""By name: where robot, models and gate come from, the chain, and what is opened."""
+"""By name: source of robot, models and gate, the chain, and what is opened."""
 NAIVE = {"observed_speed": DEFAULT}
 """The source of the naive chain, where it is another one."""
 
@@ -130,7 +130,7 @@ def refined(name: str, count: int) -> list[Json]:
 
 @contextmanager
 def _commands() -> Iterator[list[Command]]:
-    """Collect the commands that simulations get meanwhile."""
+    """Collect the commands of all simulations during the block."""
     sent: list[Command] = []
     original = Simulation.command
 
@@ -206,14 +206,12 @@ def planned(count: int) -> list[Json]:
     found: list[Json] = []
     for index in range(count):
         words = GOALS[index % len(GOALS)]
-        wishes = (
-            list(named[words[0]].terms) if words[0] in named else [statement_from(word) for word in words]
-        )
+        goal = list(named[words[0]].terms) if words[0] in named else [statement_from(word) for word in words]
         (robot_x, robot_y, x, y), yaw = rng.uniform(-2.0, 2.0, 4), rng.uniform(-3.0, 3.0)
         pose = Pose(float(robot_x), float(robot_y), float(yaw))
         world = World(0.0, RobotState(pose), {"ball": ObjectState(float(x), float(y))})
         try:
-            chains = chains_for(wishes, world, library, domain.objects)
+            chains = chains_for(goal, world, library, domain.objects)
         except PlanningError as error:
             found.append({"goal": list(words), "error": str(error)})
         else:
@@ -246,7 +244,7 @@ PARTS: dict[str, tuple[Callable[[int], list[Json]], int]] = {
     "planned": (planned, 50),
     "trained": (trained, 60),
 }
-"""By name: what returns the entries, and for which count they are recorded."""
+"""By name: a function that returns so many entries, and how many are recorded."""
 
 
 def _short(value: Any, digits: int) -> Any:
@@ -281,7 +279,7 @@ def compare(old: Path, new: Path) -> int:
 
 
 def differences(expected: Any, found: Any, place: str = "") -> Iterator[str]:
-    """Yield where `found` differs from what is recorded: decisions at all, numbers by more than 1e-6.
+    """Yield where `found` differs from what is recorded: any decision, and numbers by more than 1e-6.
 
     Hashes are not compared, nor numbers in texts, as processors round differently.
     """

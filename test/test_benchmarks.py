@@ -35,6 +35,6 @@ def test_the_search_is_compared_with_references(
     monkeypatch.setattr(search, "GENERATIONS", 60)
     names = ["heading", "place, headings and speeds"]
     assert search.main([*names, "--situations", "2", "--seed", "3"]) == 0
-    told = capsys.readouterr().out
-    assert "| heading | brute force" in told
-    assert "| place, headings and speeds | global optimiser" in told
+    output = capsys.readouterr().out
+    assert "| heading | brute force" in output
+    assert "| place, headings and speeds | global optimiser" in output

@@ -3,4 +3,4 @@
 DEFAULT_SET = "default"
 """The set of actions that every domain has."""
 TIME_LIMIT = 30.0
-"""Time in s that an action or a step of a chain may take where nothing else is said."""
+"""Default time in s that an action or a step of a chain may take."""

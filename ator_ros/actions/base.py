@@ -1,6 +1,6 @@
-"""What an action is: a control program from estimated state to velocity commands (paper, section 2.1).
+"""The interface of actions: control programs from estimated state to velocity commands (paper, section 2.1).
 
-There is no command where another program moves the robot.
+An action that another program executes returns no commands.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ator_ros.world.state import STOP, Command, World
 
 
 class Status(enum.Enum):
-    """Where an action stands after a tick."""
+    """The status of an action after a tick."""
 
     RUNNING = "running"
     SUCCEEDED = "succeeded"
@@ -65,11 +65,11 @@ class Step:
     Attributes
     ----------
     command : Command or None
-        The velocity command; None where another program moves the robot: then nothing is published.
+        The velocity command; None if another program moves the robot: then nothing is published.
     status : Status
         Whether the action continues.
     message : str
-        A sentence that says why.
+        The reason, in a sentence.
     """
 
     command: Command | None
@@ -84,9 +84,9 @@ class ActionError(ValueError):
 class Action(ABC):
     """A control program: set up, started with a goal, stepped once per control tick, ended once.
 
-    A black box to everything else: performance is learned only by observing it. Each start is a new instance;
-    what `setup` prepares is for all of them.
-    Another instance may start with a new goal of the same step before this one ends.
+    Actions are black boxes: their performance is learned by observation alone. Each start is a new instance;
+    `setup` prepares all of them. Another instance may start with a new goal of the same step before this one
+    ends.
 
     Parameters
     ----------
@@ -101,14 +101,14 @@ class Action(ABC):
 
     @property
     def planning(self) -> bool:
-        """Whether the robot stands, or brakes, since the way is not planned yet."""
+        """Whether the robot stands or brakes because there is no plan yet."""
         return False
 
     def setup(self) -> None:  # noqa: B027
-        """Prepare what all actions of this class need for this robot, so that the first tick is no slower.
+        """Prepare what all instances need for this robot, so that the first tick is not slower than others.
 
-        Called on the first instance that a TOP library makes, which a node does at its start-up, and before
-        each run of an action alone. So it may be called again: keep tables in a cache of the module.
+        Called on the first instance that a TOP library makes, when a node starts, and before each run of an
+        action alone. It may be called several times: keep tables in a cache of the module.
 
         Raises
         ------
@@ -117,7 +117,7 @@ class Action(ABC):
         """
 
     def defer_planning(self, time: float) -> None:  # noqa: B027
-        """Plan nothing in the tick at `time` (s), in which another search has taken its slice."""
+        """Plan nothing in the tick at `time` (s), because another search used it."""
 
     @abstractmethod
     def start(self, world: World, goal: Goal) -> None:
@@ -136,12 +136,12 @@ class Action(ABC):
     def path(self) -> FloatArray | None:
         """Return the planned poses of the axle, shape (n, 3): x, y in m, yaw in rad; None without a plan.
 
-        To be drawn only: whoever executes the action does not need it.
+        For drawing only; execution does not need it.
         """
         return None
 
     def end(self, reason: str) -> None:  # noqa: B027
-        """Release what `start` has taken, as a connection or a goal of another program.
+        """Release what `start` has acquired, such as a connection or a goal of an action server.
 
         Called exactly once after every `start` that did not raise, whatever ended the action: success,
         failure, a time limit, a cancellation, another goal, a lost input, the fence, the end of the program.
@@ -149,23 +149,22 @@ class Action(ABC):
         Parameters
         ----------
         reason : str
-            A sentence on why it ended.
+            The reason, in a sentence.
         """
 
 
 @dataclass(slots=True)
 class Use:
-    """An action between its start and its end, and the reason for which it will be ended."""
+    """The reason for which a started action will be ended."""
 
     reason: str
 
 
 @contextmanager
 def started(action: Action, world: World, goal: Goal, reason: str = "broken off") -> Iterator[Use]:
-    """Start an action for a block of code, and end it however that is left.
+    """Start an action for a block of code, and end it however the block is left.
 
-    Whoever starts an action in a function and ends it there does so with this; what lives on from tick to
-    tick (`StepRun`) has stages for it.
+    For actions that start and end in one function; `StepRun` manages those that live from tick to tick.
 
     Parameters
     ----------
@@ -174,12 +173,12 @@ def started(action: Action, world: World, goal: Goal, reason: str = "broken off"
     world, goal
         As for `Action.start`.
     reason : str
-        Why it ends, unless the block gives another reason.
+        The reason for the end, unless the block sets another one.
 
     Raises
     ------
     ActionError
-        The action cannot start; then nothing is ended.
+        The action cannot start; then it is not ended.
     """
     action.start(world, goal)
     use = Use(reason)

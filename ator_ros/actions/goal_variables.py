@@ -13,7 +13,7 @@ from ator_ros.files import is_name
 from ator_ros.schema import require
 
 GOAL_VARIABLES = ("x", "y", "yaw", "speed")
-"""Those that every goal has: destination in m and rad, arrival speed in m/s."""
+"""The variables of every goal: destination in m and rad, arrival speed in m/s."""
 MOST_GOAL_VARIABLES = 16
 """Further goal variables that an action may declare."""
 
@@ -39,7 +39,7 @@ class GoalVariable:
     Raises
     ------
     ValueError
-        The name is no name, or one that every goal has, or the range is empty.
+        The name is not an identifier or is that of a variable of every goal, or the range is empty.
     """
 
     name: str
@@ -90,7 +90,7 @@ def direct_name(name: str) -> str:
 
 
 def wrong_values(goal: Goal, declared: Iterable[GoalVariable]) -> str | None:
-    """Return in words where the values of a goal are not those that its action declares; None if nowhere."""
+    """Return a message if the values of a goal are not those that its action declares; else None."""
     known = {variable.name: variable for variable in declared}
     if set(goal.values) != set(known):
         wanted, given = (", ".join(names) or "no variable" for names in (known, goal.values))

@@ -1,4 +1,4 @@
-"""What is declared of an action that another program's action server executes. Nothing here knows ROS."""
+"""Declarations of actions that an external action server executes, without ROS."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ator_ros.world.state import World
 
 Scalar = bool | int | float | str
 _SOURCES = ("goal", *(f"goal.{name}" for name in GOAL_VARIABLES), "frame")
-"""What a field of the server's goal is filled from: the goal's pose, one of its variables, or the frame."""
+"""Sources of a field of the server's goal: the goal's pose, one of its variables, or the frame."""
 _SERVER = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*")
 _TYPE = re.compile(r"[a-z]\w*/action/[A-Z]\w*")
 _PATH = re.compile(r"[a-z]\w*(\[0\])?(\.[a-z]\w*(\[0\])?)*", re.ASCII)
@@ -48,7 +48,7 @@ class Filling:
     Raises
     ------
     ValueError
-        There are two values, or none, a source that is none, or a frame without a pose.
+        There is not exactly one value, the source is unknown, or there is a frame without a pose.
     """
 
     field: str
@@ -69,7 +69,7 @@ class Filling:
 
     @property
     def goal_variable(self) -> str | None:
-        """The name of the goal variable that fills the field; None where something else does."""
+        """The name of the goal variable that fills the field; None if another source does."""
         start, _, name = (self.source or "").partition(".")
         return name if start == "goal" and is_name(name) else None
 
@@ -88,16 +88,16 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True)
 class Success:
-    """What a server answers when it has succeeded.
+    """The result of a server that means success.
 
     Attributes
     ----------
     status : tuple of str
         Final states of its goal that mean success.
     fields : tuple of Expectation
-        What its result must say.
+        Fields of its result, and their values.
     reason : str or None
-        A field of the result that says why it failed; it is quoted where it did.
+        A field of the result with the reason of a failure, for messages.
     """
 
     status: tuple[Literal["succeeded", "aborted", "canceled"], ...] = ("succeeded",)
@@ -122,12 +122,12 @@ class Timeouts:
     acceptance : float
         Real s from the goal until it is accepted or rejected.
     silence : float
-        Real s without a sign of life while it executes a goal, if it has given any: answers to what it is
-        asked six times within it, and feedback.
+        Real s without feedback or a reply to our requests, six of which are sent in that time, while it
+        executes a goal; only for servers that have replied before.
     result : float
         s, by the stamps of the states, from the acceptance until the result.
     cancel : float
-        Real s from a cancellation until the server says that the goal has ended.
+        Real s from a cancellation until the server reports the end of the goal.
     """
 
     server: float = 2.0
@@ -145,7 +145,7 @@ class Timeouts:
 
 @dataclass(frozen=True, slots=True)
 class RemoteCall:
-    """An action server, and how its goal and its result are to be understood.
+    """An action server, and the meaning of its goal and result.
 
     Attributes
     ----------
@@ -177,14 +177,14 @@ class RemoteCall:
 
 
 class UnreachableAction(Action):
-    """An action on a server that cannot be used, as without ROS: it never starts.
+    """An action whose server cannot be used, for example without ROS: it never starts.
 
     Parameters
     ----------
     robot : Robot
         As for all actions.
     why : str
-        A sentence on why it cannot be used.
+        The reason, in a sentence.
     """
 
     name = "remote"
@@ -215,7 +215,7 @@ def status_name(status: int) -> str:
 
 
 def failure_in(call: RemoteCall, status: int, result: Any) -> str | None:
-    """Return in words why a result is no success; None where it is one."""
+    """Return why a result means failure; None if it means success."""
     success = call.success
     wrong = [] if status_name(status) in success.status else [f"its goal is {status_name(status)}"]
     for expected in success.fields:
@@ -224,8 +224,8 @@ def failure_in(call: RemoteCall, status: int, result: Any) -> str | None:
             wrong.append(f"{expected.field}: expected {quoted(expected.equals)}, got {quoted(value)}")
     if not wrong:
         return None
-    said = "" if success.reason is None else str(value_at(result, success.reason) or "")
-    return "; ".join(wrong) + (f" ({printable(said, 200)})" if said else "")
+    reason = "" if success.reason is None else str(value_at(result, success.reason) or "")
+    return "; ".join(wrong) + (f" ({printable(reason, 200)})" if reason else "")
 
 
 def _equal(value: Any, expected: Scalar) -> bool:
@@ -235,7 +235,7 @@ def _equal(value: Any, expected: Scalar) -> bool:
 
 
 def parts(path: str) -> list[tuple[str, bool]]:
-    """Return the names in a path, each with whether the only item of a sequence is meant."""
+    """Return the names in a path, each with whether it has the index [0]."""
     return [(part.removesuffix("[0]"), part.endswith("[0]")) for part in path.split(".")]
 
 

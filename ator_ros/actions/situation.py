@@ -1,4 +1,4 @@
-"""A situation: the state in which an action starts, and its goal, and how it is drawn (paper, section 3)."""
+"""Situations: the state in which an action starts, and its goal; drawing at random (paper, section 3)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ator_ros.world.state import ObjectState, RobotState
 T = TypeVar("T")
 
 _MOST_DRAWS = 10_000
-"""Draws after which a sampler gives up: scenes in which samplers have room need some tens at most."""
+"""Draws after which a sampler gives up; in scenes with enough room it needs a few tens."""
 
 SHORT = 0.5
 """Distance in m between start and goal below which a drive is short."""
@@ -28,7 +28,7 @@ _STAYS_WITHIN = (0.03, 0.08)
 
 
 class NoPlaceError(ConfigError):
-    """No situation can be drawn for this robot in its scene; the message says what was expected and came."""
+    """No situation can be drawn for this robot in its scene."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +61,9 @@ def drawn_until(
     Parameters
     ----------
     draw, fits : callable
-        Draws one, and returns whether it can be used.
+        Draw one, and return whether it can be used.
     expected : callable
-        Returns the words for where, what was expected, and what came.
+        Returns the message of the error.
     most : int
         Draws after which to give up.
 

@@ -1,4 +1,4 @@
-"""What a domain says of each of its actions: a new action is a new specification."""
+"""The specification of an action: each action of a domain has one."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ Sampler = Callable[[Robot, np.random.Generator], Situation]
 
 @dataclass(frozen=True)
 class ActionSpec:
-    """One action of a set: how it is made, how experience of it is gathered, what its model learns from.
+    """One action of a set: its factory, the situations to learn it in, and the features of its model.
 
     Attributes
     ----------
     name : str
         Name of the action, as TOPs name it; the same in every set.
     factory : callable
-        Makes the action for a robot; the class of the action, for example.
+        Makes the action for a robot, such as the class of the action.
     sample : callable
-        Draws a situation to gather experience in, from a robot and a generator, which is its only source of
-        chance. The sampler must not request what the robot cannot do: such episodes fail and teach nothing.
+        Draws a situation to learn in, for a robot, with a generator. It must not request what the robot
+        cannot do: such episodes fail, and nothing is learned from them.
     features : tuple of str
         Names of the candidate features of its performance model, from which the model tree selects: general
         ones (`ator_ros.performance.features.GENERAL`) and those that the domain adds (`Domain.features`). One
         of them may be the action's ideal time (`Feature.ideal`): how long it would take at the robot's
         limits. Empty: all general candidates. The action's own goal variables are candidates besides.
     remote : RemoteCall or None
-        The action server that executes it; None: the factory's action does.
+        The action server that executes it; None: the action of the factory executes it.
     goal_variables : tuple of GoalVariable
         The variables of its goals beyond pose and arrival speed: every goal has a value of each.
     """
@@ -50,7 +50,7 @@ class ActionSpec:
 
     @property
     def over_ros_only(self) -> str | None:
-        """Why the simulator cannot execute it, in words: its server has no stand-in; None where it can."""
+        """Why the simulator cannot execute it: its server has no stand-in; None if it can."""
         if self.factory is not UnreachableAction:
             return None
         return f"{self.name} has no `stand_in`, so only `collect --over-ros` and the nodes can execute it"

@@ -57,22 +57,22 @@ class DeclaredTop:
             for number, term in enumerate(getattr(self, part)):
                 where, target = f"{part}[{number}]", term.target
                 _check_variable(f"{where}.variable", term.variable, variables)
-                if isinstance(target, str) and not _is_open(target, action):
+                if isinstance(target, str) and not _is_unknown(target, action):
                     known = () if action is None else action.targets
                     _check_variable(f"{where}.target", target, (*variables, *_GOAL, *known))
                 if isinstance(term, Term):
                     good, least = term.tolerance >= 0.0, "a number that is not negative"
                     require(good, f"{where}.tolerance", least, term.tolerance)
 
-    def made(self) -> Top:
+    def top(self) -> Top:
         """Return the TOP."""
         pre, post = Condition(self.pre), Condition(self.post)
         return Top(self.name, self.action, pre, post, Point(self.point), self.settles)
 
 
-def _is_open(target: str, action: DeclaredAction | None) -> bool:
+def _is_unknown(target: str, action: DeclaredAction | None) -> bool:
     """Return whether a target is a variable of goals that nobody here can know."""
-    return target.startswith("goal.") if action is None else action.leaves_open(target)
+    return target.startswith("goal.") if action is None else action.may_have(target)
 
 
 def _check_variable(field: str, name: str, known: tuple[str, ...]) -> None:
@@ -131,7 +131,7 @@ class DeclaredAction:
         """The declared goal variables as conditions name them."""
         return tuple(f"goal.{variable.name}" for variable in self.goal_variables)
 
-    def leaves_open(self, target: str) -> bool:
+    def may_have(self, target: str) -> bool:
         """Return whether only the domain of a local action knows if there is this variable of its goals."""
         return self.local is not None and target.startswith("goal.")
 

@@ -110,7 +110,7 @@ def _drawn_again(draw: Callable[[], T]) -> T:
 
 
 @contextmanager
-def _told_of(where: str) -> Iterator[None]:
+def _naming(where: str) -> Iterator[None]:
     """Say of which entry of the file it was that a place was missing."""
     try:
         yield
@@ -155,7 +155,7 @@ class DeclaredDrives:
 
 
 @dataclass(frozen=True, slots=True)
-class DrivesOf:
+class DriveSampler:
     """The sampler of an action's drives, see `ActionSpec.sample`.
 
     Attributes
@@ -181,7 +181,7 @@ class DrivesOf:
     def __call__(self, robot: Robot, rng: np.random.Generator) -> Situation:
         """Draw a drive, in one of seven cases with a goal near its start; raises NoPlaceError."""
         most = robot.limits.v * self.time_limit
-        with _told_of(f"drives of {self.action}"):
+        with _naming(f"drives of {self.action}"):
             start, destination = drawn_until(
                 lambda: self.drives.drawn(rng),
                 lambda way: way[0].distance(way[1]) <= most,
@@ -267,7 +267,7 @@ class DeclaredChain:
 
 
 @dataclass(frozen=True, slots=True)
-class ChainsOf:
+class DeclaredChainSampler:
     """The sampler of a declared chain, a `ChainSampler`.
 
     Attributes
@@ -284,15 +284,15 @@ class ChainsOf:
     def __call__(self, robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
         """Draw a situation and a chain; raises NoPlaceError."""
         most = robot.limits.v * self.time_limit
-        with _told_of(f"chain {self.chain.name}"):
+        with _naming(f"chain {self.chain.name}"):
             return drawn_until(
                 lambda: self.chain.drawn(library, rng),
-                lambda drawn: _way(*drawn) <= most,
+                lambda drawn: _length(*drawn) <= most,
                 lambda: _too_far(robot, self.time_limit),
             )
 
 
-def _way(world: World, chain: TopChain) -> float:
+def _length(world: World, chain: TopChain) -> float:
     """Return the length in m of the straight ways from step to step."""
     places = [world.robot.pose, *(call.goal.pose for call in chain.calls)]
     return sum(one.distance(other) for one, other in itertools.pairwise(places))

@@ -1,4 +1,4 @@
-"""Domains: what they consist of, how installed ones are found, and how YAML files declare them."""
+"""Domains: their parts, how installed ones are found, and how YAML files declare them."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from ator_ros.actions.situation import Situation
 from ator_ros.actions.specification import ActionFactory, ActionSpec
 from ator_ros.domains import DEFAULT, DRIVE
 from ator_ros.domains.declared import DeclaredAction, DeclaredDomain, DeclaredServer
-from ator_ros.domains.declared_situations import ChainsOf, DrivesOf
-from ator_ros.files import FileError, content_if_stated, read_yaml
+from ator_ros.domains.declared_situations import DeclaredChainSampler, DriveSampler
+from ator_ros.files import FileError, content_with_optional_header, read_yaml
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.features import CANDIDATES, GENERAL, OBSERVED, Feature, goal_feature, names_of
 from ator_ros.printable import printable, quoted
@@ -44,14 +44,14 @@ from ator_ros.world.scene import Bay, RoundObject, Scene
 from ator_ros.world.state import World
 
 GROUP = "ator_ros.domains"
-"""Entry points of this group name the domains that are installed, ours and those of others."""
+"""Entry points of this group name the installed domains."""
 _LONGEST_REASON = 200
 _LARGEST_FILE = 200_000
 """Bytes of a file; one with a dozen TOPs has 5 kB."""
 STAND_INS = "ator_ros.stand_ins"
-"""Entry points of this group are actions that drive, without ROS, as the action servers of others do."""
+"""Entry points of this group are actions that replace external action servers where ROS is missing."""
 _ENDINGS = (".yaml", ".yml")
-NO_OTHERS: Mapping[str, ActionFactory] = MappingProxyType({})
+_NONE: Mapping[str, ActionFactory] = MappingProxyType({})
 
 ChainSampler = Callable[[Robot, TopLibrary, np.random.Generator], tuple[World, TopChain]]
 Line = Sequence[tuple[float, float]]
@@ -59,17 +59,17 @@ Line = Sequence[tuple[float, float]]
 
 
 def no_goals(_: Robot) -> Mapping[str, Condition]:
-    """Return no goals: of a domain that names none."""
+    """Return no goals, the default."""
     return {}
 
 
 def no_bays(_: Scene) -> tuple[Bay, ...]:
-    """Return no bays: of a domain in whose scene nothing stands."""
+    """Return no bays, the default."""
     return ()
 
 
 def no_lines(_: Robot) -> Sequence[Line]:
-    """Return no lines: of a domain on whose floor none are drawn."""
+    """Return no lines, the default."""
     return ()
 
 
@@ -90,7 +90,7 @@ class Domain:
     action_sets : mapping of str to tuple of ActionSpec
         Sets of actions by name; one is called "default". TOPs whose action a set lacks are left out with it.
     objects : tuple of str
-        Names of the objects that conditions speak of, by default none; each has a topic of that name.
+        Names of the objects that conditions name, by default none; each has a topic of that name.
     chains : mapping of str to callable
         Samplers of situations with a chain to execute in them, by name; evaluations and gates need one.
     variables : mapping of str to callable
@@ -98,17 +98,17 @@ class Domain:
         place, heading and arrival speed, in the scene's area and within the robot's limits. What an action
         declares besides (`ActionSpec.goal_variables`) brings its own range.
     bodies : mapping of str to RoundObject
-        The sizes of `objects`, by name, that robots' descriptions need not describe. What is described in
-        neither place is a point, and not simulated.
+        The sizes of `objects`, by name, for robots whose descriptions lack them. An object without a size
+        is a point, and not simulated.
     bays : callable
-        Returns the bays that stand in a scene while this domain is in use; raises ConfigError where the scene
-        does not suit. By default none.
+        Returns the bays of a scene for this domain; raises ConfigError if the scene does not suit. By
+        default none.
     sources : tuple of ObjectSource
         Topics of objects; an object without one has the topic of its name, with Odometry.
     features : tuple of Feature
         The features that the domain adds to the general ones.
     description : Path or None
-        Of the robot and its scene, used where no other is named; None: the one that is shipped.
+        File of the default robot and its scene; None: the shipped one.
     lines : callable
         Returns the lines on the floor that a view shows beside the scene's area and bays. By default none.
     servers : tuple of DeclaredServer
@@ -125,8 +125,8 @@ class Domain:
     ------
     DomainError
         There is no default set of actions, a condition or a source names an object that `objects` lacks, a
-        condition names a goal variable that the TOP's action lacks, an action names a feature that there is
-        not, or two actions declare one goal variable differently.
+        condition names a goal variable that the TOP's action lacks, an action names an unknown feature, or
+        two actions declare one goal variable differently.
     """
 
     name: str
@@ -147,13 +147,13 @@ class Domain:
     fitted: Callable[[Robot], tuple[Top, ...]] | None = None
 
     def __post_init__(self) -> None:
-        """Check that its parts agree."""
+        """Check that the parts agree."""
         for problem in _inconsistencies(self):
             raise DomainError(f"domain {self.name}: {problem}")
 
     @cached_property
     def goal_variables(self) -> Mapping[str, GoalVariable]:
-        """The goal variables that actions declare, by name: each means the same in all of them."""
+        """The goal variables that actions declare, by name; each is the same in all actions."""
         specs = itertools.chain.from_iterable(self.action_sets.values())
         return {variable.name: variable for spec in specs for variable in spec.goal_variables}
 
@@ -170,7 +170,7 @@ class Domain:
 
     @property
     def shipped_models(self) -> Path:
-        """The folder of the models that are used where no other is named: a domain never uses another's."""
+        """The default folder of models: each domain has its own."""
         models = resource_path("models")
         return models if self.name == DEFAULT else models / self.name
 
@@ -214,7 +214,7 @@ class Domain:
         return {spec.name: spec for spec in self.action_sets[action_set]}
 
     def remote_servers(self, action_set: str = DEFAULT_SET) -> tuple[str, ...]:
-        """Return the names of the action servers of others that the actions of a set need."""
+        """Return the names of the action servers that the actions of a set need."""
         remote = (spec.remote for spec in self.actions(action_set).values())
         return tuple(dict.fromkeys(call.server for call in remote if call is not None))
 
@@ -243,7 +243,7 @@ class Domain:
         return tuple(fitted.get(top.name, top) for top in self.tops)
 
     def library(
-        self, robot: Robot, action_set: str = DEFAULT_SET, factories: Mapping[str, ActionFactory] = NO_OTHERS
+        self, robot: Robot, action_set: str = DEFAULT_SET, factories: Mapping[str, ActionFactory] = _NONE
     ) -> TopLibrary:
         """Return the TOPs of the domain with the actions of one set; those without are left out.
 
@@ -254,7 +254,7 @@ class Domain:
         action_set : str
             Name of the set.
         factories : mapping of str to callable
-            Makers that take the place of the specifications', by the names of the actions.
+            Replace the factories of the specifications, by the names of the actions.
 
         Raises
         ------
@@ -345,7 +345,7 @@ def declared_domain(path: Path) -> Domain:
         The file cannot be used; the message names file, field, what was expected and what came.
     """
     try:
-        data = content_if_stated(read_yaml(path, largest=_LARGEST_FILE), "domain")
+        data = content_with_optional_header(read_yaml(path, largest=_LARGEST_FILE), "domain")
         declared = structured(data, DeclaredDomain, closed=True)
     except FileError as error:
         raise DomainError(str(error)) from error
@@ -359,35 +359,35 @@ def declared_domain(path: Path) -> Domain:
     ]
     return Domain(
         declared.name,
-        tops=tuple(top.made() for top in declared.tops),
+        tops=tuple(top.top() for top in declared.tops),
         action_sets={DEFAULT_SET: tuple(spec for spec, _ in actions)},
         objects=tuple(item.name for item in declared.objects),
-        chains={chain.name: ChainsOf(chain, declared.time_limit) for chain in declared.chains},
+        chains={chain.name: DeclaredChainSampler(chain, declared.time_limit) for chain in declared.chains},
         sources=declared.objects,
         variables=USUAL_RANGES if variables is None else {item.name: item.range for item in variables},
         features=tuple(dict.fromkeys(feature for _, features in actions for feature in features)),
-        bays=_those_described if declared.bays else no_bays,
+        bays=_described_bays if declared.bays else no_bays,
         description=None if declared.robot is None else path.parent / declared.robot,
-        servers=tuple(_beside(path, server) for server in declared.servers),
+        servers=tuple(_with_folder(path, server) for server in declared.servers),
         time_limit=declared.time_limit,
     )
 
 
-def _beside(path: Path, server: DeclaredServer) -> DeclaredServer:
+def _with_folder(path: Path, server: DeclaredServer) -> DeclaredServer:
     """Return a server whose command runs in its folder relative to the file, which may be a link."""
     if not server.command:
         return server
     return dataclasses.replace(server, folder=str((path.resolve().parent / server.folder).resolve()))
 
 
-def _those_described(scene: Scene) -> tuple[Bay, ...]:
+def _described_bays(scene: Scene) -> tuple[Bay, ...]:
     return scene.bays
 
 
 def _spec(
     action: DeclaredAction, point: Point, time_limit: float, where: str
 ) -> tuple[ActionSpec, tuple[Feature, ...]]:
-    """Return the specification of an action, and the features that its own domain adds for it."""
+    """Return the specification of an action, and the features that its domain adds."""
     if action.local is None:
         return _remote_spec(action, point, time_limit, where), ()
     try:
@@ -407,9 +407,9 @@ def _remote_spec(action: DeclaredAction, point: Point, time_limit: float, where:
     except LookupError as error:
         raise DomainError(f"{where}.stand_in: {error.args[0]}") from error
     sample = (
-        _never_driven
+        _no_sampler
         if action.drives is None
-        else DrivesOf(action.name, action.drives, point, action.goal_variables, time_limit)
+        else DriveSampler(action.name, action.drives, point, action.goal_variables, time_limit)
     )
     return ActionSpec(
         action.name,
@@ -421,15 +421,15 @@ def _remote_spec(action: DeclaredAction, point: Point, time_limit: float, where:
     )
 
 
-def _never_driven(_robot: Robot, _rng: np.random.Generator) -> Situation:
+def _no_sampler(_robot: Robot, _rng: np.random.Generator) -> Situation:
     raise DomainError(
-        "an action on a server is observed where the executor runs it: expected `drives` in the domain's "
-        "file to collect it, got none"
+        "an action on a server is recorded by the executor: expected `drives` in the domain's file to "
+        "collect it, got none"
     )
 
 
 def _stand_in(name: str) -> ActionFactory:
-    """Return what makes the stand-in of this name; LookupError if it cannot be imported."""
+    """Return the factory of the stand-in of this name; raise LookupError if it cannot be imported."""
     found = {entry.name: entry for entry in entry_points(group=STAND_INS)}
     if name not in found:
         raise LookupError(
@@ -444,24 +444,24 @@ def _stand_in(name: str) -> ActionFactory:
 
 
 def _inconsistencies(domain: Domain) -> Iterator[str]:
-    """Yield what contradicts, one sentence each; nothing where all parts agree."""
+    """Yield the contradictions between the parts of a domain, one sentence each."""
     if DEFAULT_SET not in domain.action_sets:
         yield f"expected an action set {DEFAULT_SET!r}, got {sorted(domain.action_sets)}"
-    yield from _of_objects(domain)
+    yield from _object_problems(domain)
     declared: dict[str, GoalVariable] = {}
     features = [*GENERAL, *(feature.name for feature in domain.features)]
-    yield from _of_features(domain, features)
+    yield from _feature_problems(domain, features)
     for action_set, specs in domain.action_sets.items():
         where = f"action set {action_set!r}"
         for spec in specs:
             own = [direct_name(variable.name) for variable in spec.goal_variables]
             if unknown := [name for name in spec.features if name not in (*features, *own)]:
                 yield f"{where}: {spec.name}: features: expected some of {features}, got {unknown}"
-            for problem in (*_of_goal(domain, spec), *_of_declarations(spec, declared)):
+            for problem in (*_goal_problems(domain, spec), *_declaration_problems(spec, declared)):
                 yield f"{where}: {spec.name}: goal_variables: {problem}"
 
 
-def _of_objects(domain: Domain) -> Iterator[str]:
+def _object_problems(domain: Domain) -> Iterator[str]:
     if strange := sorted(set(domain.bodies) - set(domain.objects)):
         yield f"bodies: expected some of the objects, got {strange}"
     named = {name for top in domain.tops for name in objects_in(top)}
@@ -470,7 +470,7 @@ def _of_objects(domain: Domain) -> Iterator[str]:
         yield f"objects: expected all that conditions name, {unknown} are missing"
 
 
-def _of_features(domain: Domain, names: list[str]) -> Iterator[str]:
+def _feature_problems(domain: Domain, names: list[str]) -> Iterator[str]:
     """Yield problems with feature names: duplicates, and features derived from unknown variables."""
     variables = [direct_name(name) for name in domain.goal_variables]
     everything = [*names, *variables]
@@ -481,8 +481,8 @@ def _of_features(domain: Domain, names: list[str]) -> Iterator[str]:
             yield f"features: {feature.name}: expected to derive from direct variables, got {unknown}"
 
 
-def _of_goal(domain: Domain, spec: ActionSpec) -> Iterator[str]:
-    """Yield which goal variables conditions or its server's goal name, and the action does not have."""
+def _goal_problems(domain: Domain, spec: ActionSpec) -> Iterator[str]:
+    """Yield goal variables that conditions or the server's goal name and the action lacks."""
     known = {*GOAL_VARIABLES, *(variable.name for variable in spec.goal_variables)}
     fillings = () if spec.remote is None else spec.remote.goal
     names = {filling.goal_variable for filling in fillings} - {None}
@@ -494,7 +494,7 @@ def _of_goal(domain: Domain, spec: ActionSpec) -> Iterator[str]:
             yield f"expected all that the conditions of {top.name} name, {unknown} are missing"
 
 
-def _of_declarations(spec: ActionSpec, declared: dict[str, GoalVariable]) -> Iterator[str]:
+def _declaration_problems(spec: ActionSpec, declared: dict[str, GoalVariable]) -> Iterator[str]:
     """Yield declarations that contradict earlier ones; earlier ones are in `declared`."""
     names = [variable.name for variable in spec.goal_variables]
     if len(names) > MOST_GOAL_VARIABLES or len(set(names)) != len(names):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ator_ros.actions.goal_variables import with_values
+from ator_ros.evaluation.policies import UNGATED
 from ator_ros.evaluation.statistics import mean_interval
 from ator_ros.evaluation.toolset import Models, Toolset
 from ator_ros.evaluation.trials import EvaluationError, random_trial
@@ -27,8 +28,6 @@ from ator_ros.refinement.chain_prediction import predict_chain
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 
-POLICIES = ("naive", "refined", "refined_speed")
-"""Policies whose chains are used; the gated ones execute the same chains."""
 LEAST_SITUATIONS = 20
 FOLDS = 10
 
@@ -46,7 +45,7 @@ class StepExample:
     action : str
         Name of the action.
     step : PredictedStep
-        What is known before its execution.
+        Its prediction, and what else is known before the execution.
     actual : float
         Actual duration in s.
     """
@@ -62,7 +61,7 @@ class StepExample:
 def step_examples(
     records: Iterable[Mapping[str, Any]], *, seed: int, chain: str, tools: Toolset, library: TopLibrary
 ) -> list[StepExample]:
-    """Return the actions of the chains in records of `evaluate_trial` that succeeded as they were planned.
+    """Return the actions of successful chains in records of `evaluate_trial`.
 
     Raises
     ------
@@ -73,7 +72,7 @@ def step_examples(
     models = tools.models
     for record in records:
         trial = random_trial(tools.domain, chain, library, seed=seed, index=record["index"])
-        for policy in POLICIES:
+        for policy in ("naive", *UNGATED):  # the gated ones execute the same chains
             row = record["policies"].get(policy)
             if row is None or not row["success"]:
                 continue
@@ -82,7 +81,7 @@ def step_examples(
             if not isinstance(actual, list):
                 raise EvaluationError("expected records with the durations of all actions: evaluate again")
             if len(actual) != len(chosen.calls):
-                continue  # an object was lost and fetched again, by more actions than the chain has
+                continue  # a lost object was fetched again by further actions
             prediction = predict_chain(trial.world, chosen, models, tools.robot)
             (steps,) = chain_steps([(chosen, prediction)], trial.world, models, tools.robot)
             examples += [
@@ -149,7 +148,7 @@ def cross_validated(
     examples, models
         See `fit_calibration`.
     finish : callable, optional
-        Returns what is used of a fitted calibration.
+        Returns the calibration that is used, from a fitted one.
 
     Returns
     -------

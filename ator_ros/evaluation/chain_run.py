@@ -32,14 +32,14 @@ class ChainRun:
     duration : float
         In s; the time limit if the chain failed.
     success : bool
-        Whether every action succeeded and, by the true state, the last TOP's post-condition holds; where
-        sensors are between the true state and the executor, its terms that name objects.
+        Whether every action succeeded and the last TOP's post-condition truly holds; with simulated sensors
+        only its terms about objects count.
     reason : str
-        A sentence on how it ended.
+        How it ended, in a sentence.
     actions : tuple of float
         Durations in s of the actions that ended.
     error : float
-        Final distance in m from the last goal, of the axle or the hold; NaN where the last TOP does not place
+        Final distance in m from the last goal, of the axle or the hold; NaN if the last TOP does not place
         the robot.
     path : tuple of (x, y, object x, object y)
         Positions in m of the robot and of the first object, at 10 Hz; NaN without an object; empty
@@ -58,7 +58,7 @@ ChainKey = tuple[object, ...]
 
 
 def key_of(chain: TopChain) -> ChainKey:
-    """Return what tells chains from the same start apart: TOPs, and goal variables to 1e-6 (m, rad, m/s)."""
+    """Return a key of chains from the same start: TOPs, and goal variables to 1e-6 (m, rad, m/s)."""
     return tuple(
         part
         for call in chain.calls
@@ -115,7 +115,7 @@ def run_chain(
     executor : ChainExecutor, optional
         Executes the chain; by default a new one with these settings.
     rolling : Rolling, optional
-        What is known of how objects roll, and learns more; by default only what this chain shows.
+        Estimate of how objects roll, which is updated; by default a new one.
     """
     rolling = rolling if rolling is not None else Rolling(library.robot)
     if executor is None:
@@ -148,14 +148,14 @@ def run_chain(
 def _steering(
     executor: ChainExecutor, foresight: Foresight, rolling: Rolling
 ) -> Callable[[World], ChainStep]:
-    """Return what executes a tick of the chain for an observed state."""
+    """Return a function that executes a tick of the chain for an observed state."""
 
-    def steered(seen: World) -> ChainStep:
-        world = foresight.ahead(seen)
+    def steered(observed: World) -> ChainStep:
+        world = foresight.ahead(observed)
         rolling.observe(world)
         step = executor.step(world)
         if step.status is Status.RUNNING:
-            foresight.sent(seen.time, step.command)
+            foresight.sent(observed.time, step.command)
         return step
 
     return steered

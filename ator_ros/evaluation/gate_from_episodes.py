@@ -1,13 +1,11 @@
-"""Learning a gate from the episodes that the models learned from: no chain is executed for it.
+"""Learning a gate from the episodes from which the models were learned, without executing chains.
 
-Models of one half of the episodes choose chains. Models of the other half judge them, as they do not share
-the errors that led to the choice. Errors shared by both are resampled from the prediction errors of each
-half's models on the other half's episodes, in units of the spread that the models predict there: where a
-model is less certain, a larger error is drawn.
+Cross-fitted: models of one half of the episodes choose chains, and models of the other half judge them, as
+their errors are independent. Prediction errors of each half's models on the other half's episodes are
+resampled, in units of the predicted spread: the less certain a model, the larger the error.
 
-How widely costs are averaged (`ator_ros.refinement.search`) cannot be judged like that: both halves share
-the errors of their features, which averages are for. `usual_widths` did best in executed situations of
-development seeds.
+The widths of averages (`ator_ros.refinement.search`) cannot be learned like that, since both halves share the
+errors of their features. `usual_widths` were best in executed situations of development seeds.
 """
 
 from __future__ import annotations
@@ -40,25 +38,25 @@ from ator_ros.tops.ranges import USUAL_RANGES, Ranges
 from ator_ros.world.state import CONTROL_PERIOD
 
 DRAWS = 20
-"""Errors that are drawn of each judgement."""
+"""Errors drawn for each judgement."""
 _YAW = math.radians(6.0)
-_SPEED = 0.05  # of the robot's greatest
+_SPEED = 0.05  # of the robot's greatest speed
 KEPT = 0.85
-"""Least share of the judged gain that the gate must keep; of the executed one it then keeps 92 or 93 %.
+"""Least share of the judged gain that the gate keeps.
 
-That is of development seeds. The halves choose and judge with half of the episodes, so what they gain and
-harm is not what the models of all episodes do.
+Of the executed gain it then keeps 92 or 93 % (development seeds), since the models of all episodes are better
+than those of the halves.
 """
 Halves = tuple[Mapping[str, PerformanceModel], Mapping[str, PerformanceModel]]
 
 
 class CrossFit:
-    """Models of both halves of the episodes, and what each predicts wrongly of the other half.
+    """Models of both halves of the episodes, and the errors of each on the other half.
 
     Parameters
     ----------
     robot : Robot
-        The robot of the experience.
+        The robot.
     rows : mapping
         Rows of an experience table by action.
     features : mapping of str to tuple of Feature
@@ -100,9 +98,9 @@ class CrossFit:
         trials : list of Trial
             The situations.
         seed : int
-            Of the errors.
+            Seed of the drawn errors.
         widths : mapping, optional
-            How widely costs are averaged; by default not at all.
+            Widths of averages of costs; by default none.
         """
         rng, gate = np.random.default_rng(seed), OpenGate(widths=widths or {})
         rows = (row for trial in trials for row in self._of_trial(trial, gate, rng))
@@ -125,7 +123,7 @@ class CrossFit:
     def _judged(
         self, trial: Trial, chain: TopChain, judge: Mapping[str, PerformanceModel], rng: np.random.Generator
     ) -> list[float]:
-        """Return `DRAWS` costs of a chain by the judge's prediction and errors that are drawn."""
+        """Return `DRAWS` costs of a chain: the judge's prediction and drawn errors."""
         objective = expected_time(self.failure_cost)
         prediction = predict_chain(trial.world, chain, judge, self.robot, objective)
         late = np.zeros(DRAWS)
@@ -136,18 +134,17 @@ class CrossFit:
 
 
 def usual_widths(robot: Robot) -> dict[str, float]:
-    """Return how widely the costs of observed models are averaged, see `ator_ros.refinement.search`."""
+    """Return the widths of averages of observed models' costs, see `ator_ros.refinement.search`."""
     return {"yaw": round(_YAW, 4), "speed": round(_SPEED * robot.limits.v, 4)}
 
 
 def learn_from_episodes(
     fitted: CrossFit, trials: list[Trial], *, seed: int, widths: Widths | None = None
 ) -> tuple[ThresholdGate, LearnedGates]:
-    """Return the gate of models, and what it was compared with; `widths` is as in `CrossFit.examples`.
+    """Return the gate of models and its comparison; `widths` is as in `CrossFit.examples`.
 
-    It is the threshold, whatever the comparison says: it grows with the spread, so it also holds for models
-    that are learned later from more episodes, or from fewer. It asks for a gain of one `CONTROL_PERIOD` at
-    least: a smaller one does not show in how long an executed chain takes.
+    The gate is always the threshold: it grows with the spread, so it also holds for models that are learned
+    later from more or fewer episodes. It is at least one `CONTROL_PERIOD`, the resolution of executed chains.
     """
     widths = usual_widths(fitted.robot) if widths is None else widths
     examples = fitted.examples(trials, seed=seed, widths=widths)
@@ -159,7 +156,7 @@ def learn_from_episodes(
 
 
 def _per_chain(judged: Mapping[str, float]) -> dict[str, float]:
-    """Return what `compare_gates` says of a gate, its sums over chains and not over all drawn errors."""
+    """Return the comparison of a gate with sums over chains instead of drawn errors."""
     sums = {name: round(judged[name] / DRAWS) for name in ("higher", "equal", "lower")}
     return {**judged, **sums, "utility": round(judged["utility"] / DRAWS, 3)}
 
@@ -179,16 +176,16 @@ def gate_of_episodes(
     Parameters
     ----------
     domain, library
-        Where the chains come from, and what they consist of, for one robot.
+        Source of the chains, and their TOPs for one robot.
     rows : mapping of str to DataFrame
-        Experience by action; what the chain does not need is left out.
+        Experience by action; actions that are not in the chain are ignored.
     chain : str
         Name of the domain's chain.
     seed, situations : int
-        Of the situations in which chains are chosen.
+        Seed and number of the situations in which chains are chosen.
     features : mapping of str to tuple of Feature, optional
         Candidate features of the models by action; by default those of observed models. Costs are averaged,
-        see `usual_widths`, unless the models know the ideal times of their actions.
+        see `usual_widths`, unless the features include ideal times.
 
     Raises
     ------
@@ -221,7 +218,7 @@ def _halves(rows: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def _errors(model: PerformanceModel, rows: pd.DataFrame) -> FloatArray:
-    """Return by how much the episodes that succeeded took longer than predicted, in predicted spreads."""
+    """Return actual less predicted durations of successful episodes, in units of the predicted spread."""
     starts = rows[(rows["t"] == 0.0) & rows["success"]]
     predicted = model.predict(direct_of(starts), ("duration", "spread"))
     assert predicted.duration is not None

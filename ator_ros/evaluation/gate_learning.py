@@ -1,8 +1,8 @@
 """Learning two kinds of gate from executed situations, with cross-validation (paper, section 5).
 
-Of some hundred executed chains a handful become slower, and which ones is chance. By how much all of them
-missed their predicted gain tells more about how often one becomes slower. So `fit_to_drawn_errors` draws
-errors for each chain from those of similar chains.
+Of some hundred executed chains only a few become slower, and which ones is chance. The differences of gained
+and predicted time of all chains are a better estimate of that risk: `fit_to_drawn_errors` draws errors for
+each chain from those of similar chains.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scipy.stats import rankdata
 from sklearn.tree import DecisionTreeClassifier
 
 from ator_ros.evaluation.calibration_learning import StepExample, fit_calibration
-from ator_ros.evaluation.policies import POLICIES
+from ator_ros.evaluation.policies import POLICIES, UNGATED
 from ator_ros.evaluation.statistics import labels
 from ator_ros.evaluation.toolset import Toolset
 from ator_ros.evaluation.trials import random_trial
@@ -27,35 +27,32 @@ from ator_ros.refinement.gate import FEATURES, ThresholdGate, TreeGate
 from ator_ros.tops.library import TopLibrary
 
 LearnedGate = ThresholdGate | TreeGate
-KINDS = (("refined", "features"), ("refined_speed", "features_speed"))
-"""Policies whose chains are examples, and where a record has what the gate saw of them."""
 GAINS = (0.0, 0.02, 0.05, 0.08, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
 SPREAD_FACTORS = (0.0, 0.25, 0.5, 1.0)
 HARM = 3.0
 """Penalty in s for a run that becomes more than 2 % slower, besides the lost time."""
 KEPT = 0.97
-"""Least share of the ungated gain that a gate must keep, with and without refined speeds."""
+"""Least share of the ungated gain that a gate keeps, with and without refined speeds."""
 MOST_SLOWER = 0.01
 """Share of runs that a gate may let become more than 2 % slower, by cross-validation (paper: 1 %)."""
 FOLDS = 10
 TREE_DEPTH = 3
 TREE_LEAF = 10
 DRAWS = 100
-"""Errors that are drawn of each chain: with few, chance decides between thresholds from 0.02 to 0.4 s."""
+"""Errors drawn for each chain: with fewer, the learned threshold varies from 0.02 to 0.4 s."""
 _ALIKE = 0.2
-"""Share of all chains among whose errors those of one are drawn: those with the most similar ranks of
-predicted spread and predicted gain.
+"""Share of all chains from which the errors of one are drawn: those with the most similar ranks of predicted
+spread and predicted gain.
 
-Errors grow with both. In units of the spread they are not alike: where little is predicted they exceed it.
-And a chain that gains little has hardly changed, so its error is small: drawn without regard to the gain,
-errors make two to three times as many chains slower as become so.
+Errors grow with both, and not in proportion to the spread. Drawn without regard to the gain, errors make two
+to three times as many chains slower as executions do, since a chain that gains little has hardly changed.
 """
 _FEWEST = 10
 LEAST = ThresholdGate(0.05, 0.25)
-"""What a gate asks for at least: one control tick, and a quarter of the spread.
+"""Least threshold: one control tick, and a quarter of the spread.
 
-The errors of a few hundred chains tell little of rare ones. Gates of two robots that asked for less let 4 of
-300 chains become slower each, with it 2 and 3.
+A few hundred chains show few of the rare large errors. With lower thresholds 4 of 300 chains became slower on
+two robots each, with this one 2 and 3.
 """
 
 
@@ -74,7 +71,7 @@ class GateExamples:
     kind : ndarray of int, shape (n,)
         0: the heading was refined; 1: heading and arrival speed.
     succeeded : ndarray of bool, shape (n,), or None
-        Whether both chains did; None where all did. The time of one that failed tells nothing.
+        Whether both chains succeeded; None if all did. Durations of failed chains are not used.
     """
 
     features: FloatArray
@@ -97,7 +94,7 @@ def gate_examples(records: Sequence[Mapping[str, Any]]) -> GateExamples:
     """Return the examples in records of `evaluate_trial`, with and without refined arrival speed."""
     rows, naive, refined, situation, kinds, succeeded = [], [], [], [], [], []
     for record in records:
-        for kind, (policy, key) in enumerate(KINDS):
+        for kind, (policy, key) in enumerate(UNGATED.items()):
             if record.get(key):
                 rows.append([record[key][name] for name in FEATURES])
                 naive.append(record["policies"]["naive"]["duration"])
@@ -123,18 +120,29 @@ class LearnedGates(NamedTuple):
     comparison: dict[str, dict[str, float]]
     better: LearnedGate
 
+    def training(self, *, command: str, seed: int, situations: int) -> dict[str, Any]:
+        """Return how the gate was learned, for its file."""
+        return {
+            "command": command,
+            "seed": seed,
+            "situations": situations,
+            "cross_validation": self.comparison,
+            "tree_rules": self.tree.rules(),
+            "threshold": {"gain": self.threshold.gain, "spread_factor": self.threshold.spread_factor},
+        }
+
 
 def fit_threshold(examples: GateExamples, *, keep: float = KEPT) -> ThresholdGate:
     """Return the threshold with the fewest slower runs among those that keep the share `keep` of the gain.
 
-    Where a few gained what was not predicted, no threshold may keep so much; then it is one that keeps most.
+    If no threshold keeps so much, it is one of those that keep most.
 
     Parameters
     ----------
     examples : GateExamples
-        What refinement gained where.
+        Executed situations.
     keep : float
-        The share of the ungated gain, of both kinds of refinement.
+        Least share of the ungated gain of each kind of refinement.
     """
     gates, refine = _thresholds(examples, ThresholdGate(0.0))
     kept = [min(_kept(examples, rows)) for rows in refine]
@@ -155,7 +163,7 @@ def most_useful_threshold(examples: GateExamples, least: ThresholdGate) -> Thres
 def _thresholds(
     examples: GateExamples, least: ThresholdGate
 ) -> tuple[list[ThresholdGate], list[NDArray[np.bool_]]]:
-    """Return all thresholds that are tried, and which examples each of them refines."""
+    """Return all candidate thresholds, and which examples each of them refines."""
     gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
     gains = [each for each in GAINS if each >= least.gain]
     factors = [each for each in SPREAD_FACTORS if each >= least.spread_factor]
@@ -240,10 +248,10 @@ def compare_gates(examples: GateExamples, fit: Fit = fit_threshold) -> dict[str,
 
 
 def better_kind(comparison: Mapping[str, Mapping[str, float]]) -> str:
-    """Return which of both kinds of gate to take, from what `compare_gates` returns.
+    """Return the kind of gate to use, from what `compare_gates` returns.
 
-    It is the more useful of those that let at most `MOST_SLOWER` of the runs become slower and keep `KEPT` of
-    the gain. Where neither does, it is the more useful of both.
+    It is the one with the greater utility among those with at most a share `MOST_SLOWER` of slower runs that
+    keep `KEPT` of the gain; if neither does, among both.
     """
     kinds = ("threshold", "tree")
     careful = [kind for kind in kinds if _is_careful(comparison[kind])]
@@ -277,15 +285,15 @@ def _judged(examples: GateExamples, refine: NDArray[np.bool_]) -> dict[str, floa
 
 
 def fit_to_drawn_errors(examples: GateExamples) -> ThresholdGate:
-    """Return the most useful threshold for errors that are drawn, see `with_drawn_errors`."""
+    """Return the most useful threshold for drawn errors, see `with_drawn_errors`."""
     return most_useful_threshold(with_drawn_errors(examples), LEAST)
 
 
 def with_drawn_errors(examples: GateExamples) -> GateExamples:
     """Return each example `DRAWS` times, with errors drawn from those of chains like it.
 
-    An error is by how much a chain of the same kind missed its predicted gain, in s. They are drawn evenly,
-    from the least to the greatest, not at random.
+    An error is the gained less the predicted time (s) of a chain of the same kind. Errors are drawn at evenly
+    spaced ranks, not at random.
     """
     gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
     actual = examples.naive - examples.refined
@@ -320,18 +328,18 @@ def with_corrected_gains(
     tools: Toolset,
     library: TopLibrary,
 ) -> list[dict[str, Any]]:
-    """Return records of `evaluate_trial` with the features that a gate sees of corrected predictions.
+    """Return records of `evaluate_trial` with the gate's features of corrected predictions.
 
-    The correction of a situation is learned from the others, so that its errors are those of new chains.
+    Cross-fitted: the correction of a situation is learned from other situations.
 
     Parameters
     ----------
     records : sequence
-        Of the `chain` in situations of this `seed`, which the same models have chosen.
+        Records of the `chain` in situations of this `seed`, chosen by the same models.
     examples : sequence of StepExample
-        The actions that the records executed.
+        The executed actions of the records.
     tools : Toolset
-        With a gate that judges corrected predictions.
+        Models, and a gate that judges corrected predictions.
     library : TopLibrary
         Robot, and TOPs of the chain.
 
@@ -340,16 +348,16 @@ def with_corrected_gains(
     EvaluationError
         There are too few examples to learn a correction from.
     """
-    seen = [dict(record) for record in records]
+    corrected_records = [dict(record) for record in records]
     for fold in range(FOLDS):
-        held_out = seen[fold::FOLDS]
+        held_out = corrected_records[fold::FOLDS]
         without = {(seed, record["index"]) for record in held_out}
         rest = [example for example in examples if example.situation not in without]
         corrected = dataclasses.replace(tools, calibration=fit_calibration(rest, tools.models))
         for record in held_out:
             trial = random_trial(tools.domain, chain, library, seed=seed, index=record["index"])
-            for policy, key in KINDS:
+            for policy, key in UNGATED.items():
                 refinement = POLICIES[policy](corrected, trial).refinement if record.get(key) else None
                 if refinement is not None:
                     record[key] = dict(refinement.features)
-    return seen
+    return corrected_records

@@ -1,4 +1,4 @@
-"""The policies to compare: each chooses the open variables of a trial's chain."""
+"""The policies that are compared: each chooses the open variables of a trial's chain."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ator_ros.tops.chain import TopChain
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A chain to execute, the refinement that led to it, if any, and whether models chose it."""
+    """A chain to execute, its refinement, if any, and whether models chose it."""
 
     chain: TopChain
     refinement: Refinement | None = None
@@ -40,9 +40,9 @@ class PathTime:
     Attributes
     ----------
     robot : Robot
-        Its limits, and where it holds an object.
+        The robot.
     driving : DrivingStyle or None
-        How the action drives; None: at the limits of the base.
+        Limits at which the action drives; None: those of the base.
     """
 
     robot: Robot
@@ -67,7 +67,7 @@ def face_goal(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
 
 
 def reopened(chain: TopChain, plan: TopChain) -> TopChain:
-    """Return the goals of `chain` with what `plan` leaves open."""
+    """Return the chain with the open variables of `plan`."""
     pairs = zip(chain.calls, plan.calls, strict=True)
     return TopChain(tuple(dataclasses.replace(call, open=planned.open) for call, planned in pairs))
 
@@ -81,7 +81,7 @@ def _gated(tools: Toolset) -> Refiner:
 
 
 def _analytic(tools: Toolset) -> Refiner:
-    """Return a refiner with path times, at the limits that the learned models observed, if they did."""
+    """Return a refiner with path times, at the limits that learned models have observed, if any."""
     driving = {action: getattr(model, "driving", None) for action, model in tools.models.items()}
     return tools.analytic_refiner({action: PathTime(tools.robot, seen) for action, seen in driving.items()})
 
@@ -98,7 +98,6 @@ def _refining(refiner: Callable[[Toolset], Refiner], *, speeds: bool = False) ->
     return choose
 
 
-#: A new policy is a new row. The oracle is no policy: it needs executions.
 POLICIES: Mapping[str, Policy] = MappingProxyType(
     {
         "naive": naive,
@@ -111,11 +110,16 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
         "gated_speed": _refining(_gated, speeds=True),
     }
 )
+"""By name; a new policy is a new row. The oracle is no policy, as it executes chains."""
+
+
+UNGATED: Mapping[str, str] = MappingProxyType({"refined": "features", "refined_speed": "features_speed"})
+"""Policies without a gate, and the key under which a record holds what a gate would see of their choices."""
 
 
 def unavailable(source: ToolsetSource) -> dict[str, str]:
-    """Return what policies lack that cannot be run, by their names."""
+    """Return the policies that cannot be run, with the reason."""
     gate = source.folder() / GATE
     if gate.exists():
         return {}
-    return dict.fromkeys(("gated", "gated_speed"), f"{gate} is not there; the tool `gate` makes it")
+    return dict.fromkeys(("gated", "gated_speed"), f"expected the file {gate}, which the tool `gate` makes")

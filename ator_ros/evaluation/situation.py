@@ -1,9 +1,9 @@
 """Evaluation of one situation: every policy chooses a chain, and each distinct chain is executed once.
 
-The oracle executes many chains and takes the best. Where the robot stands between two actions it searches all
-open headings jointly: there the duration of an action depends only on the poses at its two ends. So each leg
-is executed once for each pair of headings at its ends, and dynamic programming finds the best headings of the
-chain. Then the chain with them is executed as a whole; only this duration counts.
+The oracle executes many chains and takes the best. If the robot stands between two actions, the duration of
+an action depends only on the poses at its two ends. Then the oracle can search all open headings jointly:
+each leg is executed for each pair of headings at its ends, and dynamic programming finds the best chain. That
+is executed as a whole; only this duration counts.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.chain_run import ChainKey, ChainRun, key_of, run_chain
-from ator_ros.evaluation.policies import POLICIES, Choice, naive
+from ator_ros.evaluation.policies import POLICIES, UNGATED, Choice, naive
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
 from ator_ros.geometry import BoolArray, FloatArray, wrap_angle, wrap_angles
@@ -34,8 +34,6 @@ from ator_ros.world.state import RobotState, World
 
 Record = dict[str, Any]
 """The result of one situation; see `evaluate_trial`."""
-ONE_GOAL = 5
-"""Numbers in a record's "start" where the chain has one goal only."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +58,8 @@ class Settings:
     source : ToolsetSource
         Source of robot, actions, models and gate.
     joint_oracle : bool
-        Whether the oracle searches all open headings jointly, by executing legs: for chains whose robot
-        stands between two actions.
+        Whether the oracle searches all open headings jointly, by executing legs, for chains in which the
+        robot stands between two actions.
     """
 
     seed: int
@@ -81,7 +79,7 @@ class Settings:
 
 
 class Executions:
-    """Executes chains from one start, each distinct one once."""
+    """Executes chains from one start; equal chains are executed once."""
 
     def __init__(self, tools: Toolset, library: TopLibrary, trial: Trial) -> None:
         self._robot, self._library, self._trial = tools.robot, library, trial
@@ -133,7 +131,7 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
             for name, choice in choices.items()
         },
     }
-    for name, key in (("refined", "features"), ("refined_speed", "features_speed")):
+    for name, key in UNGATED.items():
         refinement = choices[name].refinement if name in choices else None
         if refinement is not None and refinement.features:
             record[key] = {feature: round(value, 5) for feature, value in refinement.features.items()}
@@ -170,7 +168,7 @@ def _chosen(goal: Goal) -> list[float]:
 
 
 def _predicted(tools: Toolset, trial: Trial, choice: Choice) -> ChainPrediction | None:
-    """Return the prediction of the chosen chain; None if it was chosen without a model."""
+    """Return the prediction of the chosen chain; None if no model chose it."""
     refinement = choice.refinement
     if refinement is not None:
         return refinement.after if refinement.refined else refinement.before
@@ -261,14 +259,14 @@ _SAME = 1e-3  # rad
 
 
 def candidates(trial: Trial, chains: Sequence[TopChain], count: int) -> list[FloatArray]:
-    """Return the headings (rad) to try at each step, shape (k,): of a closed one its own.
+    """Return the headings (rad) to try at each step, shape (k,); for a closed heading only this one.
 
     Parameters
     ----------
     trial : Trial
-        Whose chain says what is open.
+        The situation, with a chain that has open headings.
     chains : sequence of TopChain
-        What policies have chosen: their headings are tried too.
+        Choices of policies, whose headings are tried too.
     count : int
         Number of evenly spaced headings.
     """
@@ -288,7 +286,7 @@ def candidates(trial: Trial, chains: Sequence[TopChain], count: int) -> list[Flo
 
 
 def predicted_legs(tools: Toolset, trial: Trial, offered: Sequence[FloatArray]) -> list[FloatArray]:
-    """Return what the learned models predict for each leg, shape (headings before, headings after), in s."""
+    """Return the predicted duration in s of each leg, shape (headings before, headings after)."""
     calls = trial.chain.calls
     free = [
         FreeVariable(index, "yaw", USUAL_RANGES["yaw"](tools.robot, call.goal))
@@ -309,7 +307,7 @@ def predicted_legs(tools: Toolset, trial: Trial, offered: Sequence[FloatArray]) 
 
 
 def promising(legs: Sequence[FloatArray], margin: float | None) -> list[BoolArray]:
-    """Return of each leg which pairs lie on a chain predicted to take at most `margin` s above the least."""
+    """Return the pairs of each leg on chains predicted at most `margin` s above the best; None: all pairs."""
     forward = [np.zeros(1)]
     for leg in legs:
         forward.append(np.min(forward[-1][:, None] + leg, axis=0))
@@ -317,17 +315,17 @@ def promising(legs: Sequence[FloatArray], margin: float | None) -> list[BoolArra
     for leg in reversed(legs):
         backward.insert(0, np.min(leg + backward[0][None, :], axis=1))
     bound = math.inf if margin is None else float(np.min(forward[-1])) + margin + 1e-9
-    ways = zip(forward, legs, backward[1:], strict=False)
-    return [before[:, None] + leg + after[None, :] <= bound for before, leg, after in ways]
+    parts = zip(forward, legs, backward[1:], strict=False)
+    return [before[:, None] + leg + after[None, :] <= bound for before, leg, after in parts]
 
 
 def least(legs: Sequence[FloatArray]) -> list[int]:
-    """Return the numbers of the headings, one a step, of the chain whose legs take least."""
+    """Return the indices of the headings, one for each step, of the fastest chain."""
     sums, origins = np.zeros(1), []
     for leg in legs:
-        ways = sums[:, None] + leg
-        origins.append(np.argmin(ways, axis=0))
-        sums = ways.min(axis=0)
+        totals = sums[:, None] + leg
+        origins.append(np.argmin(totals, axis=0))
+        sums = totals.min(axis=0)
     path = [int(np.argmin(sums))]
     for origin in reversed(origins[1:]):
         path.insert(0, int(origin[path[0]]))
@@ -343,20 +341,20 @@ def best_headings(
     count: int,
     margin: float | None,
 ) -> tuple[TopChain, int]:
-    """Return the chain with the headings that take least by executed legs, and how many were executed.
+    """Return the chain that is fastest by executed legs, and the number of legs executed.
 
     Parameters
     ----------
     tools : Toolset
-        Of the learned models, which say what is not worth executing.
+        Learned models, which exclude slow legs.
     trial : Trial
         The situation.
     tried : iterable of Tried
-        What policies have chosen and executed: their headings are offered, their legs are not executed again.
+        Executed choices of policies: their headings are tried, and their legs are not executed again.
     drive : callable
         Executes a leg.
     count, margin
-        Headings at each open step, and what is left out (see `promising`); None: nothing.
+        Number of headings at each open step, and the margin of `promising`.
     """
     runs = list(tried)
     offered = candidates(trial, [run.chain for run in runs], count)
@@ -368,8 +366,8 @@ def best_headings(
         times = np.full((len(before), len(offered[index])), math.nan)
         for run in runs:
             if len(run.actions) == len(trial.chain.calls):
-                row = _number(before, run.chain.calls[index - 1].goal.pose.yaw) if index else 0
-                column = _number(offered[index], run.chain.calls[index].goal.pose.yaw)
+                row = _nearest(before, run.chain.calls[index - 1].goal.pose.yaw) if index else 0
+                column = _nearest(offered[index], run.chain.calls[index].goal.pose.yaw)
                 times[row, column] = run.actions[index]
         for row, column in np.argwhere(wanted[index] & np.isnan(times)):
             start = RobotState(here._replace(yaw=float(before[row])))
@@ -382,8 +380,8 @@ def best_headings(
     return with_headings(trial.chain, opened), executed
 
 
-def _number(headings: FloatArray, yaw: float) -> int:
-    """Return which of the headings is `yaw`."""
+def _nearest(headings: FloatArray, yaw: float) -> int:
+    """Return the index of the heading `yaw`."""
     return int(np.argmin(np.abs(wrap_angles(headings - yaw))))
 
 

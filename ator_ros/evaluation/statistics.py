@@ -14,7 +14,7 @@ from ator_ros.geometry import FloatArray
 EQUAL = 0.02
 """Runs whose durations differ by no more than this share count as equal."""
 _WORTH_SHARING = 0.0005
-"""Least share of the naive durations that the oracle saves, below which no share of that is told."""
+"""Share of the naive durations that the oracle saves, below which captured shares are not reported."""
 RESAMPLES = 5000
 LABELS = ("Higher", "Equal", "Lower")
 

@@ -1,4 +1,4 @@
-"""What `study` finds out about a robot, and its page: actions, models, and what each open variable gains."""
+"""The results of `study` and their page: actions, models, and the gain of each open variable."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def _opening(chain: TopChain, index: int, name: str) -> TopChain:
 
 
 def _explained(variable: NotFree) -> str:
-    """Return why a variable was not free, with the kind of cause first."""
+    """Return why a variable was not free, with the kind of cause unless it is bound."""
     bound = variable.cause is Cause.BOUND
     return variable.reason if bound else f"{variable.cause.value}: {variable.reason}"
 
@@ -123,7 +123,7 @@ SETTINGS = "study settings"
 
 @dataclass(frozen=True)
 class StudySettings:
-    """What the files in a study's folder depend on; options of `study`, and the digest of robot and scene."""
+    """What the files of a study depend on: options of `study`, and the digest of robot and scene."""
 
     description_digest: str
     domain: str
@@ -137,7 +137,7 @@ class StudySettings:
 
 @dataclass(frozen=True)
 class MeasuredAction:
-    """How an action did over all its episodes, and how accurate its model is.
+    """Performance of an action over all its episodes, and accuracy of its model.
 
     Attributes
     ----------
@@ -150,7 +150,7 @@ class MeasuredAction:
     accuracy : dict
         As in the file of its model; empty without one.
     failures : dict
-        Why episodes failed and how often.
+        Reasons of failures and their numbers.
     """
 
     episodes: int
@@ -171,17 +171,17 @@ class StudyResult:
     robot, robot_digest : str
         Name and digest of the robot's description.
     domain, action_set : str
-        Names of both.
+        Domain and action set.
     actions : mapping of str to MeasuredAction
-        Those that the robot can execute, by name.
+        The actions that the robot can execute, by name.
     left_out : mapping of str to str
-        Why it can't execute the others.
+        The other actions, with the reason.
     chain : str or None
         The chain that was evaluated; None without one.
     evaluation : mapping or None
         Summary of its evaluation, as in `evaluation.json`.
     variables : tuple of OpenVariable
-        What each open variable of the chain is worth, and why if it is worth nothing.
+        The open variables of the chain, with their gains.
     """
 
     command: str
@@ -197,7 +197,7 @@ class StudyResult:
 
 
 def study_page(result: StudyResult) -> str:
-    """Return the page of what `study` has found out."""
+    """Return the HTML page of a study."""
     parts: list[Part] = [
         ("p", f"Domain {result.domain}, action set {result.action_set}."),
         ("h2", "Actions"),

@@ -143,7 +143,7 @@ class ToolsetSource:
             raise EvaluationError(f"chain {chain}: {why}")
 
     def stamps(self) -> tuple[tuple[str, int, int], ...]:
-        """Return name, time of change in ns, and size of models, gate, and a robot's own file."""
+        """Return name, modification time (ns) and size of the files that `make_toolset` reads."""
         files = [*sorted(self.folder().glob("*.json")), *([Path(self.robot)] if self.robot else [])]
         stamps = []
         for file in files:
@@ -185,14 +185,14 @@ def make_toolset(source: ToolsetSource) -> Toolset:
     """
     domain, robot, folder = find_domain(source.domain), source.described(), source.folder()
     files = {action: folder / f"{action}.json" for action in domain.actions(source.action_set)}
-    # If there are none, all that are expected, for the error message.
+    # Without any model, load_model reports the first expected file.
     there = {action: file for action, file in files.items() if os.path.lexists(file)} or files
     models = {action: load_model(file, robot, domain.known_features) for action, file in there.items()}
     return Toolset(domain, robot, models, gate_in(folder, source.action_set), load_calibration_if_any(folder))
 
 
 def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
-    """Return toolset and library, made once per process, and again after a file of the source has changed."""
+    """Return toolset and library, cached until a file of the source changes."""
     return _made(source, source.stamps())
 
 

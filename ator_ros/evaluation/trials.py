@@ -17,7 +17,7 @@ from ator_ros.world.state import World
 
 
 class EvaluationError(ValueError):
-    """An evaluation that cannot be run or read; the message says what was expected and what came."""
+    """An evaluation that cannot be run or read; the message says what was expected and what was found."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Trial:
 
 
 def random_trial(domain: Domain, chain: str, library: TopLibrary, *, seed: int, index: int) -> Trial:
-    """Draw situation `index` of the evaluation with this seed; it depends on nothing else.
+    """Draw situation `index` of the evaluation with this seed; determined by these alone.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def open_speeds(chain: TopChain) -> TopChain:
 
 
 def open_places(chain: TopChain) -> TopChain:
-    """Return the chain with speeds open, and all of a subgoal where the next step may begin in a region."""
+    """Return the chain with speeds open, and with places open before steps that may start in a region."""
     following = [*chain.calls[1:], None]
     calls = [
         dataclasses.replace(call, open=call.open | {"x", "y", "yaw", "speed"})
@@ -81,7 +81,7 @@ def open_places(chain: TopChain) -> TopChain:
 
 
 def with_headings(chain: TopChain, headings: Mapping[int, float]) -> TopChain:
-    """Return the chain with headings (rad) at some subgoals replaced and committed to."""
+    """Return the chain with fixed headings (rad) at some subgoals."""
     calls = list(chain.calls)
     for index, yaw in headings.items():
         call = calls[index]
@@ -91,7 +91,7 @@ def with_headings(chain: TopChain, headings: Mapping[int, float]) -> TopChain:
 
 
 def possible_actions(domain: Domain, action_set: str, robot: Robot) -> tuple[list[str], dict[str, str]]:
-    """Return the actions that a robot can execute, and why it can't the others."""
+    """Return the actions that a robot can execute, and the others with the reason."""
     actions, left_out = [], {}
     for name, spec in domain.actions(action_set).items():
         try:
@@ -109,7 +109,7 @@ def possible_actions(domain: Domain, action_set: str, robot: Robot) -> tuple[lis
 def possible_chain(
     domain: Domain, library: TopLibrary, wanted: str | None, actions: Sequence[str]
 ) -> str | None:
-    """Return the chain that was asked for, or else the first one all of whose actions are among `actions`."""
+    """Return the requested chain or else the first one, of those with only these actions."""
     for name in sorted(domain.chains, key=lambda name: name != wanted):
         try:
             trial = random_trial(domain, name, library, seed=0, index=0)

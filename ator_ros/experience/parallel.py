@@ -17,7 +17,7 @@ from typing import Any, Self, TypeVar
 
 from tqdm import tqdm
 
-from ator_ros.files import is_locked_elsewhere, read_text
+from ator_ros.files import read_text, try_lock
 from ator_ros.printable import short
 
 Task = TypeVar("Task")
@@ -175,7 +175,7 @@ class PartialResults:
         if lines and lines[0] != header:
             raise error(f"{path}: expected {expected}, got others: choose another --out, or delete that file")
         self._file = path.open("ab")
-        if is_locked_elsewhere(self._file.fileno()):
+        if not try_lock(self._file.fileno()):
             self._file.close()
             raise error(f"{path}: expected a file of its own, another command is writing it")
         self._size = sum(len(line.encode()) + 1 for line in lines)

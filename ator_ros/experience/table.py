@@ -27,7 +27,7 @@ from ator_ros.experience.columns import (
     objects_of_columns,
 )
 from ator_ros.experience.episode import Episode, sample_of
-from ator_ros.files import content_of, head, is_name, limited_memory, replaced
+from ator_ros.files import atomic_write, content_of, header, is_name, limited_memory
 from ator_ros.geometry import FloatArray
 from ator_ros.printable import printable, quoted
 from ator_ros.schema import AtMost, Name, SchemaError, require, structured
@@ -264,7 +264,7 @@ def write_experience(path: Path | str, experience: Experience) -> None:
     arrow, parquet = require_pyarrow()
     table = arrow.Table.from_pandas(experience.frame, preserve_index=False)
     metadata = {
-        **head(KIND),
+        **header(KIND),
         "columns": columns(experience.objects, experience.goal_variables),
         "objects": experience.objects,
         **({"goal_variables": experience.goal_variables} if experience.goal_variables else {}),
@@ -272,7 +272,7 @@ def write_experience(path: Path | str, experience: Experience) -> None:
     }
     text = json.dumps(metadata, sort_keys=True).encode()
     table = table.replace_schema_metadata({**(table.schema.metadata or {}), _KEY: text})
-    with replaced(path) as temporary:
+    with atomic_write(path) as temporary:
         parquet.write_table(table, temporary, compression="zstd")
 
 

@@ -1,13 +1,12 @@
-"""Families of ideal motions, made from a robot's limits: how long the fastest of a family takes is a feature.
+"""Families of ideal motions at a robot's limits; the duration of the fastest motion is a feature.
 
 A family is some kinds of motion, each a turn, a straight drive, a turn and a straight run. Kinds are given as
 shares of the limits. `needed_kinds` chooses them for a robot from a fine grid: the next one is that which
 brings the times nearest to those of the whole grid, until the rest would hardly bring them nearer, or at
 `MOST` kinds.
 
-The times come from the direct variables and the robot's description alone, and know nothing of an action's
-state or plan. But they are motions of the shape that our own actions drive best, so much of what there is to
-learn is known to them before.
+The times follow from the direct variables and the robot's description alone. But these motions have the shape
+of those of our own actions, so they describe much of what a model would otherwise learn.
 """
 
 from __future__ import annotations
@@ -19,11 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ator_ros.compiled import in_shares
+from ator_ros.compiled import parallel_for
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import rates_of, turn_time
 from ator_ros.motion.motion_search import KIND, Rows, Rules, search_fastest
-from ator_ros.motion.turn_tables import TurnTables, Way, turn_tables
+from ator_ros.motion.turn_tables import TurnProfile, TurnTables, turn_tables
 from ator_ros.robot.description import Limits
 
 _DETOUR = 7.2
@@ -35,11 +34,11 @@ class Kind(NamedTuple):
 
     Attributes
     ----------
-    first, last : Way
+    first, last : TurnProfile
         How the turns are driven; the last as seen from the goal, backward in time.
     share : float
-        Speed between last turn and run: between the least (0) and greatest (1) from which the run can end as
-        it shall, or, where the run is as long as that needs, a share of the limit; NaN where there is no run.
+        Speed between last turn and run: between the least (0) and the greatest (1) from which the run can
+        reach its end speed, or a share of the limit if the run is as long as needed; NaN without a run.
     entry : float
         Speed in m/s to reach in a straight lead before the first turn; NaN where that begins at once.
     backward : bool
@@ -48,8 +47,8 @@ class Kind(NamedTuple):
         Least speeds in m/s at the start and at the goal of such motions.
     """
 
-    first: Way
-    last: Way
+    first: TurnProfile
+    last: TurnProfile
     share: float = 0.0
     entry: float = np.nan
     backward: bool = False
@@ -82,21 +81,21 @@ class Family:
     forward: bool = False
 
     @cached_property
-    def _ways(self) -> tuple[Way, ...]:
-        return tuple(dict.fromkeys(way for kind in self.kinds for way in (kind.first, kind.last)))
+    def _profiles(self) -> tuple[TurnProfile, ...]:
+        return tuple(dict.fromkeys(profile for kind in self.kinds for profile in (kind.first, kind.last)))
 
     @cached_property
     def tables(self) -> TurnTables:
         """The tables of all ways to turn."""
-        return turn_tables(self.limits, self._ways)
+        return turn_tables(self.limits, self._profiles)
 
     @cached_property
     def rows(self) -> Rows:
         """The kinds as rows."""
         rows = [
             (
-                self._ways.index(kind.first),
-                self._ways.index(kind.last),
+                self._profiles.index(kind.first),
+                self._profiles.index(kind.last),
                 kind.first.change,
                 kind.last.change,
                 kind.first.rate,
@@ -150,22 +149,26 @@ class FreeTurns(NamedTuple):
 def free_kinds(limits: Limits, rows: Iterable[FreeTurns]) -> tuple[Kind, ...]:
     """Return kinds of motion for these limits."""
     return tuple(
-        Kind(Way(row.first * limits.a, limits.w), Way(row.last * limits.a, limits.w), row.share,
-             backward=row.backward)
+        Kind(
+            TurnProfile(row.first * limits.a, limits.w),
+            TurnProfile(row.last * limits.a, limits.w),
+            row.share,
+            backward=row.backward,
+        )
         for row in rows
-    )  # fmt: skip
+    )
 
 
 NEAR = 0.0005
-"""The choice ends where the rest of the grid would save less than this share of the time, in the mean."""
+"""Choosing ends when the rest of the grid would save less than this share of the mean time."""
 MOST = 120
-"""Kinds that are chosen at most: the time that a search takes grows with them."""
+"""Greatest number of kinds; the time of a search grows with it."""
 _MOTIONS, _SEED = 2000, 5
-_LATE = 3.0  # how many times the least time counts where no chosen kind leads to the destination
+_LATE = 3.0  # multiple of the least time, if no chosen kind leads to the destination
 
 
 def needed_kinds(grid: Family, *, hold: float) -> list[int]:
-    """Return the numbers of those kinds of a family that are needed, the most useful first.
+    """Return the indices of the kinds of a family that are needed, the most useful first.
 
     It takes a second for a thousand kinds; the search has to be compiled (`ator_ros.compiled`).
 
@@ -177,7 +180,7 @@ def needed_kinds(grid: Family, *, hold: float) -> list[int]:
         Distance in m from the destination to the object in front of it.
     """
     times = times_of(grid, drawn_ends(grid.limits, _MOTIONS, np.random.default_rng(_SEED)), hold)
-    return chosen(times, MOST, near=NEAR) or [0]  # of a grid that leads nowhere
+    return chosen(times, MOST, near=NEAR) or [0]  # no kind of the grid reaches a destination
 
 
 def drawn_ends(limits: Limits, count: int, rng: np.random.Generator) -> FloatArray:
@@ -218,8 +221,8 @@ def chosen(times: FloatArray, most: int, *, near: float = 0.0) -> list[int]:
     return picked
 
 
-_SHARE = 60
-"""Situations that one core takes at least: some 60 microseconds."""
+_CHUNK = 60
+"""Least number of situations per chunk: 60 microseconds."""
 
 
 @dataclass(frozen=True)
@@ -260,5 +263,5 @@ def fastest_motions(ends: FloatArray, family: Family, *, hold: float) -> Motions
     search = partial(
         search_fastest, ends, family.rows, family.tables, family.rules(hold), family.missed, result
     )
-    in_shares(search, ends.shape[2], _SHARE)
+    parallel_for(search, ends.shape[2], _CHUNK)
     return Motions(time, turn)

@@ -1,11 +1,10 @@
-"""The search for the fastest of a family's ideal motions: compiled, as it is most of a refinement's work.
+"""The search for the fastest of a family's ideal motions: compiled, since it dominates refinement.
 
 A motion turns, drives straight, turns, and runs straight to the goal. The heading of the drive is the only
 unknown. Its roots are bracketed on a grid of first turns, where the parts of both turns just add. What
 depends on the speeds at the ends alone is computed once.
 
-Motions that are surely slower than another are left out early, by bounds that never exceed their times. So
-the bounds change no result.
+Motions whose lower bound exceeds the best time are skipped; this changes no result.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from ator_ros.motion.turn_tables import (
 )
 
 KIND = np.dtype(
-    [("first_way", np.intp), ("last_way", np.intp)]
+    [("first_profile", np.intp), ("last_profile", np.intp)]
     + [(f"{turn}_{what}", float) for what in ("change", "rate") for turn in ("first", "last")]
     + [(name, float) for name in ("share", "entry", "least_start", "least_arrival")]
     + [("direction", np.float32)],
@@ -42,20 +41,17 @@ KIND = np.dtype(
 )
 """A kind of motion as a row; see `families.Kind`."""
 
-ENTRY = np.dtype([("speed", float), ("way", float), ("time", float), ("row", np.intp)])
-"""The begin of a kind's motions: speed in m/s at the first turn, straight way (m) and time (s) up to there,
-and the turn's row in the tables."""
-
-LEAVE = np.dtype([("speed", float), ("way", float), ("time", float), ("row", np.intp)])
-"""The same of their end: speed after the last turn, straight way and time from there on."""
+END = np.dtype([("speed", float), ("length", float), ("time", float), ("row", np.intp)])
+"""One end of a kind's motions: speed (m/s) at the turn, length (m) and time (s) of the straight part between
+the end and the turn, and the turn's row in the tables."""
 
 Rows = NDArray[np.void]
 
 
 class Rules(NamedTuple):
-    """What holds for all kinds of a family; see `families.Family`.
+    """Parameters of all kinds of a family; see `families.Family`.
 
-    run: NaN where it is as long as needed. detour: s per m that a straight drive passes too near the object.
+    run: NaN if it is as long as needed. detour: s per m that a straight drive passes too near the object.
     """
 
     rates: Rates
@@ -68,26 +64,26 @@ class Rules(NamedTuple):
 
 @compiled
 def set_speed(entries: Rows, speed: float, kinds: Rows, tables: TurnTables, rules: Rules) -> None:
-    """Write the begins of all kinds for a speed (m/s) at the start; those that need more take forever."""
+    """Write the first ends of all kinds for a speed (m/s) at the start; infinite times if it is too low."""
     rates = rules.rates
     for index in range(len(kinds)):
         kind, entry = kinds[index], entries[index]
         reached = speed if math.isnan(kind["entry"]) else kind["entry"]
-        entry["speed"], entry["way"] = reached, change_distance(speed, reached, rates)
+        entry["speed"], entry["length"] = reached, change_distance(speed, reached, rates)
         entry["time"] = change_time(speed, reached, rates) if speed >= kind["least_start"] else np.inf
-        entry["row"] = row_of(tables, kind["first_way"], reached)
+        entry["row"] = row_of(tables, kind["first_profile"], reached)
 
 
 @compiled
-def set_arrival(leaves: Rows, arrival: float, kinds: Rows, tables: TurnTables, rules: Rules) -> None:
-    """Write the ends of all kinds for a speed (m/s) at the destination, as `set_speed` does."""
+def set_arrival(exits: Rows, arrival: float, kinds: Rows, tables: TurnTables, rules: Rules) -> None:
+    """Write the last ends of all kinds for a speed (m/s) at the destination, as `set_speed` does."""
     for index in range(len(kinds)):
-        kind, leave = kinds[index], leaves[index]
+        kind, exit_ = kinds[index], exits[index]
         speed, run = _before_run(kind["share"], arrival, rules)
-        leave["speed"], leave["way"] = speed, run
+        exit_["speed"], exit_["length"] = speed, run
         time = forward_time(run, speed, arrival, rules.rates)
-        leave["time"] = time if arrival >= kind["least_arrival"] else np.inf
-        leave["row"] = row_of(tables, kind["last_way"], speed)
+        exit_["time"] = time if arrival >= kind["least_arrival"] else np.inf
+        exit_["row"] = row_of(tables, kind["last_profile"], speed)
 
 
 @compiled
@@ -109,10 +105,10 @@ _FULL_TURN = 2.0 * math.pi
 _MOST_TURNED = math.radians(450.0)
 _STEP = np.float32(STEP)
 _INNER = (1 << (2 * HALF)) - 1  # the bits of all of TURNS that another one follows
-_KEPT = 32  # arrival speeds whose ends are kept: those of a grid come again and again
-_SLACK, _SLACK_S = 1e-5, 1e-3  # m and s: more than the errors of `_drive`, and what they make of a time
+_KEPT = 32  # arrival speeds whose ends are cached: a grid has few different ones
+_SLACK, _SLACK_S = 1e-5, 1e-3  # m and s: above the error of `_drive`, and its effect on a time
 
-# TURNS and a few more, which fill the processor's vectors and are left out by _INNER.
+# TURNS, padded to fill the processor's vectors; _INNER masks the padding.
 _WIDE = STEP * np.arange(-HALF, WIDTH - HALF)
 _COS, _SIN = np.cos(_WIDE.astype(np.float32)), np.sin(_WIDE.astype(np.float32))
 _FINE_COS, _FINE_SIN = np.cos(_WIDE), np.sin(_WIDE)
@@ -121,7 +117,7 @@ _NUMBERS = np.zeros(37, dtype=np.intp)  # of bits, by the remainders of their va
 _NUMBERS[(1 << np.arange(WIDTH)) % 37] = np.arange(WIDTH)
 
 
-class _Way(NamedTuple):
+class _Offset(NamedTuple):
     """From where the first turn begins to where the last one ends, and to the object at the goal, in m."""
 
     x: float
@@ -168,11 +164,11 @@ def search_fastest(
     first, end : int
         Of which situations.
     """
-    entries = np.empty(len(kinds), dtype=ENTRY)
-    leaves = np.empty((_KEPT, len(kinds)), dtype=LEAVE)
+    entries = np.empty(len(kinds), dtype=END)
+    exits = np.empty((_KEPT, len(kinds)), dtype=END)
     arrivals = np.full(_KEPT, np.nan)
     gaps = np.empty(WIDTH, dtype=np.float32)
-    likely, kept = 0, 0  # what was fastest just before is tried first: then more of the others are hopeless
+    likely, kept = 0, 0  # the last fastest kind is tried first: its time prunes most others
     for at in range(first, end):
         speed = ends[3, 0, at]
         if at == first or speed != ends[3, 0, at - 1]:
@@ -183,12 +179,12 @@ def search_fastest(
             kept = _place_of(arrival, arrivals, kept)
             if arrivals[kept] != arrival:
                 arrivals[kept] = arrival
-                set_arrival(leaves[kept], arrival, kinds, tables, rules)
+                set_arrival(exits[kept], arrival, kinds, tables, rules)
             x, y, turn = ends[0, choice, at], ends[1, choice, at], ends[2, choice, at]
-            # Slower motions than to another destination don't count, but a missed one may be faster still.
+            # Bounded by the time to another destination, unless that one was missed.
             most = best if best <= missed[0] else np.inf
             time, angles, likely = _fastest(
-                x, y, turn, most, likely, entries, leaves[kept], gaps, kinds, tables, rules
+                x, y, turn, most, likely, entries, exits[kept], gaps, kinds, tables, rules
             )
             if time == np.inf and most == np.inf:
                 time, angles = missed
@@ -199,7 +195,7 @@ def search_fastest(
 
 @compiled
 def _place_of(arrival: float, arrivals: FloatArray, kept: int) -> int:
-    """Return where the ends for an arrival speed are kept, or shall be; they mostly follow each other."""
+    """Return the place in the cache for an arrival speed; speeds mostly come in a fixed order."""
     for ahead in range(_KEPT):
         place = (kept + ahead) % _KEPT
         if arrivals[place] == arrival or math.isnan(arrivals[place]):
@@ -215,7 +211,7 @@ def _fastest(
     most: float,
     likely: int,
     entries: Rows,
-    leaves: Rows,
+    exits: Rows,
     gaps: RealArray,
     kinds: Rows,
     tables: TurnTables,
@@ -224,21 +220,21 @@ def _fastest(
     """Return time (s), turned angle (rad) and kind of the fastest motion; infinite unless below `most`."""
     cos, sin = math.cos(turn), math.sin(turn)
     object_x, object_y = x + rules.hold * cos, y + rules.hold * sin
-    # The whole change of heading may go either way round, or a circle more.
+    # The whole change of heading may be either way round, or a full turn more.
     circle = math.copysign(_FULL_TURN, turn)
     totals = (turn, turn - circle, turn + circle)
     windows = (window_of(-totals[0]), window_of(-totals[1]), window_of(-totals[2]))
     best, result, turned, fastest = most, np.inf, 0.0, likely
     for number in range(len(kinds)):
         index = (likely + number) % len(kinds)
-        kind, entry, leave = kinds[index], entries[index], leaves[index]
-        straight = entry["time"] + leave["time"]
+        kind, entry, exit_ = kinds[index], entries[index], exits[index]
+        straight = entry["time"] + exit_["time"]
         if straight == np.inf:
             continue
-        way = _Way(
-            x - entry["way"] - leave["way"] * cos,
-            y - leave["way"] * sin,
-            object_x - entry["way"],
+        offset = _Offset(
+            x - entry["length"] - exit_["length"] * cos,
+            y - exit_["length"] * sin,
+            object_x - entry["length"],
             object_y,
         )
         rate = max(kind["first_rate"], kind["last_rate"])
@@ -247,9 +243,16 @@ def _fastest(
             if straight + turn_time(abs(total), rate, rules.rates.aw) > best:
                 continue
             above = _fill_gaps(
-                gaps, way, windows[around], kind["direction"], entry, leave, tables.brackets, tables.fractions
+                gaps,
+                offset,
+                windows[around],
+                kind["direction"],
+                entry,
+                exit_,
+                tables.brackets,
+                tables.fractions,
             )
-            # Through zero from above the drive then goes the way of this kind, else the other way.
+            # At a zero crossing from above the drive has this kind's direction, else the opposite one.
             roots = above & ~(above >> 1) & _INNER
             while roots:
                 bit = roots & -roots
@@ -261,7 +264,7 @@ def _fastest(
                 angles = abs(first) + abs(turns.last)
                 if abs(turns.last) < WIDEST and angles < _MOST_TURNED:
                     time = _time(
-                        turns, straight, best, way, kind, entry, leave, tables.along, tables.across, rules
+                        turns, straight, best, offset, kind, entry, exit_, tables.along, tables.across, rules
                     )
                     if time < best:
                         best, result, turned, fastest = time, time, angles, index
@@ -271,21 +274,21 @@ def _fastest(
 @inlined
 def _fill_gaps(
     gaps: RealArray,
-    way: _Way,
+    offset: _Offset,
     window: tuple[int, int],
     direction: float,
     entry: Any,
-    leave: Any,
+    exit_: Any,
     brackets: RealArray,
     fractions: RealArray,
 ) -> int:
     """Compute by how much a drive after each of TURNS misses the last turn, in the kind's direction.
 
-    Return a number whose bits are set for those above 0: to check all of them in turn would take longer.
+    Return a number whose bits are set for gaps above 0, which is faster to scan.
     """
-    x, y = np.float32(way.x), np.float32(way.y)
+    x, y = np.float32(offset.x), np.float32(offset.y)
     fraction, column = window
-    near, far = brackets[entry["row"]], fractions[leave["row"], fraction, column : column + WIDTH]
+    near, far = brackets[entry["row"]], fractions[exit_["row"], fraction, column : column + WIDTH]
     above = np.uint32(0)
     for step in range(WIDTH):
         gap = direction * (y * _COS[step] - x * _SIN[step] - near[step] - far[step])
@@ -299,15 +302,15 @@ def _time(
     turns: _Turns,
     straight: float,
     best: float,
-    way: _Way,
+    offset: _Offset,
     kind: Any,
     entry: Any,
-    leave: Any,
+    exit_: Any,
     along: FloatArray,
     across: FloatArray,
     rules: Rules,
 ) -> float:
-    """Return the time in s of a motion: infinite where it is not allowed, or surely above `best`."""
+    """Return the time in s of a motion; infinite if it is not allowed or exceeds `best`."""
     rates = rules.rates
     turning1 = turn_time(abs(turns.first), kind["first_rate"], rates.aw)
     turning2 = turn_time(abs(turns.last), kind["last_rate"], rates.aw)
@@ -315,29 +318,29 @@ def _time(
     if result > best:
         return np.inf
     begin, share = place_of(entry["row"], turns.first)
-    end, end_share = place_of(leave["row"], -turns.last)  # the last turn is driven from the goal
+    end, end_share = place_of(exit_["row"], -turns.last)  # the last turn is driven from the goal
     begun, ended = look_up(along, begin, share), look_up(along, end, end_share)
     before = min(max(entry["speed"] + kind["first_change"] * turning1, -rates.v), rates.v)
-    after = min(max(leave["speed"] + kind["last_change"] * turning2, -rates.v), rates.v)
-    nearly = _drive(turns, way) - begun - ended
+    after = min(max(exit_["speed"] + kind["last_change"] * turning2, -rates.v), rates.v)
+    nearly = _drive(turns, offset) - begun - ended
     if result + abs(nearly) * (1.0 / rates.v) > best + _SLACK_S:
         return np.inf
     if _straight(nearly, _SLACK, before, after, rules) + result > best + _SLACK_S:
         return np.inf
     cos, sin = math.cos(turns.first), math.sin(turns.first)
-    length = cos * way.x + sin * way.y - begun - ended
+    length = cos * offset.x + sin * offset.y - begun - ended
     result += _straight(length, 0.0, before, after, rules)
     if rules.passing > 0.0:
-        to_object = cos * way.object_x + sin * way.object_y - begun
+        to_object = cos * offset.object_x + sin * offset.object_y - begun
         if min(length, 0.0) < to_object < max(length, 0.0):
-            beside = cos * way.object_y - sin * way.object_x - look_up(across, begin, share)
+            beside = cos * offset.object_y - sin * offset.object_x - look_up(across, begin, share)
             result += rules.detour * max(rules.passing - abs(beside), 0.0)
     return result
 
 
 @inlined
 def _straight(length: float, slack: float, before: float, after: float, rules: Rules) -> float:
-    """Return the time in s of the drive between both turns, infinite where it lacks more than `slack` m."""
+    """Return the time in s of the drive between both turns; infinite if it is too short by over `slack` m."""
     if not rules.forward:
         return drive_time(length, before, after, rules.rates)
     if length < change_distance(before, after, rules.rates) - slack:
@@ -346,10 +349,10 @@ def _straight(length: float, slack: float, before: float, after: float, rules: R
 
 
 @inlined
-def _drive(turns: _Turns, way: _Way) -> float:
-    """Return nearly how far in m the way leads in the direction after the first turn: no sine, no cosine.
+def _drive(turns: _Turns, offset: _Offset) -> float:
+    """Approximate the component of the offset, in m, along the heading after the first turn.
 
-    Between two of TURNS their series, ended so early, miss by less than 1e-10 of the way.
+    Sine and cosine are short series around the nearest of TURNS, with an error below 1e-10 of the offset.
     """
     beyond = float(turns.beyond)
     square = beyond * beyond
@@ -357,6 +360,6 @@ def _drive(turns: _Turns, way: _Way) -> float:
     sin = 1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0 - square * (1.0 / 5040.0 - square / 362880.0)))
     sin *= beyond
     ahead_cos, ahead_sin = _FINE_COS[turns.step], _FINE_SIN[turns.step]
-    x, y = way.x * cos + way.y * sin, way.y * cos - way.x * sin
+    x, y = offset.x * cos + offset.y * sin, offset.y * cos - offset.x * sin
     result: float = ahead_cos * x + ahead_sin * y
     return result

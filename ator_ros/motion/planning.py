@@ -12,7 +12,7 @@ from ator_ros.world.state import World
 Found = TypeVar("Found")
 
 Planning: TypeAlias = Generator[int | Manoeuvre, None, Found]
-"""Work in portions: yields the cost of the next portion in points; returns the result.
+"""Work in batches: yields the cost of the next batch in points; returns the result.
 
 It may also yield a manoeuvre that is good enough for a robot in motion, which should not wait for the rest.
 
@@ -20,7 +20,7 @@ A point is 90 µs or less, mostly 60 µs. Points are counted, not measured, so t
 """
 
 SLICE = 320
-"""Points per tick: a portion that costs more than is left of them waits for the next tick."""
+"""Points per tick: a batch that costs more than is left of them waits for the next tick."""
 _MOVED = 0.01  # m
 _TURNED = 0.02  # rad
 _ROUNDING = 1e-6  # s by which sums of ticks may be off
@@ -56,12 +56,12 @@ class Search:
         self.begun = world.time
         self._advanced: float | None = None
         self._good: Manoeuvre | None = None
-        self._due: int | None = None  # points of the portion that comes next
+        self._due: int | None = None  # points of the batch that comes next
 
     def advance(self, time: float, paid: list[int] | None = None) -> Manoeuvre | None:
         """Search for one slice, at most once per `time` (s); return the manoeuvre, None if not found yet.
 
-        The points of each portion are appended to `paid`.
+        The points of each batch are appended to `paid`.
 
         Raises
         ------
@@ -84,16 +84,16 @@ class Search:
         return None if self._standing else self._good
 
     def _cost_of_next(self) -> int:
-        """Run the next portion; return the cost of the one after it in points."""
-        while isinstance(portion := next(self._planning), Manoeuvre):
-            self._good = portion
-        return portion
+        """Run the next batch; return the cost of the one after it in points."""
+        while isinstance(batch := next(self._planning), Manoeuvre):
+            self._good = batch
+        return batch
 
-    def drives_on(self, world: World) -> bool:
+    def is_in_opening(self, world: World) -> bool:
         """Return whether the robot moves, and is still in the opening."""
         return not self._standing and world.time < self.begun + self.opening.duration - _ROUNDING
 
-    def holds(self, world: World) -> bool:
+    def is_still_valid(self, world: World) -> bool:
         """Return whether the robot still stands where the plan is to begin."""
         start, pose = self._start, world.robot.pose
         turned = abs(start.pose.relative(pose).yaw)

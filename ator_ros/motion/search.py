@@ -1,4 +1,4 @@
-"""The search for the fastest manoeuvre between two poses, over all ways to drive both ends."""
+"""The search for the fastest manoeuvre between two poses, over all combinations of entries and exits."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ _SIDES_A_POINT = 6
 
 
 @dataclass(frozen=True, slots=True)
-class Ways:
-    """Sides that can be combined.
+class SearchTables:
+    """The entries and exits of a search, with precomputed displacements and times.
 
     Attributes
     ----------
     entry_sides, exit_sides : sequence of Side
-        How both ends may be driven.
+        Candidates for both ends.
     entry_table, exit_table : ndarray, shape (5, sides)
         Their numbers, as in `Bundle`.
     along, across : ndarray, shape (entries, grid)
         The entry's displacement along and across the straight drive in m, for first turns on `GRID`.
     exit_places : ndarray, shape (exits, 2, grid + 2)
-        Where the turns of the exits end, without their straight stretch.
-    entry_stretches, exit_stretches : ndarray, shape (sides,)
-        Times of the straight stretches in s.
+        Where the turns of the exits end, without their straight part.
+    entry_straight_times, exit_straight_times : ndarray, shape (sides,)
+        Times of the straight parts in s.
     entry_least : ndarray, shape (entries, grid - 1)
         `least_times` of the entries.
     soonest : ndarray, shape (grid - 1,)
@@ -53,7 +53,7 @@ class Ways:
     shortest : ndarray, shape (grid - 1,)
         The least of them.
     forward : bool
-        Whether no side drives backward: no speed is negative, and none falls from the outside inward.
+        Whether no side drives backward: no speed is negative or decreases inward.
     """
 
     entry_sides: Sequence[Side]
@@ -64,8 +64,8 @@ class Ways:
     along: FloatArray
     across: FloatArray
     exit_places: FloatArray
-    entry_stretches: FloatArray
-    exit_stretches: FloatArray
+    entry_straight_times: FloatArray
+    exit_straight_times: FloatArray
     entry_least: FloatArray
     soonest: FloatArray
     entry_shortest: FloatArray
@@ -73,16 +73,16 @@ class Ways:
     forward: bool
 
 
-def ways_to_drive(entries: Sequence[Side], exits: Sequence[Side], limits: Limits) -> Planning[Ways]:
-    """Prepare to search with these sides."""
-    # Tables that happen to be there cost the same: what was planned before must not decide how slices end.
+def search_tables(entries: Sequence[Side], exits: Sequence[Side], limits: Limits) -> Planning[SearchTables]:
+    """Compute the tables of a search with these sides."""
+    # Cached tables cost the same points, so that earlier plans do not change where slices end.
     yield 2 + (len(entries) + len(exits)) // _SIDES_A_POINT
     sides = side_table(entries), side_table(exits)
     along, across = _entry_parts(tuple(entries), limits)
-    stretches = drive_time(sides[0][0], sides[0][1], sides[0][2], limits)
-    least = least_times(sides[0], stretches, GRID, along, limits)
+    straight_times = drive_time(sides[0][0], sides[0][1], sides[0][2], limits)
+    least = least_times(sides[0], straight_times, GRID, along, limits)
     shortest = np.minimum(along[:, 1:], along[:, :-1])
-    return Ways(
+    return SearchTables(
         entries,
         exits,
         limits,
@@ -90,7 +90,7 @@ def ways_to_drive(entries: Sequence[Side], exits: Sequence[Side], limits: Limits
         along,
         across,
         _exit_places(tuple(exits), limits),
-        stretches,
+        straight_times,
         drive_time(sides[1][0], sides[1][2], sides[1][1], limits),
         least,
         least.min(axis=0),
@@ -101,16 +101,16 @@ def ways_to_drive(entries: Sequence[Side], exits: Sequence[Side], limits: Limits
 
 
 def least_times(
-    table: FloatArray, stretches: FloatArray, turns: FloatArray, along: FloatArray, limits: Limits
+    table: FloatArray, straight_times: FloatArray, turns: FloatArray, along: FloatArray, limits: Limits
 ) -> FloatArray:
-    """Return what each side takes at least between two neighbouring turns, shape (sides, n - 1), in s.
+    """Return lower bounds in s of each side's time between two neighbouring turns, shape (sides, n - 1).
 
-    A time counts from when the robot would have begun to cover the side's own part of the drive's direction,
-    `along` (m), shape (sides, n), at full speed. `turns` (rad), shape (n,), are a `STEP` apart.
+    The time at full speed for the side's own displacement `along` the drive (m), shape (sides, n), is
+    subtracted. `turns` (rad), shape (n,), are a `STEP` apart.
     """
     least = np.maximum(0.0, np.abs(turns[1:] + turns[:-1]) / 2.0 - STEP / 2.0)
     covered = np.maximum(along[:, 1:], along[:, :-1]) / limits.v
-    return stretches[:, None] + turn_time(least, table[4][:, None], limits.aw) - covered
+    return straight_times[:, None] + turn_time(least, table[4][:, None], limits.aw) - covered
 
 
 @lru_cache(maxsize=16)
@@ -133,7 +133,7 @@ def _exit_places(sides: tuple[Side, ...], limits: Limits) -> FloatArray:
 
 
 def _table(angles: FloatArray, sides: Sequence[Side], limits: Limits) -> FloatArray:
-    """Compute where turns end; those at the outer speed, of which there are many, are not stored."""
+    """Compute where turns end; turns at the outer speed are not cached, as it takes many values."""
     own = np.array([side.turn.speed == side.outer_speed for side in sides])
     table = np.empty((len(sides), 2, len(angles)))
     turns = [side.turn for side in sides]
@@ -171,7 +171,7 @@ class Candidates:
 
     start: Pose
     goal: Pose
-    ways: Ways
+    tables: SearchTables
     entries: NDArray[np.intp]
     exits: NDArray[np.intp]
     first: FloatArray
@@ -183,12 +183,12 @@ class Candidates:
         return Manoeuvre(
             self.start,
             self.goal,
-            self.ways.entry_sides[self.entries[index]],
-            self.ways.exit_sides[self.exits[index]],
+            self.tables.entry_sides[self.entries[index]],
+            self.tables.exit_sides[self.exits[index]],
             float(self.first[index]),
             float(self.last[index]),
             float(self.distance[index]),
-            self.ways.limits,
+            self.tables.limits,
         )
 
     def bundle(self, which: NDArray[np.intp]) -> Bundle:
@@ -196,53 +196,52 @@ class Candidates:
         return Bundle(
             self.start,
             np.repeat(np.array(self.goal)[:, None], len(which), axis=1),
-            self.ways.entry_table[:, self.entries[which]],
-            self.ways.exit_table[:, self.exits[which]],
+            self.tables.entry_table[:, self.entries[which]],
+            self.tables.exit_table[:, self.exits[which]],
             self.first[which],
             self.last[which],
             self.distance[which],
-            self.ways.limits,
+            self.tables.limits,
         )
 
 
 def find_candidates(
-    start: Pose, goal: Pose, ways: Ways, least_slack: float = -math.inf, longest: float = math.inf
+    start: Pose, goal: Pose, tables: SearchTables, least_slack: float = -math.inf, longest: float = math.inf
 ) -> Planning[Candidates]:
-    """Find all manoeuvres from `start` to `goal` that the ways allow.
+    """Find all manoeuvres from `start` to `goal` with the sides of `tables`.
 
     For each pair of sides the heading of the straight drive is the only unknown: the drive must meet the
     last turn. Its roots are bracketed on a grid of first turns, where the parts of both sides just add.
-    Those with less slack than `least_slack` (m) are left out, and most of those that take more than
-    `longest` s: what takes longer without the drive is not tried.
+    Manoeuvres with less slack than `least_slack` (m) are left out, and most that take more than `longest` s.
     """
     offset = start.relative(goal)
     lanes = np.stack((offset.x * np.cos(GRID) + offset.y * np.sin(GRID),
                       offset.y * np.cos(GRID) - offset.x * np.sin(GRID)))  # fmt: skip
     found: list[tuple[NDArray[Any], ...]] = []
-    # A change of speed of robots that only drive forward takes room: drives that lack it need not be ranked.
-    least_drive = least_slack if ways.forward else -math.inf
-    fastest_turn = max(ways.entry_table[4].max(), ways.exit_table[4].max())
+    # If the robot only drives forward, drives that are too short for their change of speed are not ranked.
+    least_drive = least_slack if tables.forward else -math.inf
+    fastest_turn = max(tables.entry_table[4].max(), tables.exit_table[4].max())
     for turn in (offset.yaw - 2.0 * math.pi, offset.yaw, offset.yaw + 2.0 * math.pi):
         if abs(turn) > longest * fastest_turn:
             continue
         yield 1
-        parts = _exit_parts(ways, turn)
-        tried = _tried(ways, turn, lanes[0], parts, longest, least_drive)
+        parts = _exit_parts(tables, turn)
+        tried = _tried(tables, turn, lanes[0], parts, longest, least_drive)
         if tried is None:
             continue
         entries, exits, low, high = tried
         yield 3 + len(entries) * len(exits) * (high - low) // _BRACKETS_A_POINT
         on_grid, on_parts = slice(low, high), slice(low - parts.low, high - parts.low)
-        sideways = lanes[1, on_grid] - ways.across[entries, on_grid], parts.across[exits, on_parts]
-        drive = lanes[0, on_grid] - ways.along[entries, on_grid], parts.along[exits, on_parts]
+        sideways = lanes[1, on_grid] - tables.across[entries, on_grid], parts.across[exits, on_parts]
+        drive = lanes[0, on_grid] - tables.along[entries, on_grid], parts.along[exits, on_parts]
         first_of, last_of, *numbers = _roots(sideways, drive, GRID[on_grid], turn, least_drive)
         found.append((entries[first_of], exits[last_of], *numbers))
     many = sum(len(roots[0]) for roots in found)
     if not many:
         nothing, empty = np.zeros(0, dtype=np.intp), np.zeros(0)
-        return Candidates(start, goal, ways, nothing, nothing, empty, empty, empty, empty)
+        return Candidates(start, goal, tables, nothing, nothing, empty, empty, empty, empty)
     yield RANK_POINTS + many // _CANDIDATES_A_POINT
-    return _ranked(start, goal, ways, least_slack, [np.concatenate(x) for x in zip(*found, strict=True)])
+    return _ranked(start, goal, tables, least_slack, [np.concatenate(x) for x in zip(*found, strict=True)])
 
 
 class _ExitParts(NamedTuple):
@@ -253,7 +252,7 @@ class _ExitParts(NamedTuple):
     across: FloatArray
 
 
-def _exit_parts(ways: Ways, turn: float) -> _ExitParts:
+def _exit_parts(tables: SearchTables, turn: float) -> _ExitParts:
     """Compute what the exits add to a drive.
 
     `turn` is the whole change of heading in rad, at most three half turns; the last turn is what the
@@ -266,9 +265,9 @@ def _exit_parts(ways: Ways, turn: float) -> _ExitParts:
     low, high = max(-HALF, -HALF - 1 - base), min(HALF, HALF - base)
     at = slice(low + base + HALF + 1, high + base + HALF + 2)
     after = slice(at.start + 1, at.stop + 1)
-    places = ways.exit_places
+    places = tables.exit_places
     x, y = np.moveaxis((1.0 - fraction) * places[:, :, at] + fraction * places[:, :, after], 1, 0)
-    x = x + ways.exit_table[0][:, None]
+    x = x + tables.exit_table[0][:, None]
     # The displacement is given in the goal's frame; the drive's heading in it is first - turn.
     headings = GRID[low + HALF : high + HALF + 1] - turn
     c, s = np.cos(headings), np.sin(headings)
@@ -276,7 +275,7 @@ def _exit_parts(ways: Ways, turn: float) -> _ExitParts:
 
 
 def _tried(
-    ways: Ways, turn: float, lane: FloatArray, parts: _ExitParts, longest: float, least_drive: float
+    tables: SearchTables, turn: float, lane: FloatArray, parts: _ExitParts, longest: float, least_drive: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], int, int] | None:
     """Return the entries, exits and grid range in which manoeuvres of up to `longest` s can lie.
 
@@ -284,16 +283,17 @@ def _tried(
     shortest drive in m. None if there can be no such manoeuvre.
     """
     low, high = parts.low, parts.low + parts.along.shape[1]
-    entries, exits = np.arange(len(ways.entry_sides)), np.arange(len(ways.exit_sides))
+    entries, exits = np.arange(len(tables.entry_sides)), np.arange(len(tables.exit_sides))
     if math.isinf(longest):
         return entries, exits, low, high
-    here, limits = slice(low, high - 1), ways.limits
+    here, limits = slice(low, high - 1), tables.limits
     # Bounds add up from those of both ends, between each two points of the grid; shapes (sides, steps).
-    after = least_times(ways.exit_table, ways.exit_stretches, turn - GRID[low:high], parts.along, limits)
+    turns = turn - GRID[low:high]
+    after = least_times(tables.exit_table, tables.exit_straight_times, turns, parts.along, limits)
     left = longest + _ROUNDING - np.minimum(lane[here], lane[low + 1 : high]) / limits.v
     room = np.maximum(lane[here], lane[low + 1 : high]) - least_drive + _ROUNDING
     exit_shortest = np.minimum(parts.along[:, 1:], parts.along[:, :-1])
-    fit = (after <= left - ways.soonest[here]) & (exit_shortest <= room - ways.shortest[here])
+    fit = (after <= left - tables.soonest[here]) & (exit_shortest <= room - tables.shortest[here])
     able = np.flatnonzero(fit.any(axis=0))
     if not len(able):
         return None
@@ -301,7 +301,7 @@ def _tried(
     exits = np.flatnonzero(fit.any(axis=1))
     left, room = left - after.min(axis=0), room - exit_shortest.min(axis=0)
     on_grid = slice(low + used.start, low + used.stop)
-    fit = (ways.entry_least[:, on_grid] <= left[used]) & (ways.entry_shortest[:, on_grid] <= room[used])
+    fit = (tables.entry_least[:, on_grid] <= left[used]) & (tables.entry_shortest[:, on_grid] <= room[used])
     return np.flatnonzero(fit.any(axis=1)), exits, on_grid.start, on_grid.stop + 1
 
 
@@ -317,7 +317,7 @@ def _roots(
     least_drive : float
         Shorter drives are left out.
     """
-    # The sign of each difference is all that most pairs need: no array of the differences is made.
+    # Most pairs need only the sign of their difference, so no array of differences is made.
     right_of = sideways[0][:, None] <= sideways[1]
     changes = right_of[..., :-1] != right_of[..., 1:]
     pairs, index = np.divmod(np.flatnonzero(changes), changes.shape[2])
@@ -336,10 +336,12 @@ def _roots(
     return entries, exits, first, turn - first, distance
 
 
-def _ranked(start: Pose, goal: Pose, ways: Ways, least_slack: float, found: list[NDArray[Any]]) -> Candidates:
-    limits = ways.limits
+def _ranked(
+    start: Pose, goal: Pose, tables: SearchTables, least_slack: float, found: list[NDArray[Any]]
+) -> Candidates:
+    limits = tables.limits
     times, speeds = [], []
-    for side, table in enumerate((ways.entry_table, ways.exit_table)):
+    for side, table in enumerate((tables.entry_table, tables.exit_table)):
         speed, acceleration, rate = (row[found[side]] for row in table[2:])
         times.append(turn_time(found[2 + side], rate, limits.aw))
         speeds.append(speeds_after(speed, acceleration, times[side], limits.v))
@@ -347,9 +349,9 @@ def _ranked(start: Pose, goal: Pose, ways: Ways, least_slack: float, found: list
     kept = np.flatnonzero(slack >= least_slack)
     found = [column[kept] for column in found]
     durations = np.zeros(len(kept))
-    for side, stretches in enumerate((ways.entry_stretches, ways.exit_stretches)):
-        durations += times[side][kept] + stretches[found[side]]
+    for side, straight_times in enumerate((tables.entry_straight_times, tables.exit_straight_times)):
+        durations += times[side][kept] + straight_times[found[side]]
     durations += drive_time(found[4], speeds[0][kept], speeds[1][kept], limits)
     order = np.argsort(durations, kind="stable")
     entries, exits, first, last, distance = (column[order] for column in found)
-    return Candidates(start, goal, ways, entries, exits, first, last, distance, durations[order])
+    return Candidates(start, goal, tables, entries, exits, first, last, distance, durations[order])

@@ -56,7 +56,7 @@ _HALVINGS = 20
 
 @dataclass(frozen=True, slots=True)
 class _Bound:
-    """An acceleration in a stretch: `before` and `after` times the squared rates, from `least` to `most`."""
+    """An acceleration in a segment: `before` and `after` times the squared rates, from `least` to `most`."""
 
     before: float
     after: float
@@ -64,7 +64,7 @@ class _Bound:
     most: float
 
     def span(self, square: float) -> tuple[float, float]:
-        """Return from where to where the squared rate after the stretch may be, given the one before."""
+        """Return from where to where the squared rate after the segment may be, given the one before."""
         rest = self.before * square
         if self.after == 0.0:
             return (0.0, math.inf) if self.least <= rest <= self.most else (math.inf, 0.0)
@@ -72,7 +72,7 @@ class _Bound:
         return min(ends), max(ends)
 
 
-_Stretch = tuple[_Bound, ...]
+_Segment = tuple[_Bound, ...]
 
 
 def greatest_rates(v: FloatArray, w: FloatArray, steps: FloatArray, limits: Limits) -> FloatArray:
@@ -87,55 +87,55 @@ def greatest_rates(v: FloatArray, w: FloatArray, steps: FloatArray, limits: Limi
     limits : Limits
         Accelerations that the base has.
     """
-    stretches = [
+    segments = [
         (*_driving(*drives, step, limits), *_bounds(*turns, step, -limits.aw, limits.aw))
         for drives, turns, step in zip(
             pairwise(v.tolist()), pairwise(w.tolist()), steps.tolist(), strict=True
         )
     ]
     most = [1.0]
-    for stretch in reversed(stretches):
-        most.append(_most_before(stretch, most[-1]))
+    for segment in reversed(segments):
+        most.append(_most_before(segment, most[-1]))
     most.reverse()
     squares = most[:1]
-    for stretch, bound in zip(stretches, most[1:], strict=True):
-        squares.append(max(0.0, min(bound, _span(stretch, squares[-1])[1])))
+    for segment, bound in zip(segments, most[1:], strict=True):
+        squares.append(max(0.0, min(bound, _span(segment, squares[-1])[1])))
     return np.sqrt(squares)
 
 
-def _driving(start: float, end: float, step: float, limits: Limits) -> _Stretch:
+def _driving(start: float, end: float, step: float, limits: Limits) -> _Segment:
     forward = start + end >= 0.0
     least, most = (-limits.brake, limits.a) if forward else (-limits.a, limits.brake)
     return _bounds(start, end, step, least, most)
 
 
-def _bounds(start: float, end: float, step: float, least: float, most: float) -> _Stretch:
-    """Bound the acceleration at both ends of a stretch in which a velocity goes from `start` to `end`."""
+def _bounds(start: float, end: float, step: float, least: float, most: float) -> _Segment:
+    """Bound the acceleration at both ends of a segment in which a velocity goes from `start` to `end`."""
     # It is the squared rate times what is planned, and half of its change in time times the velocity.
     planned = (end - start) / step
     first, last = 0.5 * start / step, 0.5 * end / step
     return _Bound(planned - first, first, least, most), _Bound(-last, planned + last, least, most)
 
 
-def _most_before(stretch: _Stretch, after: float) -> float:
+def _most_before(segment: _Segment, after: float) -> float:
     """Return the greatest squared rate from which one of up to `after` can follow."""
     low, high = 0.0, 1.0
-    if _leads_to(stretch, high, after):
+    if _leads_to(segment, high, after):
         return high
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if _leads_to(stretch, middle, after) else (low, middle)
+        low, high = (middle, high) if _leads_to(segment, middle, after) else (low, middle)
     return low
 
 
-def _leads_to(stretch: _Stretch, square: float, after: float) -> bool:
-    least, most = _span(stretch, square)
+def _leads_to(segment: _Segment, square: float, after: float) -> bool:
+    least, most = _span(segment, square)
     return max(0.0, least) <= min(after, most)
 
 
-def _span(stretch: _Stretch, square: float) -> tuple[float, float]:
-    """Return from where to where the squared rate after a stretch may be by all bounds."""
-    spans = [bound.span(square) for bound in stretch]
+def _span(segment: _Segment, square: float) -> tuple[float, float]:
+    """Return from where to where the squared rate after a segment may be by all bounds."""
+    spans = [bound.span(square) for bound in segment]
     return max(least for least, _ in spans), min(most for _, most in spans)
 
 
@@ -196,7 +196,7 @@ class Trajectory:
 
         return RobotState(Pose(mix(self._x), mix(self._y), mix(self._yaw)), mix(self._v), mix(self._w))
 
-    def rest(self, since: float, limits: Limits) -> Trajectory:
+    def remainder(self, since: float, limits: Limits) -> Trajectory:
         """Return the motion from the moment `since` (s) on, slower where it asks for more than `limits`."""
         count = max(1, math.ceil((self.duration - since) / CONTROL_PERIOD))
         moments = np.linspace(since, self.duration, count + 1)

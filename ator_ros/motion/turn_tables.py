@@ -1,4 +1,4 @@
-"""Where turns lead that are driven at the limits while the speed changes: tables, made once per family."""
+"""Tables of the displacements of turns at the limits while the speed changes, computed once per family."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ator_ros.robot.description import Limits
 RealArray = NDArray[np.floating[Any]]
 
 STEP = np.pi / 8.0  # rad between the turns among which motions are bracketed
-HALF = 12  # turns of up to 270 degrees either way
+HALF = 12  # turns of up to 270 degrees to either side
 FINE = 36  # entries of the tables per step
 SPEED_STEP = 0.02  # m/s
 WIDTH = 32  # columns of the tables in which all of TURNS are looked up at once: whole vectors
@@ -25,7 +25,7 @@ WIDEST = (HALF + 0.99) * STEP  # up to which turns can be looked up
 EDGE = (HALF + 1) * FINE  # entries of the tables either side of no turn
 
 
-class Way(NamedTuple):
+class TurnProfile(NamedTuple):
     """How a turn is driven: change of speed in m/s^2, held at the limit, and greatest turn rate in rad/s."""
 
     change: float
@@ -33,7 +33,7 @@ class Way(NamedTuple):
 
 
 class TurnTables(NamedTuple):
-    """Displacements of turns by angles from -292.5 to 292.5 degrees, for some ways to drive them.
+    """Displacements of turns by angles from -292.5 to 292.5 degrees, for some profiles.
 
     They are given along and across (to the left of) the heading that lies between the turn and the straight
     drive: there the parts of both turns of a motion just add.
@@ -41,9 +41,9 @@ class TurnTables(NamedTuple):
     Attributes
     ----------
     along, across : ndarray, shape (rows * angles,)
-        In m; a row for each way and speed.
+        In m; a row for each profile and speed.
     brackets : ndarray, shape (rows, WIDTH)
-        Across, at TURNS; what follows does not matter.
+        Across, at TURNS; the rest is padding.
     fractions : ndarray, shape (rows, FINE, columns)
         Across, at turns that are whole steps apart, beginning with any entry; see `window_of`.
     lowest : float
@@ -61,10 +61,10 @@ class TurnTables(NamedTuple):
 
 
 @compiled
-def row_of(tables: TurnTables, way: int, speed: float) -> int:
-    """Return the row of turns that are driven in `way` from `speed` (m/s)."""
+def row_of(tables: TurnTables, profile: int, speed: float) -> int:
+    """Return the row of turns with a profile that start at `speed` (m/s)."""
     row = int((speed - tables.lowest) * (1.0 / SPEED_STEP) + 0.5)
-    return way * tables.speeds + min(max(row, 0), tables.speeds - 1)
+    return profile * tables.speeds + min(max(row, 0), tables.speeds - 1)
 
 
 @compiled
@@ -89,15 +89,15 @@ def look_up(table: FloatArray, low: int, share: float) -> float:
     return result
 
 
-def turn_tables(limits: Limits, ways: tuple[Way, ...]) -> TurnTables:
-    """Compute the tables of `ways` for a robot's limits."""
+def turn_tables(limits: Limits, profiles: tuple[TurnProfile, ...]) -> TurnTables:
+    """Compute the tables of `profiles` for a robot's limits."""
     angles: FloatArray = np.linspace(0.0, (HALF + 1) * STEP, EDGE + 1)
     speeds: FloatArray = np.arange(-limits.v, limits.v + SPEED_STEP / 2, SPEED_STEP, dtype=np.float64)
-    parts = [_displacements(limits, way, speeds, angles) for way in ways]
+    parts = [_displacements(limits, profile, speeds, angles) for profile in profiles]
     # A turn to the right is the mirror image of one to the left.
     along = np.concatenate([np.hstack((x[:, :0:-1], x)) for x, _ in parts])
     across = np.concatenate([np.hstack((-y[:, :0:-1], y)) for _, y in parts])
-    # TURNS moved by up to 2 * HALF steps either way; what lies beyond the table is found, and then left out.
+    # TURNS moved by up to 2 * HALF steps to either side; values beyond the table are discarded later.
     beyond = (2 * HALF - 1) * FINE
     wide = np.pad(across[:, :-1], ((0, 0), (beyond, beyond + 2 * FINE)), mode="edge").astype(np.float32)
     filled = ((0, 0), (0, WIDTH - len(TURNS)))
@@ -107,10 +107,10 @@ def turn_tables(limits: Limits, ways: tuple[Way, ...]) -> TurnTables:
 
 
 def _displacements(
-    limits: Limits, way: Way, speeds: FloatArray, angles: FloatArray
+    limits: Limits, profile: TurnProfile, speeds: FloatArray, angles: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return along and across, shapes (speeds, angles), of turns to the left in one way."""
-    ramp, steady = turn_parts(angles, way.rate, limits.aw)
+    """Return along and across, shapes (speeds, angles), of turns to the left with one profile."""
+    ramp, steady = turn_parts(angles, profile.rate, limits.aw)
     time = 2.0 * ramp + steady
     now, ramp = time[:, None] * NODES, ramp[:, None]
     begin = np.minimum(now, ramp)
@@ -123,6 +123,6 @@ def _displacements(
     cos, sin = weight * np.cos(left), -weight * np.sin(left)
     along, across = (np.empty((len(speeds), len(angles))) for _ in range(2))
     for row, speed in enumerate(speeds):
-        driven = speeds_after(speed, way.change, now, limits.v)
+        driven = speeds_after(speed, profile.change, now, limits.v)
         along[row], across[row] = (driven * cos).sum(axis=1), (driven * sin).sum(axis=1)
     return along, across

@@ -42,7 +42,7 @@ def wrapped(angle: float) -> float:
 
 
 @compiled
-def derive_ways(direct: FloatArray, hold: float, aw: float, rows: FloatArray) -> None:
+def derive_positions(direct: FloatArray, hold: float, aw: float, rows: FloatArray) -> None:
     """Write all rows but those of the bearing, see `derive_angles`.
 
     In the opening the start's rotation is lost at up to `aw`, while the speed stays what it is.
@@ -87,7 +87,7 @@ def derive_angles(direct: FloatArray, bearing: FloatArray, rows: FloatArray) -> 
     Parameters
     ----------
     direct : ndarray, shape (10 or more, n)
-        As for `derive_ways`.
+        As for `derive_positions`.
     bearing : ndarray, shape (n,)
         Of the way in the rows DX and DY, in rad.
     rows : ndarray, shape (ROWS or more, n)
@@ -103,7 +103,7 @@ def derive_angles(direct: FloatArray, bearing: FloatArray, rows: FloatArray) -> 
 
 
 @compiled
-def see_ends(
+def write_relative_ends(
     openings: FloatArray,
     speeds: FloatArray,
     x: FloatArray,
@@ -195,7 +195,7 @@ class Geometry:
         The last rows, as many as there is `room` for, are not written.
         """
         rows = np.empty((ROWS + self._room, self._table.shape[1]))
-        derive_ways(self._table, self.robot.hold, self.robot.limits.aw, rows)
+        derive_positions(self._table, self.robot.hold, self.robot.limits.aw, rows)
         heading, dist = self.direct["yawg"], rows[DIST]
         pull = _NEAR_PULL * np.maximum(NEAR - dist, 0.0)
         bearing = np.arctan2(rows[DY] + pull * np.sin(heading), rows[DX] + pull * np.cos(heading))
@@ -267,7 +267,7 @@ class Geometry:
             column if column.ndim == 2 else column[None, :] for column in (x, y, heading, speed)
         )
         ends = np.empty((5, *to_x.shape))
-        see_ends(self.openings, self._table[V], to_x, to_y, headings, arrivals, ends)
+        write_relative_ends(self.openings, self._table[V], to_x, to_y, headings, arrivals, ends)
         return fastest_motions(ends, family, hold=self.robot.hold).after(self.openings[3])
 
     @cached_property

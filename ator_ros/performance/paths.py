@@ -1,9 +1,8 @@
 """Times of turn-straight-turn paths at the limits that were observed of a base: features for any action.
 
-A path turns, drives straight and turns again, forward or backward, to
-either side, while the speed changes evenly or not at all; of many such paths the fastest counts. How fast the
-action turns and drives, whether it ever drives backward, and how it comes up to what it holds at the end is
-read off its odometry (`ator_ros.performance.training`).
+A path turns, drives straight and turns again, forward or backward, to either side, while the speed is
+constant or changes evenly. The fastest of many such paths counts. The limits, whether the action drives
+backward, and how it approaches a held object are estimated from odometry (`ator_ros.performance.training`).
 
 All combinations of entries and exits are candidates. Each entry and each exit is evaluated once, at the first
 guess of the straight's direction. That bounds the time of each pair. Only pairs that can still be the fastest
@@ -19,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ator_ros.compiled import compiled, in_shares, unlocked
+from ator_ros.compiled import compiled, parallel_for, unlocked
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import Rates, change_distance, change_time, drive_time, rates_of, turn_parts
 from ator_ros.motion.families import Motions
@@ -30,7 +29,7 @@ _FULL_TURN = 2.0 * math.pi
 _STEPS = 5  # of the search for the direction of the straight; more change nothing that matters
 _OFF = 0.02  # m beside the goal at which a path counts as found
 _EARLY = 0.02  # m that a forward drive may be too short for its change of speed
-_WAY_ROUND = 6.0  # s for each m that a straight drive passes too near
+_DETOUR = 6.0  # s for each m that a straight drive passes too near
 TURNING, TURNED, MOVED = 1.0, 0.1, 0.5
 """By how much the turns may change, in rad per rad that the straight is off and in rad at first, and the
 straight, in m per rad, until it meets both turns."""
@@ -61,7 +60,7 @@ class Exit(NamedTuple):
 
 
 class PathRules(NamedTuple):
-    """What holds for all ways: rates, run in m (negative: as long as needed), and whether all are forward.
+    """Parameters of all candidates: rates, run in m (negative: as long as needed), whether all drive forward.
 
     `passing` is the distance in m to keep from the point `hold` m ahead of the goal; `least` the speed in m/s
     below which a steady turn is too tight.
@@ -82,7 +81,7 @@ def positive_angle(angle: float) -> float:
 
 
 @compiled
-def turned(
+def after_turn(
     table: FloatArray, angle: float, side: float, speed: float, share: float, rates: Rates, forward: bool
 ) -> tuple[float, float, float, float]:
     """Return time (s), displacement along and across (m) and speed after a turn that changes it evenly."""
@@ -126,8 +125,8 @@ def enters(entry: Entry, speed: float, rules: PathRules) -> bool:
 
 
 @compiled
-def turned_back(turn: float, time: float, angle: float, rate: float) -> float:
-    """Return a bound in s on the time of a turn whose angle (rad) may yet change by `turn`."""
+def least_turn_time(turn: float, time: float, angle: float, rate: float) -> float:
+    """Return a lower bound in s of the time of a turn whose angle (rad) may still change by `turn`."""
     return 0.0 if angle > _FULL_TURN - turn else max(time - turn / rate, 0.0)
 
 
@@ -141,8 +140,8 @@ def secant_step(off: float, missed: float, last: float) -> float:
 
 
 @compiled
-def way_round(x: float, y: float, heading: float, distance: float, passing: float) -> float:
-    """Return the time (s) that a straight of `distance` m takes longer if it keeps `passing` m from a point.
+def detour_time(x: float, y: float, heading: float, distance: float, passing: float) -> float:
+    """Return the additional time (s) of a straight of `distance` m that keeps `passing` m from a point.
 
     The point lies x, y (m) from the beginning of the straight, which leads in the direction `heading`.
     """
@@ -150,7 +149,7 @@ def way_round(x: float, y: float, heading: float, distance: float, passing: floa
     nearest = x * cos + y * sin
     nearest = min(max(nearest, min(distance, 0.0)), max(distance, 0.0))
     gap = math.hypot(x - nearest * cos, y - nearest * sin)
-    return _WAY_ROUND * max(passing - gap, 0.0)
+    return _DETOUR * max(passing - gap, 0.0)
 
 
 @compiled
@@ -163,21 +162,21 @@ def lead_in(lead: float, speed: float, rates: Rates) -> tuple[float, float, floa
 
 
 @compiled
-def way_time(
+def candidate_time(
     end: FloatArray, entry: Entry, last_turn: Exit, rules: PathRules, tables: FloatArray, most: float
 ) -> tuple[float, float]:
-    """Return time (s) and angle turned (rad) of one way to drive; infinite where it misses the goal.
+    """Return time (s) and angle turned (rad) of one candidate; infinite if it misses the goal.
 
     Parameters
     ----------
     end : ndarray, shape (5,)
         The goal ahead and to the left in m, the turn to it in rad, speeds at start and goal in m/s.
     entry, last_turn, rules
-        What to drive.
+        The candidate.
     tables : ndarray, shape (k, m, 5)
         See `ator_ros.performance.paths.turn_table`.
     most : float
-        Time in s from which on a way does not matter.
+        Time in s from which on the candidate is abandoned.
     """
     rates = rules.rates
     backing = Rates(rates.v, rates.w, rates.brake, rates.a, rates.aw)
@@ -194,10 +193,10 @@ def way_time(
     for step in range(_STEPS + 1):
         first = positive_angle(entry.side * heading + 1e-7)
         last = positive_angle(last_turn.side * (turn - heading) + 1e-7)
-        time1, x1, y1, speed1 = turned(
+        time1, x1, y1, speed1 = after_turn(
             tables[entry.table], first, entry.side, speed, entry.gain, rates, rules.forward
         )
-        time2, x2, y2, speed2 = turned(
+        time2, x2, y2, speed2 = after_turn(
             tables[last_turn.table], last, -last_turn.side, arrival, last_turn.loss, backing, rules.forward
         )
         total = spent + time1 + time2
@@ -211,7 +210,7 @@ def way_time(
         off = positive_angle(bearing - heading + math.pi) - math.pi
         near = min(abs(off), 1.0)
         change = TURNING * near + (TURNED if step == 0 else 0.0)
-        bound = turned_back(change, time1, first, rate1) + turned_back(change, time2, last, rate2)
+        bound = least_turn_time(change, time1, first, rate1) + least_turn_time(change, time2, last, rate2)
         if spent + bound + max(math.hypot(dx, dy) - MOVED * near, 0.0) / rates.v >= most:
             return np.inf, 0.0
         if step > 0 and abs(off) < 1e-3:
@@ -227,14 +226,14 @@ def way_time(
     total += drive_time(distance, speed1, speed2, rates) + beside / rates.v
     if rules.passing > 0.0:
         point_x, point_y = end[0] + rules.hold * cos - ahead - x1, end[1] + rules.hold * sin - y1
-        total += way_round(point_x, point_y, heading, distance, rules.passing)
+        total += detour_time(point_x, point_y, heading, distance, rules.passing)
     return total, first + last
 
 
-_FIRST = 4  # pairs that are followed in the order of their bounds; the others come as they are
+_FIRST = 4  # pairs evaluated in the order of their bounds; the others in index order
 
 
-class PathWays(NamedTuple):
+class PathCandidates(NamedTuple):
     """All combinations of entries and exits.
 
     `entries` (n, 5) and `exits` (m, 4) hold the fields of `Entry` and `Exit`. Entries from `leads[i]` to
@@ -261,7 +260,7 @@ def _exit(row: FloatArray) -> Exit:
 @compiled
 def _bound_pairs(
     end: FloatArray,
-    ways: PathWays,
+    candidates: PathCandidates,
     first: int,
     run: int,
     rules: PathRules,
@@ -271,34 +270,34 @@ def _bound_pairs(
     """Write to `bounds` (n, m) the bounds in s of the entries of one lead with the exits of one run."""
     rates = rules.rates
     backing = Rates(rates.v, rates.w, rates.brake, rates.a, rates.aw)
-    sample = _entry(ways.entries[ways.leads[first]])
+    sample = _entry(candidates.entries[candidates.leads[first]])
     turn = end[2]
     spent, ahead, speed = lead_in(sample.lead, end[3], rates)
-    _, length, _ = run_up(ways.exits[ways.runs[run], 1], end[4], rules)
+    _, length, _ = run_up(candidates.exits[candidates.runs[run], 1], end[4], rules)
     cos, sin = math.cos(turn), math.sin(turn)
     goal_x, goal_y = end[0] - ahead - length * cos, end[1] - length * sin
     heading = math.atan2(sample.direction * goal_y, sample.direction * goal_x)
     along, across = math.cos(heading), math.sin(heading)
-    begin, stop = ways.leads[first], ways.leads[first + 1]
+    begin, stop = candidates.leads[first], candidates.leads[first + 1]
     begun = np.empty((stop - begin, 5))
     for number in range(begin, stop):
-        entry = _entry(ways.entries[number])
+        entry = _entry(candidates.entries[number])
         angle = positive_angle(entry.side * heading + 1e-7)
-        time, x, y, _ = turned(
+        time, x, y, _ = after_turn(
             tables[entry.table], angle, entry.side, speed, entry.gain, rates, rules.forward
         )
         row = begun[number - begin]
         row[0], row[1], row[2], row[3] = time, x, y, angle
         row[4] = rates.w * (entry.table + 1) / len(tables) if enters(entry, end[3], rules) else 0.0
-    for number in range(ways.runs[run], ways.runs[run + 1]):
-        leave = _exit(ways.exits[number])
-        before, _, arrival = run_up(leave.arrival, end[4], rules)
-        angle = positive_angle(leave.side * (turn - heading) + 1e-7)
-        time, x, y, _ = turned(
-            tables[leave.table], angle, -leave.side, arrival, leave.loss, backing, rules.forward
+    for number in range(candidates.runs[run], candidates.runs[run + 1]):
+        exit_ = _exit(candidates.exits[number])
+        before, _, arrival = run_up(exit_.arrival, end[4], rules)
+        angle = positive_angle(exit_.side * (turn - heading) + 1e-7)
+        time, x, y, _ = after_turn(
+            tables[exit_.table], angle, -exit_.side, arrival, exit_.loss, backing, rules.forward
         )
         rest_x, rest_y = goal_x - (cos * x - sin * y), goal_y - (sin * x + cos * y)
-        rate = rates.w * (leave.table + 1) / len(tables)
+        rate = rates.w * (exit_.table + 1) / len(tables)
         for other in range(stop - begin):
             row = begun[other]
             if row[4] == 0.0:
@@ -307,7 +306,8 @@ def _bound_pairs(
             forward = sample.direction * (dx * along + dy * across)
             off = min(abs(dy * along - dx * across) / forward, 1.0) if forward > 0.0 else 1.0
             change = TURNING * off + TURNED
-            bound = turned_back(change, row[0], row[3], row[4]) + turned_back(change, time, angle, rate)
+            bound = least_turn_time(change, row[0], row[3], row[4])
+            bound += least_turn_time(change, time, angle, rate)
             straight = max(math.sqrt(dx * dx + dy * dy) - MOVED * off, 0.0) / rates.v
             bounds[begin + other, number] = spent + before + bound + straight
 
@@ -316,45 +316,45 @@ def _bound_pairs(
 def _least(bounds: FloatArray) -> tuple[int, int]:
     first, last = 0, 0
     for entry in range(bounds.shape[0]):
-        for leave in range(bounds.shape[1]):
-            if bounds[entry, leave] < bounds[first, last]:
-                first, last = entry, leave
+        for exit_ in range(bounds.shape[1]):
+            if bounds[entry, exit_] < bounds[first, last]:
+                first, last = entry, exit_
     return first, last
 
 
 @compiled
 def _fastest(
-    end: FloatArray, ways: PathWays, rules: PathRules, tables: FloatArray, bounds: FloatArray
+    end: FloatArray, candidates: PathCandidates, rules: PathRules, tables: FloatArray, bounds: FloatArray
 ) -> tuple[float, float]:
-    """Return the least time in s of all ways to one end, and the angle turned on it in rad."""
+    """Return the least time in s of all candidates to one end, and the angle turned on it in rad."""
     bounds[:] = np.inf
-    for run in range(len(ways.runs) - 1):
-        for first in range(len(ways.leads) - 1):
-            if ways.entries[ways.leads[first], 2] < 0.0 or end[3] >= 0.0:
-                _bound_pairs(end, ways, first, run, rules, tables, bounds)
+    for run in range(len(candidates.runs) - 1):
+        for first in range(len(candidates.leads) - 1):
+            if candidates.entries[candidates.leads[first], 2] < 0.0 or end[3] >= 0.0:
+                _bound_pairs(end, candidates, first, run, rules, tables, bounds)
     best, angle = np.inf, 0.0
     for _ in range(_FIRST):
         first, last = _least(bounds)
         if bounds[first, last] < best:
-            way = _entry(ways.entries[first]), _exit(ways.exits[last])
-            time, around = way_time(end, way[0], way[1], rules, tables, best)
+            pair = _entry(candidates.entries[first]), _exit(candidates.exits[last])
+            time, around = candidate_time(end, pair[0], pair[1], rules, tables, best)
             bounds[first, last] = np.inf
             if time < best:
                 best, angle = time, around
     for first in range(bounds.shape[0]):
         for last in range(bounds.shape[1]):
             if bounds[first, last] < best:
-                way = _entry(ways.entries[first]), _exit(ways.exits[last])
-                time, around = way_time(end, way[0], way[1], rules, tables, best)
+                pair = _entry(candidates.entries[first]), _exit(candidates.exits[last])
+                time, around = candidate_time(end, pair[0], pair[1], rules, tables, best)
                 if time < best:
                     best, angle = time, around
     return best, angle
 
 
 @unlocked
-def fastest_ways(
+def fastest_paths(
     ends: FloatArray,
-    ways: PathWays,
+    candidates: PathCandidates,
     rules: PathRules,
     tables: FloatArray,
     times: FloatArray,
@@ -362,20 +362,20 @@ def fastest_ways(
     first: int,
     end: int,
 ) -> None:
-    """Write the least time in s of all `ways` to each of `ends` (n, 5), and the angle turned on it in rad.
+    """Write the least time in s to each of `ends` (n, 5), and the angle turned on that path in rad.
 
     Only those from `first` to `end` are computed.
     """
-    bounds = np.empty((len(ways.entries), len(ways.exits)))
+    bounds = np.empty((len(candidates.entries), len(candidates.exits)))
     for row in range(first, end):
-        times[row], turns[row] = _fastest(ends[row], ways, rules, tables, bounds)
+        times[row], turns[row] = _fastest(ends[row], candidates, rules, tables, bounds)
 
 
-_SHARE = 12  # ends that one core takes at least: some 60 microseconds
+_CHUNK = 12  # least number of ends per chunk: 60 microseconds
 _ANGLES = 257  # of a table of turns, from 0 to a full turn
 _MOMENTS = 96  # at which a turn is summed up
 _RATES = 12  # tables, of equally spaced turn rates up to the limit
-_SLOWEST = 3  # twelfths of the turn rate below which turning is no way to drive
+_SLOWEST = 3  # twelfths of the turn rate; slower turns are not used
 _SIDES = (1, -1)
 _CHANGES = (-1.0, -0.6, -0.3, 0.0, 0.3, 0.6, 1.0)  # of speed in a turn, in shares of the limits
 _GAINS = (-0.5, 0.0, 0.25, 0.5, 0.75, 1.0)  # the same where the base never drives backward
@@ -414,8 +414,8 @@ def _tables(rate: float, aw: float) -> FloatArray:
 
 
 @lru_cache(maxsize=64)
-def _ways(driving: DrivingStyle, *, holding: bool) -> PathWays:
-    """Return the ways to drive."""
+def _candidates(driving: DrivingStyle, *, holding: bool) -> PathCandidates:
+    """Return all combinations of entries and exits for a driving style."""
     full = _RATES - 1
     if driving.backward:
         begins = [(-1.0, gain, full) for gain in _CHANGES]
@@ -438,12 +438,12 @@ def _ways(driving: DrivingStyle, *, holding: bool) -> PathWays:
     ]
     exits = [Exit(side, *end) for end in sorted(ends) for side in _SIDES if end[-1] >= _SLOWEST - 1]
     leads = _changes([(entry.direction, entry.lead) for entry in entries])
-    runs = _changes([leave.arrival if driving.run is None and holding else 0.0 for leave in exits])
+    runs = _changes([exit_.arrival if driving.run is None and holding else 0.0 for exit_ in exits])
     rows = [
-        np.array(ways, dtype=float).reshape(-1, len(kind._fields))
-        for ways, kind in ((entries, Entry), (exits, Exit))
+        np.array(candidates, dtype=float).reshape(-1, len(kind._fields))
+        for candidates, kind in ((entries, Entry), (exits, Exit))
     ]
-    return PathWays(rows[0], leads, rows[1], runs)
+    return PathCandidates(rows[0], leads, rows[1], runs)
 
 
 def _changes(values: Sequence[object]) -> IntArray:
@@ -482,9 +482,9 @@ def path_times(ends: FloatArray, driving: DrivingStyle, *, hold: float, holding:
     passing = driving.passing if holding else 0.0
     rules = PathRules(rates, run, not driving.backward, passing, hold, _TIGHT * rates.w)
     times, turns = np.full(len(ends), np.inf), np.zeros(len(ends))
-    ways = _ways(driving, holding=holding)
-    if not (len(ways.entries) and len(ways.exits)):  # it turns too slowly at all speeds
+    candidates = _candidates(driving, holding=holding)
+    if not (len(candidates.entries) and len(candidates.exits)):  # it turns too slowly at all speeds
         return Motions(times, turns)
-    search = partial(fastest_ways, ends, ways, rules, _tables(rates.w, rates.aw), times, turns)
-    in_shares(search, len(ends), _SHARE)
+    search = partial(fastest_paths, ends, candidates, rules, _tables(rates.w, rates.aw), times, turns)
+    parallel_for(search, len(ends), _CHUNK)
     return Motions(times, turns)

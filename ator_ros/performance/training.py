@@ -31,11 +31,11 @@ from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import CONTROL_PERIOD
 
-_EPISODES = 300  # more don't change what is read off, and take longer
-_GREATEST, _OFTEN = 0.995, 0.95  # quantiles that count as the greatest speed and acceleration
+_EPISODES = 300  # more do not change the estimates
+_GREATEST, _OFTEN = 0.995, 0.95  # quantiles taken as the greatest speed and acceleration
 _BACKWARD = (-0.1, 0.01)  # m/s, and the share of rows that are faster backward in an action that drives so
 _STEADY = 0.08  # m/s^2 up to which the speed counts as steady
-_SEEN = 10  # samples from which on a turn rate counts
+_LEAST_SAMPLES = 10  # for a quantile
 _RUNS: tuple[float | None, ...] = (0.0, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, None)
 _PASSINGS = (0.0, 0.2, 0.3, 0.35, 0.4, 0.5)
 _BETTER = 0.97  # share of the error that a change of run or passing must leave at most
@@ -85,14 +85,14 @@ def from_odometry(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
 
 def _quantile(values: FloatArray, share: float, otherwise: float) -> float:
     """Return a quantile, but what the base can do where (almost) nothing was seen."""
-    found = float(np.quantile(values, share)) if len(values) >= _SEEN else 0.0
+    found = float(np.quantile(values, share)) if len(values) >= _LEAST_SAMPLES else 0.0
     return found if found > 0.05 * otherwise else otherwise
 
 
 def _envelope(level: FloatArray, rates: FloatArray) -> tuple[float, ...]:
     """Return the greatest rate at each level of speed; what goes at a lower speed goes at a higher one."""
     greatest = [
-        float(np.quantile(rates[level == number], 0.98)) if np.sum(level == number) >= _SEEN else 0.0
+        float(np.quantile(rates[level == number], 0.98)) if np.sum(level == number) >= _LEAST_SAMPLES else 0.0
         for number in range(LEVELS)
     ]
     rising = np.maximum.accumulate(np.minimum(greatest, 1.0))
@@ -137,7 +137,7 @@ LEAST_EPISODES = 20
 """Episodes that must have succeeded."""
 SMALL_LEAF = 50
 """Episodes at a leaf of their trees, at least."""
-_NEAREST = 0.01  # m, as long as a way counts at least
+_NEAREST = 0.01  # m, least distance
 _AT_GOAL = ((0.02, 0.05), (0.03, 0.08))
 """Distances (m) and angles (rad) to the goal that may count as being there."""
 _LEAST_AT_GOAL = 3
@@ -359,16 +359,15 @@ def _direct_names(rows: pd.DataFrame) -> list[str]:
 def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
     """Return the least and the greatest value of the direct variables at the starts of episodes.
 
-    Places are relative to the centre of the robot's area. Beside them is that of `way`: the distance in m
-    from the point of the robot that the goal is meant for, axle or hold, to the goal's place; and of `turn`:
-    the angle in rad between both headings.
+    Places are relative to the centre of the robot's area. `way` is the distance in m from axle or hold,
+    whichever comes to the goal, to the goal's place; `turn` is the angle in rad between both headings.
     """
     starts = rows[rows["t"] == 0.0]
     names = (name for name in DIRECT_VARIABLES if name not in ("yaw", "yawg", "hold"))
     area = robot.scene.area
     moved = {"x": area.x, "xg": area.x, "y": area.y, "yg": area.y}
     relative = {name: starts[name] - moved.get(name, 0.0) for name in names}
-    columns = {**relative, "way": _ways(starts, robot), "turn": _turns(starts)}
+    columns = {**relative, "way": _distances(starts, robot), "turn": _turns(starts)}
     return {name: [float(values.min()), float(values.max())] for name, values in columns.items()}
 
 
@@ -383,25 +382,25 @@ def observed_model(
 def observed_starts(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
     """Return what `start_ranges` does, and `braking`: decelerations in m/s^2 that enough episodes asked for.
 
-    An episode asks for that of a straight drive from its speed at the start to the one at its goal.
-    Where there is hardly room to brake the robot has to go round, and models that know no ideal times err by
-    seconds. Few episodes begin like that, so neither their trees nor their spreads show it.
+    The deceleration is that of a straight drive from the speed at the start to the speed at the goal. If
+    there is hardly room to brake, the robot makes a detour, and models without ideal times err by seconds.
+    Such starts are too rare to show in trees or spreads.
     """
     starts = rows[(rows["t"] == 0.0) & rows["success"]]
     squares = starts["v"].to_numpy(dtype=float) ** 2 - starts["speedg"].to_numpy(dtype=float) ** 2
-    asked = np.sort(np.maximum(squares, 0.0) / (2.0 * np.maximum(_ways(starts, robot), _NEAREST)))
+    asked = np.sort(np.maximum(squares, 0.0) / (2.0 * np.maximum(_distances(starts, robot), _NEAREST)))
     beyond = min(_ENOUGH, math.ceil(_RARE * len(asked)))
     return {**start_ranges(rows, robot), "braking": [0.0, float(asked[-beyond])]}
 
 
-def _ways(starts: pd.DataFrame, robot: Robot) -> FloatArray:
-    """Return the ways in m from the point of the robot that the goal is meant for to the goal's place."""
+def _distances(starts: pd.DataFrame, robot: Robot) -> FloatArray:
+    """Return the distances in m from axle or hold, whichever comes to the goal, to the goal's place."""
     back = robot.hold * starts["hold"] if robot.holder is not None else 0.0
-    ways: FloatArray = np.hypot(
+    distances: FloatArray = np.hypot(
         starts["xg"] - starts["x"] - back * np.cos(starts["yaw"]),
         starts["yg"] - starts["y"] - back * np.sin(starts["yaw"]),
     ).to_numpy(dtype=float)
-    return ways
+    return distances
 
 
 def _turns(starts: pd.DataFrame) -> FloatArray:

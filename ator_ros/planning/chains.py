@@ -1,6 +1,6 @@
-"""Chains from plans: each step with a goal, and open what the plan does not determine.
+"""Chains from plans: each step with a goal, in which all that the plan does not determine is open.
 
-Numbers that a plan leaves open are placeholders, which refinement replaces.
+Values of open variables are placeholders, which refinement replaces.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World
 
 _SPACING, _MOST_INTERVALS = 0.1, 400
-"""Of the places that are compared: m, and along each side of the area, where it is large."""
+"""Grid of candidate places: spacing in m, and greatest number of intervals along a side of the area."""
 _LEAST_DISTANCE = 0.5
-"""In m from where a thing lies: a nearer place is chosen only if there is no other."""
+"""Preferred least distance in m of a place from the present one."""
 
 
 def chain_of(steps: Sequence[PlannedStep], world: World, library: TopLibrary, fence: Fence) -> TopChain:
@@ -35,7 +35,7 @@ def chain_of(steps: Sequence[PlannedStep], world: World, library: TopLibrary, fe
     Raises
     ------
     PlanningError
-        There is no place that a step needs.
+        There is no place for a step.
     """
     calls: list[TopCall] = []
     for number, step in enumerate(steps, start=1):
@@ -76,7 +76,7 @@ def _heading(step: PlannedStep, place: Pose, world: World) -> float:
 
 
 def _opened(step: PlannedStep, goal: Goal, *, last: bool) -> frozenset[str]:
-    """Return the goal variables that the plan leaves to refinement."""
+    """Return the open goal variables."""
     bound = frozenset() if step.region else frozenset(name for name, _ in step.binding)
     place = {"x", "y", "yaw"} if step.top.arrives else set[str]()
     speed = {"speed"} if step.top.arrives and not last else set[str]()
@@ -86,18 +86,18 @@ def _opened(step: PlannedStep, goal: Goal, *, last: bool) -> frozenset[str]:
 def _place_in(
     region: Sequence[Fact], top: Top, state: State, edges: tuple[float, float, float, float]
 ) -> tuple[float, float] | None:
-    """Return the place (m) in a region that is nearest to where its thing lies; None where there is none.
+    """Return the place (m) in a region that is nearest to the present place of its thing, or None.
 
     Parameters
     ----------
     region : sequence of Fact
-        What must hold there.
+        Facts that must hold there.
     top : Top
-        The TOP that brings the thing there: the place keeps the distance that it may miss by, where it can.
+        The TOP that brings the thing there; the place keeps its tolerance from the edge, if possible.
     state, edges
-        Where everything is before, and where to look: x_min, y_min, x_max, y_max in m.
+        State before, and bounds of the places: x_min, y_min, x_max, y_max in m.
     """
-    thing = placed_thing(region[0].said)
+    thing = placed_thing(region[0].clause)
     goal = resolved(dict(region[0].binding), state)
     places = _candidates(edges, goal)
     there = {**state, f"{thing}.x": places[:, 0], f"{thing}.y": places[:, 1]}
@@ -125,16 +125,16 @@ def _candidates(edges: tuple[float, float, float, float], goal: Mapping[str, flo
 
 
 def _clearance(fact: Fact, there: Mapping[str, Any], state: State) -> Any:
-    """Return by how much a fact holds at each place, negative where it does not."""
-    goal, said = resolved(dict(fact.binding), state), fact.said
-    if not isinstance(said, Statement):
-        clearance = said.clearance(there, goal)
+    """Return the margin with which a fact holds at each place, negative if it does not hold."""
+    goal, clause = resolved(dict(fact.binding), state), fact.clause
+    if not isinstance(clause, Statement):
+        clearance = clause.clearance(there, goal)
         return -np.inf if clearance is None else clearance
-    target: Any = lookup(said.target, there, goal) if isinstance(said.target, str) else said.target
-    if target is None or said.variable not in there:
+    target: Any = lookup(clause.target, there, goal) if isinstance(clause.target, str) else clause.target
+    if target is None or clause.variable not in there:
         return -np.inf
-    apart = there[said.variable] - target
-    if said.variable.endswith("yaw"):
+    apart = there[clause.variable] - target
+    if clause.variable.endswith("yaw"):
         apart = wrap_angles(np.asarray(apart))
-    low, high = reach_about(said, float(target))
+    low, high = reach_about(clause, float(target))
     return np.minimum(apart - low, high - apart)

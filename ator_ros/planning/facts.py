@@ -1,8 +1,7 @@
-"""Facts: the statements of conditions with the goal of one TOP put in, and whether they hold after a TOP.
+"""Facts: clauses of conditions, bound to the goal of a TOP, and whether they hold after a TOP.
 
-A goal variable stands for a symbol: a number, the present value of a state variable ("object.x" where it was
-before the TOP), or a place that is chosen later. Two variables with the same symbol have the same value,
-whatever it is.
+A goal variable is bound to a symbol: a number, the present value of a state variable ("object.x" before the
+TOP), or a place that is chosen later. Variables with the same symbol have the same value, perhaps unknown.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from ator_ros.tops.conditions import Condition, Relation, State, Statement, Term
 
 Symbol = float | str
 Binding = Mapping[str, Symbol]
-"""The goal variables of a TOP by name: what each is. One that is missing is chosen later."""
+"""Symbols of the goal variables of a TOP, by name. A missing one is chosen later."""
 AXES = ("x", "y", "yaw")
 _ANYWHERE = (-math.inf, math.inf)
 _SLACK = 1e-9
@@ -26,7 +25,7 @@ _SLACK = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """A symbol, and how far the variable may be from it: `low` to `high`, in the variable's unit."""
+    """A symbol, and the range of the variable's difference from it, `low` to `high`."""
 
     symbol: Symbol
     low: float = 0.0
@@ -34,12 +33,12 @@ class Value:
 
     @property
     def nominal(self) -> float:
-        """The difference from the symbol that a projection assumes: the least possible."""
+        """The difference from the symbol in projections: the least possible."""
         return min(max(0.0, self.low), self.high)
 
 
 def after(top: Top, binding: Binding) -> dict[str, Value]:
-    """Return the variables that a TOP changes, with their values once its post-condition holds."""
+    """Return the variables that a TOP changes, with their values after it."""
     values = _arrival(top, binding) if top.arrives else {}
     arrived = frozenset(values)
     for term in top.post.terms:
@@ -55,7 +54,7 @@ def after(top: Top, binding: Binding) -> dict[str, Value]:
 
 
 def _arrival(top: Top, binding: Binding) -> dict[str, Value]:
-    """Return the robot's own variables at the goal; no condition says how exactly they get there."""
+    """Return the robot's own variables at the goal, whose errors no condition bounds."""
     at, other = ("hold", "robot") if top.point is Point.HOLD else ("robot", "hold")
     goal = {name: binding.get(name, _chosen(top.name, name)) for name in (*AXES, "speed")}
     beside = {axis: f"{goal[axis]} beside, heading {goal['yaw']}" for axis in "xy"}
@@ -75,12 +74,12 @@ def _chosen(top: str, name: str) -> str:
 
 
 def is_chosen(symbol: Symbol) -> bool:
-    """Return whether a symbol is that of a goal variable that nothing determines."""
+    """Return whether a symbol is that of an unbound goal variable."""
     return isinstance(symbol, str) and symbol.startswith("chosen ")
 
 
 def target_of(term: Statement, values: Mapping[str, Value], binding: Binding, top: str) -> Value:
-    """Return what a statement relates its variable to, in a state in which `values` have changed."""
+    """Return the target of a statement in a state in which `values` have changed."""
     if not isinstance(term.target, str):
         return Value(float(term.target))
     if term.target.startswith("goal."):
@@ -90,7 +89,7 @@ def target_of(term: Statement, values: Mapping[str, Value], binding: Binding, to
 
 
 def reach_about(term: Statement, target: Symbol) -> tuple[float, float]:
-    """Return the range of a statement about its target, whose side of the centre may count."""
+    """Return the range of a statement around its target; it may depend on the target's sign."""
     return term.reach(math.inf if isinstance(target, str) else target)
 
 
@@ -119,78 +118,78 @@ def _satisfied(term: Statement, values: Mapping[str, Value], binding: Binding, *
 
 @dataclass(frozen=True)
 class Fact:
-    """A statement or relation of a condition.
+    """A clause of a condition, bound to a goal.
 
     Attributes
     ----------
-    said : Term, Region, Distance or Bearing
-        What holds.
+    clause : Term, Region, Distance or Bearing
+        The statement or relation.
     binding : tuple
         The goal variables that it names, as pairs of name and symbol.
     region : str
-        Name of the region of places at which it holds; empty where it is about no place to choose.
+        Name of the region of places at which it holds; empty if it concerns no place to choose.
     surely : bool
-        Whether it must hold wherever the tolerances of a TOP let its variables end, as the goal of a plan
-        must; otherwise it must hold where a projection puts them.
+        Whether it must hold within all tolerances of a TOP, like the goal of a plan; otherwise it must hold
+        for projected values.
     """
 
-    said: Statement | Relation
+    clause: Statement | Relation
     binding: tuple[tuple[str, Symbol], ...] = ()
     region: str = ""
     surely: bool = False
 
     @property
     def _variables(self) -> frozenset[str]:
-        if not isinstance(self.said, Statement):
-            places = [place for place in self.said.places if place != "goal"]
+        if not isinstance(self.clause, Statement):
+            places = [place for place in self.clause.places if place != "goal"]
             return frozenset(f"{name}.{axis}" for name in places for axis in "xy")
-        sides = (self.said.variable, self.said.target)
+        sides = (self.clause.variable, self.clause.target)
         return frozenset(side for side in sides if isinstance(side, str) and not side.startswith("goal."))
 
     @property
     def depends(self) -> frozenset[str]:
-        """The state variables that decide whether it holds: those of its binding, too."""
+        """The state variables that it depends on, with those of its binding."""
         return self._variables | {symbol for _, symbol in self.binding if isinstance(symbol, str)}
 
     def holds_after(self, values: Mapping[str, Value]) -> bool:
-        """Return whether it holds once `values` have changed, as far as the symbols determine it."""
+        """Return whether the symbols determine that it holds after `values` have changed."""
         moved = self._variables & values.keys()
         if self.region and any(
             values[name].symbol == f"{self.region}.{name.partition('.')[2]}" for name in moved
         ):
             return True
-        if isinstance(self.said, Statement):
-            return _satisfied(self.said, values, dict(self.binding), surely=self.surely)
+        if isinstance(self.clause, Statement):
+            return _satisfied(self.clause, values, dict(self.binding), surely=self.surely)
         numbers = {
             name: value.symbol + value.nominal
             for name, value in values.items()
             if isinstance(value.symbol, float)
         }
         goal = {name: symbol for name, symbol in self.binding if isinstance(symbol, float)}
-        clearance = self.said.clearance(numbers, goal)
+        clearance = self.clause.clearance(numbers, goal)
         return clearance is not None and bool(clearance >= -_SLACK)
 
     def violation(self, state: State) -> str | None:
-        """Return in words why it does not hold in a state; None where it does."""
+        """Return why it does not hold in a state; None if it holds."""
         goal = resolved(dict(self.binding), state)
-        if isinstance(self.said, Statement):
-            return self.said.violation(state, goal)
-        return violation_of(self.said, state, goal)
+        if isinstance(self.clause, Statement):
+            return self.clause.violation(state, goal)
+        return violation_of(self.clause, state, goal)
 
     def __str__(self) -> str:
-        """Return it in words, with numbers for the goal variables that are known."""
-        said = self.said
-        if not isinstance(said, Statement):
-            return str(said)
-        target = said.target
+        """Return it as text, with numbers for known goal variables."""
+        clause = self.clause
+        if not isinstance(clause, Statement):
+            return str(clause)
+        target = clause.target
         if isinstance(target, str) and target.startswith("goal."):
             symbol = dict(self.binding).get(target.removeprefix("goal."), target)
             target = target if is_chosen(symbol) else symbol
         about = target if isinstance(target, str) else f"{target:g}"
-        if isinstance(said, Term):
-            return f"{said.variable} within {said.tolerance:g} of {about}"
-        outward = " outward" if said.outward else ""
-        return f"{said.variable} {said.low:g} to {said.high:g}{outward} of {about}"
+        if isinstance(clause, Term):
+            return f"{clause.variable} within {clause.tolerance:g} of {about}"
+        outward = " outward" if clause.outward else ""
+        return f"{clause.variable} {clause.low:g} to {clause.high:g}{outward} of {about}"
 
 
 def resolved(binding: Binding, state: State) -> dict[str, float]:
@@ -208,32 +207,32 @@ def region_name(top: Top, binding: Binding, thing: str) -> str:
 
 
 def preconditions(top: Top, binding: Binding) -> list[Fact]:
-    """Return the facts that a TOP with this goal needs; without those that hold in every state."""
-    said = (*top.pre.terms, *top.pre.relations)
-    return [fact for each in said if (fact := _fact(top, each, binding)) is not None]
+    """Return the facts that a TOP with this goal needs, without those that always hold."""
+    clauses = (*top.pre.terms, *top.pre.relations)
+    return [fact for clause in clauses if (fact := _fact(top, clause, binding)) is not None]
 
 
-def _fact(top: Top, said: Statement | Relation, binding: Binding) -> Fact | None:
-    """Return a fact; None if it holds in every state, or is about a goal variable that is chosen to suit."""
-    if isinstance(said, Statement):
-        names = Condition((said,)).goal_names()
+def _fact(top: Top, clause: Statement | Relation, binding: Binding) -> Fact | None:
+    """Return a fact; None if it always holds, or if it concerns an unbound goal variable."""
+    if isinstance(clause, Statement):
+        names = Condition((clause,)).goal_names()
     else:
-        names = frozenset("xy") if "goal" in said.places else frozenset()
+        names = frozenset("xy") if "goal" in clause.places else frozenset()
     used = tuple((name, binding[name]) for name in sorted(names) if name in binding)
     if len(used) < len(names):
         return None
-    if isinstance(said, Statement):
-        same = target_of(said, {}, dict(used), "").symbol == said.variable
-        if same and _satisfied(said, {}, dict(used), surely=False):
+    if isinstance(clause, Statement):
+        same = target_of(clause, {}, dict(used), "").symbol == clause.variable
+        if same and _satisfied(clause, {}, dict(used), surely=False):
             return None
-    thing = placed_thing(said)
-    return Fact(said, used, region_name(top, binding, thing) if thing else "")
+    thing = placed_thing(clause)
+    return Fact(clause, used, region_name(top, binding, thing) if thing else "")
 
 
-def placed_thing(said: Statement | Relation) -> str | None:
-    """Return what a statement puts into a region about the goal: "robot", "hold", an object, or None."""
-    if not isinstance(said, Statement):
-        others = [place for place in said.places if place != "goal"]
+def placed_thing(clause: Statement | Relation) -> str | None:
+    """Return what a clause places near the goal: "robot", "hold", an object, or None."""
+    if not isinstance(clause, Statement):
+        others = [place for place in clause.places if place != "goal"]
         return others[0] if len(others) == 1 else None
-    thing, _, axis = said.variable.partition(".")
-    return thing if axis in ("x", "y") and said.target in ("goal.x", "goal.y") else None
+    thing, _, axis = clause.variable.partition(".")
+    return thing if axis in ("x", "y") and clause.target in ("goal.x", "goal.y") else None

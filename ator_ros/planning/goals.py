@@ -1,4 +1,4 @@
-"""What a plan is for: statements about state variables that shall hold at its end."""
+"""Goals of plans: statements about state variables that shall hold at the end."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _ROBOT = tuple(f"robot.{name}" for name in ("x", "y", "yaw", "v", "w"))
 
 
 class PlanningError(ValueError):
-    """A goal without a plan, or that cannot be used; the message says which condition no TOP achieves."""
+    """A goal that is invalid or has no plan; the message names the condition that no TOP achieves."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Unspecified:
-    """A statement whose tolerance is left to the TOPs: as near as the best of them brings it."""
+    """A statement without a tolerance: it gets the smallest one that a TOP achieves."""
 
     variable: str
     target: str | float
@@ -35,12 +35,12 @@ def known_variables(objects: Sequence[str], *, holder: bool) -> tuple[str, ...]:
 
 
 def check_goal(goal: Sequence[GoalStatement], known: Sequence[str]) -> None:
-    """Make sure that a goal is about known variables.
+    """Check that a goal is about known variables, each once.
 
     Raises
     ------
     PlanningError
-        It has no statements or too many, or names an unknown variable, or one variable comes twice.
+        It has no statements or too many, names an unknown variable, or one variable twice.
     """
     if not 1 <= len(goal) <= MOST_STATEMENTS:
         raise PlanningError(f"goal: expected 1 to {MOST_STATEMENTS} statements, got {len(goal)}")
@@ -59,7 +59,7 @@ def statement_from(text: str) -> GoalStatement:
     Raises
     ------
     PlanningError
-        It is none.
+        The text is no statement.
     """
     variable, _, rest = text.partition("=")
     target, *bounds = rest.split(":")

@@ -9,7 +9,7 @@ from ator_ros.execution.fence import Fence
 from ator_ros.planning.chains import chain_of
 from ator_ros.planning.facts import Fact, difference, is_chosen, target_of
 from ator_ros.planning.goals import GoalStatement, PlanningError, check_goal, known_variables
-from ator_ros.planning.problem import PlannedStep, Posed, facts_of, posed, steps_for
+from ator_ros.planning.problem import PlannedStep, PlanningProblem, facts_of, planning_problem, steps_for
 from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.tops.chain import Top, TopChain, projected
 from ator_ros.tops.conditions import Statement, state_of
@@ -20,7 +20,7 @@ from ator_ros.world.state import World
 MOST_CHAINS = 8
 """Chains for one goal: as many as a request to refinement may hold."""
 _MOST_PLANS = 16
-"""Plans of symbols that are searched: some have no place for a step."""
+"""Symbolic plans that are searched; some cannot be used as there is no place for a step."""
 
 
 def chains_for(
@@ -30,18 +30,18 @@ def chains_for(
     objects: Sequence[str],
     fence: Fence | None = None,
 ) -> list[TopChain]:
-    """Return chains for a goal, those with fewest steps first; none where it holds already.
+    """Return chains for a goal, those with fewest steps first; none if it holds already.
 
     Parameters
     ----------
     goal : sequence
-        What shall hold at the end.
+        Statements that shall hold at the end.
     world, library
         The situation, and the TOPs to plan with.
     objects : sequence of str
         Names of the objects that the domain has.
     fence : Fence, optional
-        Where the chains may lead; by default around the scene's area.
+        Bounds of the chains; by default around the scene's area.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def chains_for(
     driving = driving_top(library)
     if driving is not None and driving.name in unfit:
         driving = None
-    problem = posed(facts, steps_for(facts, tops), driving, world, robot)
+    problem = planning_problem(facts, steps_for(facts, tops), driving, world, robot)
     plans = problem.problem.plans(_MOST_PLANS)
     if not plans:
         raise PlanningError("; ".join([*unfit.values(), _why_unreachable(problem)]))
@@ -78,7 +78,7 @@ def chains_for(
 
 
 def _unfit(top: Top, world: World, library: TopLibrary) -> str | None:
-    """Return why a TOP cannot be used; None where it can."""
+    """Return why a TOP cannot be used; None if it can."""
     if why := top.lacks(library.robot):
         return why
     missing = missing_object(top, world)
@@ -88,7 +88,7 @@ def _unfit(top: Top, world: World, library: TopLibrary) -> str | None:
 def _valid_chain(
     steps: Sequence[PlannedStep], goal: Sequence[Fact], world: World, library: TopLibrary, fence: Fence
 ) -> TopChain:
-    """Return the chain of a plan; raises PlanningError where it is no valid plan from the situation."""
+    """Return the chain of a plan; raises PlanningError if it is no valid plan from the situation."""
     robot = library.robot
     if len(steps) > LONGEST_CHAIN:
         raise PlanningError(f"plan of {len(steps)} steps: expected at most {LONGEST_CHAIN}")
@@ -105,7 +105,7 @@ def _valid_chain(
     return chain
 
 
-def _why_unreachable(problem: Posed) -> str:
+def _why_unreachable(problem: PlanningProblem) -> str:
     """Return which condition no TOP achieves, or that no sequence of TOPs achieves all at once."""
     symbols = problem.problem
     reached = symbols.within_reach()
@@ -115,8 +115,8 @@ def _why_unreachable(problem: Posed) -> str:
     return f"each condition can be achieved, but no sequence of TOPs ends with {goal}"
 
 
-def _why(problem: Posed, number: int, reached: frozenset[int]) -> str:
-    """Return why one fact is out of reach, down to the first that no TOP achieves."""
+def _why(problem: PlanningProblem, number: int, reached: frozenset[int]) -> str:
+    """Return why a fact cannot be reached, down to the first one that no TOP achieves."""
     because: list[str] = []
     asked = {number}
     while True:
@@ -138,19 +138,19 @@ def _why(problem: Posed, number: int, reached: frozenset[int]) -> str:
         because.append(f"for {name}" if because else f"which {name} needs")
 
 
-def _nearest(problem: Posed, number: int) -> str:
-    """Return which TOPs bring the variable of a fact to its target, but not as near as that."""
+def _nearest(problem: PlanningProblem, number: int) -> str:
+    """Return the TOPs that bring the variable of a fact to its target, with their tolerances."""
     fact, found = problem.facts[number], dict[str, None]()
-    if not isinstance(fact.said, Statement):
+    if not isinstance(fact.clause, Statement):
         return ""
     for step in (step for steps in problem.steps for step in steps):
         values = step.values()
-        value = values.get(fact.said.variable)
+        value = values.get(fact.clause.variable)
         if value is None or is_chosen(value.symbol):
             continue
-        target = target_of(fact.said, values, dict(fact.binding), step.top.name)
+        target = target_of(fact.clause, values, dict(fact.binding), step.top.name)
         low, high = value.low - target.high, value.high - target.low
-        same = difference(fact.said.variable, value, target) == 0.0
+        same = difference(fact.clause.variable, value, target) == 0.0
         if same and low <= high and math.isfinite(high - low):
             found[f"{step.top.name} brings it to {low:g} to {high:g} of that"] = None
     return f" ({', '.join(found)})" if found else ""

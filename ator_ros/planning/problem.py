@@ -1,4 +1,4 @@
-"""The symbolic problem of a goal: the steps from which plans are made, and what each makes true and false."""
+"""The symbolic planning problem of a goal: candidate steps, and the facts that each makes true and false."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from ator_ros.tops.objects import fetched, followed
 from ator_ros.world.state import World
 
 MOST_FACTS, MOST_OPERATORS = 200, 200
-"""Larger problems are refused: none of a domain of a dozen TOPs comes near."""
+"""Larger problems are refused; a domain of a dozen TOPs has much smaller ones."""
 _MOVING = ("robot.", "hold.")
-"""The robot's own variables are no destination: they change on the way."""
+"""Variables that are no destination, as they change on the way."""
 _BEHIND = math.radians(60.0)
-"""Angle between the directions to an object and on from it, up to which the robot is behind it."""
+"""The robot is behind an object up to this angle between the directions to it and from it to its goal."""
 _ROOM = 0.3
 """Free distance in m between the robot on the far side of an object and the object."""
 
@@ -48,10 +48,9 @@ class PlannedStep:
     top : Top
         The TOP.
     binding : tuple
-        Its goal variables, as pairs of name and symbol; those that are missing are chosen later.
+        Its goal variables, as pairs of name and symbol; missing ones are chosen later.
     region : tuple of Fact
-        What must hold of the place that is chosen, for the TOP that comes to need it; empty where the goal is
-        determined otherwise.
+        Facts that a later TOP needs of the place that is chosen; empty if the goal is determined otherwise.
     """
 
     top: Top
@@ -59,7 +58,7 @@ class PlannedStep:
     region: tuple[Fact, ...] = ()
 
     def needs(self) -> list[Fact]:
-        """Return the facts that must hold before."""
+        """Return its preconditions."""
         return preconditions(self.top, dict(self.binding))
 
     def values(self) -> dict[str, Value]:
@@ -68,7 +67,7 @@ class PlannedStep:
 
 
 def facts_of(goal: Sequence[GoalStatement], tops: Sequence[Top]) -> list[Fact]:
-    """Return a goal as facts, with the tolerances that `tops` leave where none is given."""
+    """Return a goal as facts; statements without a tolerance get the smallest that `tops` achieve."""
     return [Fact(_specified(statement, tops), surely=True) for statement in goal]
 
 
@@ -78,14 +77,14 @@ def _specified(statement: GoalStatement, tops: Sequence[Top]) -> Statement:
     ranges = [
         (value.low, value.high)
         for top in tops
-        if (value := _left(statement, top)) is not None and math.isfinite(value.high - value.low)
+        if (value := _achieved(statement, top)) is not None and math.isfinite(value.high - value.low)
     ]
     low, high = min(ranges, key=lambda ends: ends[1] - ends[0], default=(0.0, 0.0))
     return Region(statement.variable, statement.target, low, high)
 
 
-def _left(statement: Unspecified, top: Top) -> Value | None:
-    """Return where a TOP leaves the variable, if it can bring it to the target."""
+def _achieved(statement: Unspecified, top: Top) -> Value | None:
+    """Return the value of the variable after a TOP, if the TOP can bring it to the target."""
     for binding in itertools.chain([{}], _reaching([statement], top)):
         values = after(top, binding)
         value, target = values.get(statement.variable), values.get(str(statement.target))
@@ -96,7 +95,7 @@ def _left(statement: Unspecified, top: Top) -> Value | None:
 
 
 def _reaching(goal: Sequence[GoalStatement], top: Top) -> Iterator[Binding]:
-    """Yield the goal of a TOP that brings about as many statements as it can; nothing if it can't any."""
+    """Yield the goal with which a TOP achieves as many statements as it can, if any."""
     names = {*top.pre.goal_names(), *top.post.goal_names(), *AXES, "speed"}
     values = after(top, {name: f"goal.{name}" for name in names})
     found: dict[str, Symbol] = {}
@@ -111,15 +110,15 @@ def _reaching(goal: Sequence[GoalStatement], top: Top) -> Iterator[Binding]:
 
 
 def steps_for(goal: Sequence[Fact], tops: Sequence[Top]) -> list[PlannedStep]:
-    """Return the TOPs with the goals from which plans for `goal` are made.
+    """Return candidate steps: TOPs with goals.
 
-    A TOP is sent where the object lies that it follows, or where the goal of the plan wants something, or to
+    The goal of a TOP is the place of the object that it follows, a place that the goal of the plan names, or
     a place from which another of these steps may start.
     """
-    groups: dict[str, list[Statement]] = {}  # about the robot, about the hold, about each object
+    groups: dict[str, list[Statement]] = {}  # by robot, hold or object
     for fact in goal:
-        if isinstance(fact.said, Statement):
-            groups.setdefault(fact.said.variable.partition(".")[0], []).append(fact.said)
+        if isinstance(fact.clause, Statement):
+            groups.setdefault(fact.clause.variable.partition(".")[0], []).append(fact.clause)
     direct = [PlannedStep(top, binding) for top in tops for binding in _bindings(top, list(groups.values()))]
     near = [step for top in tops for target in direct for step in _toward(top, target)]
     return list(dict.fromkeys((*direct, *near)))
@@ -137,11 +136,11 @@ def _bindings(top: Top, groups: Sequence[Sequence[Statement]]) -> Iterator[tuple
 
 
 def _toward(top: Top, target: PlannedStep) -> Iterator[PlannedStep]:
-    """Yield `top` with goals from which `target` may start, one for each thing that must be somewhere."""
+    """Yield `top` with goals from which `target` may start, one for each thing that it needs at a place."""
     if followed(top) is not None:
         return
     facts = target.needs()
-    for thing in dict.fromkeys(filter(None, (placed_thing(fact.said) for fact in facts))):
+    for thing in dict.fromkeys(filter(None, (placed_thing(fact.clause) for fact in facts))):
         region = region_name(target.top, dict(target.binding), thing)
         step = PlannedStep(
             top,
@@ -157,17 +156,17 @@ def _toward(top: Top, target: PlannedStep) -> Iterator[PlannedStep]:
 
 
 @dataclass(frozen=True, slots=True)
-class Posed:
-    """A symbolic problem, and the steps that its operators stand for.
+class PlanningProblem:
+    """A symbolic problem, and the steps of its operators.
 
     Attributes
     ----------
     facts : tuple of Fact
-        By number; after these come those that say that a region holds an object from the start.
+        By number; facts with higher numbers say that a region contains an object from the start.
     steps : tuple
-        Of each operator, the steps of the chain: none for leaving an object where it is.
+        The steps of each operator; none for leaving an object at its place.
     problem : SymbolicProblem
-        What is searched.
+        The problem of the search.
     """
 
     facts: tuple[Fact, ...]
@@ -186,7 +185,7 @@ class _Builder:
         self.operators: dict[Operator, tuple[PlannedStep, ...]] = {}
 
     def operator(self, step: PlannedStep) -> Operator:
-        """Return what a step needs and does."""
+        """Return the operator of a step."""
         values = step.values()
         adds, deletes = set[int](), set[int]()
         for fact, number in self.numbers.items():
@@ -196,27 +195,26 @@ class _Builder:
         return Operator(needs, frozenset(adds), frozenset(deletes))
 
     def regions(self) -> list[frozenset[int]]:
-        """Return the facts that one region consists of, for each region that holds its object at first."""
+        """Return the facts of each region that contains its object in the initial state."""
         names = dict.fromkeys(fact.region for fact in self.facts if fact.region)
         groups = (frozenset(n for fact, n in self.numbers.items() if fact.region == name) for name in names)
         return [group for group in groups if group <= self.initial]
 
 
-def posed(
+def planning_problem(
     goal: Sequence[Fact], steps: Sequence[PlannedStep], driving: Top | None, world: World, robot: Robot
-) -> Posed:
+) -> PlanningProblem:
     """Return the symbolic problem of a goal.
 
-    That an object lies in a region at first counts once a plan leaves it there, which is an operator
-    without steps. So plans that leave it differ from plans that move it.
+    Leaving an object in its region is an operator without steps, so that such plans differ from those that
+    move it.
 
     Parameters
     ----------
     goal, steps
-        What shall hold, and the steps to choose from.
+        Facts of the goal, and candidate steps.
     driving : Top or None
-        What drives the robot to a pose: with it an object that lies where it is needed may also be
-        approached from its far side.
+        TOP that drives the robot to a pose. With it an object may also be approached from its far side.
     world, robot
         The situation.
 
@@ -252,14 +250,14 @@ def posed(
             f"follow, got {operators} and {facts}"
         )
     problem = SymbolicProblem(tuple(builder.operators), initial, wanted)
-    return Posed(tuple(builder.facts), tuple(builder.operators.values()), problem)
+    return PlanningProblem(tuple(builder.facts), tuple(builder.operators.values()), problem)
 
 
 def _detours(
     fact: Fact, steps: Sequence[PlannedStep], driving: Top | None, world: World, robot: Robot
 ) -> Iterator[tuple[PlannedStep, PlannedStep]]:
-    """Yield the steps that fetch what lies in a region, each with a drive to the far side of it before."""
-    thing, goal = placed_thing(fact.said), resolved(dict(fact.binding), state_of(world, robot))
+    """Yield the steps that fetch the object of a region, each after a drive to its far side."""
+    thing, goal = placed_thing(fact.clause), resolved(dict(fact.binding), state_of(world, robot))
     if driving is None or thing is None or not goal.keys() >= {"x", "y"}:
         return
     there = _far_side(world, robot, thing, (goal["x"], goal["y"]))
@@ -272,9 +270,9 @@ def _detours(
 def _far_side(
     world: World, robot: Robot, name: str, toward: tuple[float, float]
 ) -> tuple[float, float] | None:
-    """Return the place (m) behind an object, from where a robot takes it on toward another place.
+    """Return the place (m) behind an object, from which a robot can move it toward another place.
 
-    None where the robot is behind it already, or where the place is not in the scene's area.
+    None if the robot is behind it already, or if the place is outside the scene's area.
     """
     there, at = world.objects.get(name), world.robot.pose
     if there is None:

@@ -1,4 +1,4 @@
-"""Plans of symbolic problems: several alternatives, each with as few operators as possible."""
+"""Search of plans of symbolic problems: several alternatives, each with as few operators as possible."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from dataclasses import dataclass
 from ator_ros.planning.goals import PlanningError
 
 Plan = tuple[int, ...]
-"""The numbers of operators, in their order."""
+"""The indices of operators, in their order."""
 MOST_SEARCHES, MOST_STATES = 60, 20_000
-"""For one goal; the shipped domains need some ten searches of less than a hundred states."""
+"""Bounds for one goal; the shipped domains need about ten searches of less than a hundred states."""
 
 
 @dataclass(frozen=True, slots=True)
 class Operator:
-    """What must be true before, and what is true and false afterwards: facts by number."""
+    """An operator of STRIPS: facts, by number, that must be true before, and are true or false after."""
 
     needs: frozenset[int]
     adds: frozenset[int]
     deletes: frozenset[int]
 
     def then(self, later: Operator) -> Operator:
-        """Return the operator that does this and then `later`."""
+        """Return the operator of this one followed by `later`."""
         return Operator(
             self.needs | (later.needs - self.adds),
             (self.adds - later.deletes) | later.adds,
@@ -35,14 +35,14 @@ class Operator:
 
 @dataclass(frozen=True, slots=True)
 class SymbolicProblem:
-    """Operators, the facts that are true at first, and those that shall be true at the end."""
+    """Operators, the initial facts, and the facts of the goal."""
 
     operators: tuple[Operator, ...]
     initial: frozenset[int]
     goal: frozenset[int]
 
     def within_reach(self) -> frozenset[int]:
-        """Return the facts that could be made true if operators made nothing false."""
+        """Return the facts that are reachable if operators delete nothing."""
         reached, before = self.initial, None
         while reached != before:
             before = reached
@@ -50,7 +50,7 @@ class SymbolicProblem:
         return reached
 
     def useful(self) -> list[int]:
-        """Return the operators that a plan may need, by number: what the goal depends on, step by step."""
+        """Return the indices of operators on which the goal depends, directly or not."""
         needed, before = self.goal, None
         while needed != before:
             before = needed
@@ -58,16 +58,15 @@ class SymbolicProblem:
         return [number for number, each in enumerate(self.operators) if each.adds & needed]
 
     def plans(self, most: int) -> list[Plan]:
-        """Return up to `most` plans, those with fewest operators first; nothing where there is none.
+        """Return up to `most` plans, those with fewest operators first.
 
-        Each further plan does without an operator of those found. The sets of operators that are left out
-        form the hitting-set tree of Reiter (1987), which finds all plans of which none consists of the
-        operators of another one and more.
+        Each further plan excludes an operator of each plan before. The sets of excluded operators form the
+        hitting-set tree of Reiter (1987), which finds all plans that contain no other plan.
 
         Raises
         ------
         PlanningError
-            More states can be reached than are searched.
+            More than `MOST_STATES` states were searched.
         """
         if not self.goal <= self.within_reach():
             return []
@@ -94,7 +93,7 @@ class SymbolicProblem:
         return sorted(found, key=len)
 
     def _best(self, usable: Sequence[int]) -> Plan | None:
-        """Return a plan of the fewest operators; of several, one that undoes least of the goal."""
+        """Return a plan with the fewest operators; of several, one that deletes fewest facts of the goal."""
         ages = itertools.count()
         waiting: list[tuple[int, int, int, frozenset[int], Plan]] = [(0, 0, next(ages), self.initial, ())]
         done = set[frozenset[int]]()

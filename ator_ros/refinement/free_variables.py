@@ -47,7 +47,7 @@ _ROOM = 0.05
 _LABELS = {"dist": "distance", "turn": "turn", "v": "speed at the start", "speedg": "arrival speed"}
 _PLACE = frozenset("xy")
 _SAME = 1e-6
-"""Difference in a variable's unit that a conversion to a message and back may cause."""
+"""Rounding error of a conversion to a message and back, in the variable's unit."""
 
 Bound = Relation | Region
 
@@ -191,11 +191,12 @@ def _why_unknown(
 class _Rule(NamedTuple):
     """A bound of a subgoal's candidates.
 
-    `whose` it is, the `room` to keep (in the unit of the bound), the `goal` that it refers to (None for the
-    subgoal's own), and whether it concerns the state `before` the step.
+    `source` names the condition or model that it comes from, `room` is the margin to keep in the unit of the
+    bound, `goal` the goal that it refers to (None for the subgoal's own); `before`: it concerns the state
+    before the step.
     """
 
-    whose: str
+    source: str
     bound: Bound
     room: float = 0.0
     goal: Mapping[str, float] | None = None
@@ -261,7 +262,7 @@ class Regions:
     def limits(self, index: int) -> tuple[str, ...]:
         """Return a description of each bound of a subgoal's candidates."""
         bounds = self._bounds[index] if self._bounds else ()
-        return tuple(f"{rule.whose}: {_words(rule.bound)}" for rule in bounds)
+        return tuple(f"{rule.source}: {_described(rule.bound)}" for rule in bounds)
 
     def bounds(self, index: int) -> bool:
         """Return whether anything bounds the candidates of a subgoal."""
@@ -300,22 +301,22 @@ class Regions:
             return  # the start is not known yet
         for bound in _bounds_in(call.top.pre):
             yield _Rule(f"pre-condition {step}", bound, before=True)
-        way = experience_of(self._models.get(call.top.action)).get("way")
-        if way is not None:
+        distances = experience_of(self._models.get(call.top.action)).get("way")
+        if distances is not None:
             start = "hold" if call.goal.point is Point.HOLD else "robot"
-            yield _Rule(f"experience of {call.top.action}", Distance(start, "goal", *way), before=True)
+            yield _Rule(f"experience of {call.top.action}", Distance(start, "goal", *distances), before=True)
 
     def _rules_of_next(self, index: int) -> Iterator[_Rule]:
         """Yield the bounds by the step that starts at a subgoal."""
         if index + 1 == len(self._calls):
             return
         call, following = self._calls[index], self._calls[index + 1]
-        whose = f"pre-condition of step {index + 2} ({following.top.name})"
+        source = f"pre-condition of step {index + 2} ({following.top.name})"
         room, goal = call.top.place_tolerance, goal_values(following.goal)
         free = _PLACE & set(self._names[index + 1])
         for bound in _bounds_in(following.top.pre):
             if not (free and _names_goal(bound)):
-                yield _Rule(whose, bound, room if _is_place(bound) else 0.0, goal)
+                yield _Rule(source, bound, room if _is_place(bound) else 0.0, goal)
 
     def _after(self, index: int, values: FloatArray) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return state and goal variables after a step whose goal has these free values (n, k)."""
@@ -396,7 +397,7 @@ def _clearance(bound: Bound, state: Mapping[str, Any], goal: Mapping[str, Any]) 
     return np.minimum(difference - low, high - difference)
 
 
-def _words(bound: Bound) -> str:
+def _described(bound: Bound) -> str:
     if not isinstance(bound, Region):
         return str(bound)
     beyond = " outward" if bound.outward else ""
@@ -494,33 +495,33 @@ def within_experience(
             not_free.append(NotFree(variable.subgoal, variable.name, why, Cause.NO_EXPERIENCE))
             continue
         narrowed = variable
-        for low, high, said in _experienced(variable, chain, models):
+        for low, high, description in _experience_bounds(variable, chain, models):
             if narrowed.domain.periodic:
                 continue
             if min(high, narrowed.domain.high) <= max(low, narrowed.domain.low):
-                why = f"beyond the {said}"
+                why = f"beyond the {description}"
                 not_free.append(NotFree(variable.subgoal, variable.name, why, Cause.NO_EXPERIENCE))
                 break
-            narrowed = _narrowed(narrowed, low, high, (said,))
+            narrowed = _narrowed(narrowed, low, high, (description,))
         else:
             free.append(narrowed)
     return Analysis(tuple(free), tuple(not_free), tuple(each.text for each in outside))
 
 
-def _experienced(
+def _experience_bounds(
     variable: FreeVariable, chain: TopChain, models: Mapping[str, PredictsPerformance]
 ) -> Iterator[tuple[float, float, str]]:
     """Yield the bounds of a variable by experience: low, high and a description."""
-    for action, direct in _known_as(variable, chain):
+    for action, direct in _direct_variables(variable, chain):
         known = experience_of(models.get(action))
         if direct in known:
             low, high = known[direct]
             yield low, high, f"experience of {action}: {direct} from {low:.2f} to {high:.2f}"
     if variable.name == "speed" and variable.subgoal + 1 < len(chain.calls):
-        yield from _braked(chain.calls[variable.subgoal], chain.calls[variable.subgoal + 1], models)
+        yield from _braking_bounds(chain.calls[variable.subgoal], chain.calls[variable.subgoal + 1], models)
 
 
-def _braked(
+def _braking_bounds(
     call: TopCall, following: TopCall, models: Mapping[str, PredictsPerformance]
 ) -> Iterator[tuple[float, float, str]]:
     """Yield the arrival speeds from which the next action can brake to its goal's speed.
@@ -531,13 +532,13 @@ def _braked(
     moved = any(step.opens(name) for step in (call, following) for name in ("x", "y"))
     if known is None or moved or call.goal.point != following.goal.point:
         return
-    way = call.goal.pose.distance(following.goal.pose)
+    distances = call.goal.pose.distance(following.goal.pose)
     left = 0.0 if following.opens("speed") else following.goal.speed
-    said = f"experience of {following.top.action}: braking at up to {known[1]:.2f} m/s^2"
-    yield 0.0, math.sqrt(left**2 + 2.0 * known[1] * way), said
+    description = f"experience of {following.top.action}: braking at up to {known[1]:.2f} m/s^2"
+    yield 0.0, math.sqrt(left**2 + 2.0 * known[1] * distances), description
 
 
-def _known_as(variable: FreeVariable, chain: TopChain) -> Iterator[tuple[str, str]]:
+def _direct_variables(variable: FreeVariable, chain: TopChain) -> Iterator[tuple[str, str]]:
     """Yield the actions that a variable affects, and its direct variable in each.
 
     The place at which the next action starts is left out, since it is relative to its goal.

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
-from ator_ros.files import FileError, content_if_stated, read_yaml
+from ator_ros.files import FileError, content_with_optional_header, read_yaml
 from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
 from ator_ros.schema import SchemaError, Within, structured
@@ -272,7 +272,7 @@ def load_robot(path: Path | str | None = None) -> Robot:
     """
     file = Path(path) if path is not None else resource_path(*SHIPPED)
     try:
-        data = content_if_stated(read_yaml(file, largest=_LARGEST), KIND)
+        data = content_with_optional_header(read_yaml(file, largest=_LARGEST), KIND)
         read = structured(data, _schema(), closed=True)
     except FileError as error:
         raise ConfigError(str(error)) from error

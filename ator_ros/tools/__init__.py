@@ -1,1 +1,1 @@
-"""Command lines. What they do is in `work`, which is imported once a line is understood."""
+"""Command lines, one file each: a typed function and its parser."""

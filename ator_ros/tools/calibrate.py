@@ -1,7 +1,7 @@
 """Estimate latency, motor lag, limits and dead zone of a base from half a minute of driving.
 
-Drives the base that listens to cmd_vel: creeps, sprints to and fro, and spins both ways. Nothing else may
-command it meanwhile. The robot needs free way ahead (--space), half a metre behind, and room to turn.
+Drives the base that subscribes to cmd_vel: slowly, at full speed to and fro, and in turns both ways. Nothing
+else may command it meanwhile. The robot needs free space ahead (--space), 0.5 m behind, and room to turn.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 
 import yaml
 
-from ator_ros.files import head, portable_command, write_text
+from ator_ros.files import header, portable_command, write_text
 from ator_ros.robot.description import KIND, Limits, Robot, least_torque, load_robot
 from ator_ros.robot.identification import BaseEstimate, identify
 from ator_ros.robot.probe_drive import ProbeDrive
@@ -49,7 +49,7 @@ def calibrate(
     v, w : float or None
         Greatest commands in m/s and rad/s; None: 1.5 times the limits of the template.
     space : float
-        Free way ahead in m.
+        Free space ahead in m.
     stamped : str
         Whether cmd_vel is a TwistStamped: "auto", "true" or "false".
     frame : str
@@ -65,24 +65,24 @@ def calibrate(
     samples = drive_over_ros(drive, words, stamped=stamped, frame=frame)
     estimate = identify(samples)
     found = described(dataclasses.replace(robot, name=name or robot.name), estimate)
-    told = report(estimate)
+    lines = report(estimate)
     if found.wheel_torque != robot.wheel_torque:
-        told.append(
+        lines.append(
             f"wheel_torque {found.wheel_torque:g} N m: the least that {found.mass:g} kg need for that"
         )
-    lines = [f"# {line}" for line in ("Written by:", portable_command("calibrate", words), *told)]
+    comments = [f"# {line}" for line in ("Written by:", portable_command("calibrate", words), *lines)]
     write_text(
         out,
-        "\n".join(lines) + "\n" + yaml.safe_dump({**head(KIND), **found.sections()}, sort_keys=False),
+        "\n".join(comments) + "\n" + yaml.safe_dump({**header(KIND), **found.sections()}, sort_keys=False),
     )
     load_robot(out)  # raises ConfigError where an estimate is not plausible
-    print("\n".join((*told, f"written to {out}")))
+    print("\n".join((*lines, f"written to {out}")))
 
 
 def described(template: Robot, estimate: BaseEstimate) -> Robot:
     """Return a description with the estimated limits and lag, and everything else of the template.
 
-    Motors that the template has too weak for the estimated accelerations are as strong as they must be.
+    The motors' torque is raised if it is too weak for the estimated accelerations.
     """
     limits = Limits(*(round(value, 3) for value in dataclasses.astuple(estimate.limits)))
     lag, holder = round(max(estimate.lag, 0.002), 3), template.holder
@@ -129,7 +129,7 @@ def arguments() -> argparse.ArgumentParser:
         "--space",
         type=number(_LEAST, _GREATEST),
         default=3.0,
-        help="free way ahead of the robot in m (default: %(default)s)",
+        help="free space ahead of the robot in m (default: %(default)s)",
     )
     parser.add_argument(
         "--v",
@@ -163,7 +163,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         own = remove_ros_args(["calibrate", *words])[1:]
     options = arguments().parse_args(own)
 
-    def run() -> int:
+    def run() -> None:
         calibrate(
             options.robot,
             options.out,
@@ -175,7 +175,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             frame=options.frame,
             words=words,
         )
-        return 0
 
     return guarded("calibrate", run)
 

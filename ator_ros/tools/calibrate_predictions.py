@@ -1,11 +1,11 @@
-"""Learn, or report, what predictions of actions in chains miss, from the chains that `evaluate` executed."""
+"""Learn corrections of predicted durations from chains that `evaluate` executed, or report errors."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,15 +30,13 @@ from ator_ros.refinement.calibration import (
     load_calibration_if_any,
     save_calibration,
 )
-from ator_ros.tools.command_line import add_models, add_setting, destination, guarded, settled, source_of
-
-HEAD = "| chain | seed | policy | chains | predicted - actual (s) | 95 % | MAE (s) |"
+from ator_ros.tools.command_line import add_models, add_setting, destination, guarded, parse, source_of
 
 
 def calibrate_predictions(
     evaluations: Sequence[Path], source: ToolsetSource, *, command: str, actions: Sequence[str] | None = None
 ) -> None:
-    """Learn what predictions of actions miss from the chains of evaluations, and write it beside the models.
+    """Learn corrections of predicted durations from evaluations, and write them beside the models.
 
     Parameters
     ----------
@@ -47,7 +45,7 @@ def calibrate_predictions(
     source : ToolsetSource
         Robot and models; the action set is that of the evaluations.
     command : str
-        The command that asks for it, for the file.
+        The command line, for the file.
     actions : sequence of str, optional
         Learn the corrections of these only, and keep those of the others; by default all.
     """
@@ -88,12 +86,12 @@ def calibrate_predictions(
 def save_learned(
     examples: Sequence[StepExample], settings: Settings, *, situations: int, command: str
 ) -> None:
-    """Learn what predictions miss from executed actions of so many situations; write it beside the models.
+    """Learn corrections from the actions of executed chains, and write them beside the models.
 
     Raises
     ------
     EvaluationError
-        There are too few.
+        There are too few examples.
     """
     chains = [{"seed": settings.seed, "chain": settings.chain, "situations": situations}]
     models, path = tools_of(settings.source)[0].models, settings.source.folder() / CALIBRATION
@@ -107,7 +105,7 @@ def _learn(
     training: Mapping[str, Any],
     finish: Callable[[Calibration], Calibration] = lambda fitted: fitted,
 ) -> None:
-    """Learn a calibration, `finish` it, and write it with its `training`; tell its errors."""
+    """Learn a calibration, `finish` it, write it with its `training`, and print its errors."""
     calibration = finish(fit_calibration(examples, models))
     checked = cross_validated(examples, models, finish)
     save_calibration(path, calibration, {**training, "cross_validation": checked})
@@ -116,12 +114,12 @@ def _learn(
 
 
 def joined(kept: Calibration, learned: Calibration, actions: Sequence[str] | None) -> Calibration:
-    """Return what was learned; where `actions` are given, of these only, and what is `kept` of the others.
+    """Return the learned corrections; with `actions`, only theirs, and those `kept` of other actions.
 
     Raises
     ------
     EvaluationError
-        One of them has too few examples.
+        An action has too few examples.
     """
     if actions is None:
         return learned
@@ -132,7 +130,7 @@ def joined(kept: Calibration, learned: Calibration, actions: Sequence[str] | Non
 
 
 def _check(file: Path, result: Mapping[str, Any], source: ToolsetSource) -> None:
-    """Make sure that an evaluation used our robot and models: corrections hold for these only."""
+    """Check that an evaluation used the same robot and models, for which alone corrections hold."""
     ours, found = source.digests(result["settings"]["chain"]), result.get("digests")
     if not isinstance(found, dict):
         raise EvaluationError(f"{file}: expected the digests of robot and models, got none: evaluate again")
@@ -167,7 +165,7 @@ def prediction_report(results: Sequence[Mapping[str, Any]], command: str) -> str
             "Mean of predicted minus actual duration over the chains that succeeded, with 95 % bootstrap",
             "intervals over situations, and the mean absolute error.",
             "",
-            HEAD,
+            "| chain | seed | policy | chains | predicted - actual (s) | 95 % | MAE (s) |",
             "| --- | --- | --- | --- | --- | --- | --- |",
             *rows,
             "",
@@ -175,19 +173,17 @@ def prediction_report(results: Sequence[Mapping[str, Any]], command: str) -> str
     )
 
 
-def _rows(result: Mapping[str, Any]) -> list[str]:
+def _rows(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a row for each policy with predictions."""
     chain, summary = result["settings"]["chain"], result["summary"]
-    return [
-        _row(f"{chain} | {summary['seed']} | {name}", summary[name]["prediction"])
-        for name in POLICIES
-        if summary.get(name, {}).get("prediction", {}).get("chains")
-    ]
-
-
-def _row(head: str, errors: Mapping[str, Any]) -> str:
-    low, high = errors["mean_error_ci95"]
-    middle = f"{errors['mean_error_s']:+.3f} | {low:+.3f} to {high:+.3f}"
-    return f"| {head} | {errors['chains']} | {middle} | {errors['mae_s']:.3f} |"
+    for name in POLICIES:
+        errors = summary.get(name, {}).get("prediction", {})
+        if errors.get("chains"):
+            low, high = errors["mean_error_ci95"]
+            yield (
+                f"| {chain} | {summary['seed']} | {name} | {errors['chains']} "
+                f"| {errors['mean_error_s']:+.3f} | {low:+.3f} to {high:+.3f} | {errors['mae_s']:.3f} |"
+            )
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -220,19 +216,18 @@ def arguments() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    options, _ = settled(arguments(), words)
+    options, _ = parse(arguments(), words)
 
-    def run() -> int:
+    def run() -> None:
         command = portable_command("calibrate_predictions", words)
         if options.report:
             results = [read_result(folder / RESULT) for folder in options.evaluations]
             write_text(options.report, prediction_report(results, command))
             print(f"wrote {options.report}")
-            return 0
+            return
         calibrate_predictions(
             options.evaluations, source_of(options), command=command, actions=options.actions
         )
-        return 0
 
     return guarded("calibrate_predictions", run)
 

@@ -19,20 +19,20 @@ from ator_ros.robot.probe_drive import DriveError, DriveSample, ProbeDrive
 from ator_ros.world.messages import FrameError, OdometryReader
 from ator_ros.world.state import STOP
 
-_SILENCE = 2.0  # s of real time without odometry after which the drive is broken off
-_FIRST = 5.0  # s of real time to wait for odometry
-_STOPS = 10  # commands to stand at the end, in case some are lost
+_SILENCE = 2.0  # real s without odometry after which the drive is aborted
+_FIRST = 5.0  # real s to wait for odometry
+_STOPS = 10  # commands to stop at the end, in case some are lost
 
 
 def drive_over_ros(drive: ProbeDrive, words: Sequence[str], *, stamped: str, frame: str) -> list[DriveSample]:
-    """Drive the base that listens to cmd_vel, and stop it whatever happens.
+    """Drive the base that subscribes to cmd_vel, and stop it whatever happens.
 
     Parameters
     ----------
     drive : ProbeDrive
         The drive.
     words : sequence of str
-        The command line, which may hold ROS's own arguments.
+        The command line, with arguments for ROS.
     stamped : str
         See `CommandPublisher`.
     frame : str
@@ -61,15 +61,15 @@ class _Driver:
     def __init__(self, node: Node, drive: ProbeDrive, *, stamped: str, frame: str) -> None:
         self._node, self._drive, self._reader = node, drive, OdometryReader(frame)
         self._commands = CommandPublisher(node, stamped=stamped, frame="base_link", option="--stamped ")
-        self._heard: float | None = None
+        self._received: float | None = None  # real s
         self._reception = Reception()
         self._stamp = -1.0
         self._fault: Exception | None = None
         self._done = False
-        node.create_subscription(Odometry, "odom", self._hear, SENSOR_DATA)
+        node.create_subscription(Odometry, "odom", self._on_odometry, SENSOR_DATA)
 
     def run(self) -> None:
-        """Drive until the drive is over.
+        """Drive to the end.
 
         Raises
         ------
@@ -92,9 +92,9 @@ class _Driver:
             raise DriveError(mismatch)
         if self._fault is not None:
             raise self._fault
-        if self._heard is None and now - began > _FIRST:
+        if self._received is None and now - began > _FIRST:
             raise DriveError(f"odom: expected a message within {_FIRST:g} s, got none; {self._cause()}")
-        if self._heard is not None and now - self._heard > _SILENCE:
+        if self._received is not None and now - self._received > _SILENCE:
             raise DriveError(f"odom: expected a newer message every {_SILENCE:g} s; {self._cause()}")
         if self._node.count_publishers("cmd_vel") > 1:
             raise DriveError("cmd_vel: expected no other publisher; end the executor and what else drives")
@@ -103,7 +103,7 @@ class _Driver:
         facts = publishers_of(self._node, "odom", Odometry)
         return input_cause(facts, self._reception, ClockFacts(), timeout=_FIRST)
 
-    def _hear(self, message: Odometry) -> None:
+    def _on_odometry(self, message: Odometry) -> None:
         try:
             stamp, robot = self._reader.read(message)
             self._reception.read(stamp, time.monotonic())
@@ -111,7 +111,7 @@ class _Driver:
                 self._node.get_logger().warning(self._reader.remark)
             if stamp <= self._stamp or self._done:
                 return
-            self._stamp, self._heard = stamp, time.monotonic()
+            self._stamp, self._received = stamp, time.monotonic()
             command = self._drive.command(stamp, robot)
         except FrameError as error:
             self._fault = DriveError(f"{error}; --frame sets what is expected")
@@ -119,7 +119,7 @@ class _Driver:
         except DriveError as error:
             self._fault = DriveError("; ".join(filter(None, (str(error), self._commands.cause()))))
             return
-        except ValueError as error:  # of the message
+        except ValueError as error:  # in the message
             self._fault = error
             return
         self._done = command is None

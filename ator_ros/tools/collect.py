@@ -1,6 +1,6 @@
 """Collect experience: execute each action from random situations in the simulator (paper, section 3).
 
-The same command continues where it was interrupted.
+The same command resumes where it was interrupted.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from ator_ros.tools.command_line import (
     add_setting,
     destination,
     guarded,
-    settled,
+    parse,
     source_of,
     whole,
     workers,
@@ -56,7 +56,7 @@ def collect(
     scheduler: str | None = None,
     over_ros: float | None = None,
 ) -> None:
-    """Execute episodes of each action and write their table; those of an earlier call are kept.
+    """Execute episodes of each action and write their table; episodes of an interrupted call are kept.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def collect(
     out : Path
         The table.
     command : str
-        The command that asks for it, for the table.
+        The command line, for the table.
     episodes, seed : int
         Episodes of each action, and the seed of their situations.
     jobs, backend, scheduler
@@ -179,7 +179,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     action_set = arguments().parse_args(words).action_set  # which need not have the actions of the others
-    options, _ = settled(arguments(), words, actions=lambda domain: domain.actions(action_set))
+    options, _ = parse(arguments(), words, actions=lambda domain: domain.actions(action_set))
 
     def run() -> None:
         collect(

@@ -1,4 +1,4 @@
-"""What commands have in common: their options, the names that a domain checks, and how they end."""
+"""Common to all command lines: options, checks of names against the domain, errors and exit codes."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ _FRAME = re.compile(r"[A-Za-z0-9_][\w.-]*(/[\w.-]+)*", re.ASCII)
 _LONGEST_NAME = 100  # characters; names become names of files, which may have 255 bytes
 INTERRUPTED = 130
 """Exit code after Ctrl-C or SIGTERM."""
-RESUMES = "the same command goes on from here"
+RESUMES = "the same command resumes from here"
 _LONGEST_LINE = 1000
 _SPELLED = {"±": "+-", "°": " deg", "…": "...", "²": "^2", "→": "->"}
 
 
 class NodesError(RuntimeError):
-    """Nodes did not do what a tool needs of them; the message says what is missing."""
+    """Nodes that a tool needs do not run or respond; the message names what is missing."""
 
 
 EXPECTED_ERRORS: tuple[type[Exception], ...] = (
@@ -56,22 +56,22 @@ EXPECTED_ERRORS: tuple[type[Exception], ...] = (
 
 def guarded(
     program: str,
-    work: Callable[[], int | None],
+    work: Callable[[], object],
     *,
     interrupted: str = "nothing was written",
     expected: tuple[type[Exception], ...] = EXPECTED_ERRORS,
 ) -> int:
-    """Run a command; report an expected error in one line instead of a traceback.
+    """Run a command and return its exit code; report an expected error in one line instead of a traceback.
 
-    SIGTERM and SIGHUP stop it as Ctrl-C does; what nohup ignores stays ignored. Characters that the
-    terminal lacks are replaced.
+    SIGTERM and SIGHUP stop it like Ctrl-C, unless they are ignored (nohup). Characters that the terminal
+    cannot encode are replaced.
 
     Parameters
     ----------
     program : str
-        Its name, for the message.
+        Name of the command, for messages.
     work : callable
-        Returns the exit code; None: 0.
+        Does the work.
     interrupted : str
         What to report after Ctrl-C, SIGTERM or the end of the terminal.
     expected : tuple of type
@@ -83,7 +83,8 @@ def guarded(
             stream.reconfigure(errors="ator_ros.in_ascii")
     try:
         with _stopped_by_signals(), _warning_once(program):
-            return work() or 0
+            work()
+            return 0
     except KeyboardInterrupt:
         print(f"{program}: interrupted; {interrupted}", file=sys.stderr)
         return INTERRUPTED
@@ -117,7 +118,7 @@ def _warning_once(program: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _stopped_by_signals() -> Iterator[None]:
-    """Make SIGTERM and SIGHUP raise KeyboardInterrupt as Ctrl-C does."""
+    """Make SIGTERM and SIGHUP raise KeyboardInterrupt, like Ctrl-C."""
     numbers = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) is signal.SIG_DFL]
     for number in numbers:
         signal.signal(number, signal.default_int_handler)
@@ -178,7 +179,7 @@ def workers(options: argparse.Namespace) -> dict[str, Any]:
     return {"jobs": options.jobs, "backend": options.backend, "scheduler": options.cluster}
 
 
-def settled(
+def parse(
     parser: argparse.ArgumentParser,
     words: Sequence[str] | None,
     *,
@@ -194,10 +195,10 @@ def settled(
     words : sequence of str, optional
         By default those of the process.
     needed : bool
-        Whether a domain that has nothing for one of the further options is refused.
+        Whether to refuse a domain without names for one of the further options.
     **names : callable
-        Of further options, what they may name. An option with one name that was left out gets the first of
-        them, one with several all of them.
+        Allowed names of further options. An option that was left out gets the first of them or, if it takes
+        several, all of them.
 
     Returns
     -------
@@ -208,7 +209,7 @@ def settled(
     try:
         domain = domain_for(options.domain, options.robot)
     except DomainError as error:
-        # In one line: the usage would say nothing on what is wrong in the file of a domain.
+        # Without the usage, which does not help with an error in the file of a domain.
         parser.exit(2, f"{parser.prog}: error: {printable(error, _LONGEST_LINE)}\n")
     options.domain = options.domain or domain.name
     if getattr(options, "action_set", None) is not None:

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
-from ator_ros.files import replaced
+from ator_ros.files import atomic_write
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import (
@@ -29,7 +29,7 @@ from ator_ros.tools.command_line import (
     add_setting,
     destination,
     guarded,
-    settled,
+    parse,
     source_of,
     whole,
 )
@@ -49,7 +49,7 @@ _COLUMNS = 3
 _LONGEST_DEMO = 200  # situations of which one page shows all pictures
 
 
-BLUE, ORANGE, GREY, RED, GREEN = "#1f5fa8", "#d9791a", "#8a8f98", "#b3261e", "#2e7d4f"
+BLUE, ORANGE, GREY, GREEN = "#1f5fa8", "#d9791a", "#8a8f98", "#2e7d4f"
 _STYLE: Any = {
     "font.family": "DejaVu Sans",
     "svg.fonttype": "none",
@@ -90,17 +90,17 @@ class DemoRun:
     success : bool
         Whether the chain reached its end.
     reason : str
-        How it ended, in words.
+        How it ended.
     refinement : str
-        Why it was refined or left alone.
+        Why it was refined or not.
     refined : bool
         Whether a subgoal was changed.
     predicted, actual : tuple of float
-        Times of its actions in s, NaN where not known; `actual` as far as it came.
+        Durations of its actions in s, NaN if unknown; `actual` only of executed actions.
     total : tuple of float
-        Predicted and actual time of the chain in s.
+        Predicted and actual duration of the chain in s.
     path : list of (x, y)
-        Where the robot was, in m.
+        Positions of the robot in m.
     """
 
     success: bool
@@ -115,7 +115,7 @@ class DemoRun:
 
 @dataclass(frozen=True)
 class DemoSituation:
-    """One situation: how it starts, the chain, and how it went naive and refined."""
+    """One situation: its start, the chain, and both executions."""
 
     start: World
     chain: TopChain
@@ -151,7 +151,7 @@ def table(situations: Sequence[DemoSituation]) -> str:
     rows = []
     for number, situation in enumerate(situations, start=1):
         gain = situation.gain
-        percent = 100.0 * gain / (situation.naive.total[1] or math.inf)  # a run may end before it began
+        percent = 100.0 * gain / (situation.naive.total[1] or math.inf)  # a run may end at once
         saved = "-" if math.isnan(gain) else f"{gain:+.2f} s ({percent:+.0f} %)"
         kind = "refined" if situation.refined.refined else "left alone"
         for name, run, change in (("naive", situation.naive, ""), (kind, situation.refined, saved)):
@@ -162,7 +162,7 @@ def table(situations: Sequence[DemoSituation]) -> str:
 
 def _times(run: DemoRun, chain: TopChain) -> dict[str, str]:
     """Return predicted and actual time of each step and of the chain."""
-    actual = itertools.chain(run.actual, itertools.repeat(math.nan))  # as far as it came
+    actual = itertools.chain(run.actual, itertools.repeat(math.nan))  # fewer if it failed
     steps = enumerate(zip(chain.calls, run.predicted, actual, strict=False), start=1)
     cells = {f"{number} {call.top.name}": _pair(*times) for number, (call, *times) in steps}
     return {**cells, "chain": _pair(*run.total) if run.success else "failed"}
@@ -199,7 +199,7 @@ def save_picture(file: Path, robot: Robot, situations: Sequence[DemoSituation]) 
         axes = figure.add_subplot(rows, _COLUMNS, number)
         _panel(axes, robot, situation)
         axes.set_title(f"{number}", fontsize=9, loc="left")
-    with replaced(file) as temporary:
+    with atomic_write(file) as temporary:
         figure.savefig(temporary, format="png", dpi=130)
 
 
@@ -232,7 +232,7 @@ def demo(
 ) -> None:
     """Play situations naive and refined on nodes of its own; print a table and write a picture.
 
-    Both are of the situations that were finished where it ends early.
+    If it ends early, they show the finished situations.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def demo(
     source : ToolsetSource
         Domain, robot and models.
     real_time_factor : float
-        Simulated per real seconds; 0: as fast as the robot is steered.
+        Simulated per real seconds; 0: as fast as commands come.
     """
     from ator_ros.tools.own_nodes import Client, all_nodes
 
@@ -346,7 +346,7 @@ def arguments() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    options, _ = settled(arguments(), argv, chain=lambda domain: reversed(list(domain.chains)))
+    options, _ = parse(arguments(), argv, chain=lambda domain: reversed(list(domain.chains)))
     try:
         import rclpy  # noqa: F401
     except ImportError as error:

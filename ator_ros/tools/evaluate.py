@@ -13,7 +13,7 @@ from ator_ros.evaluation.running import PARTIAL, describe, run_situations, write
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import make_toolset
 from ator_ros.evaluation.trials import EvaluationError
-from ator_ros.files import alone_in, portable_command
+from ator_ros.files import exclusive_folder, portable_command
 from ator_ros.tools.command_line import (
     RESUMES,
     add_models,
@@ -22,7 +22,7 @@ from ator_ros.tools.command_line import (
     check_names,
     guarded,
     number,
-    settled,
+    parse,
     source_of,
     whole,
     workers,
@@ -48,14 +48,14 @@ def evaluate(
     out : Path
         Folder of the results.
     command : str
-        The command that asks for it, for the result.
+        The command line, for the result.
     situations : int
         Number of situations.
     jobs, backend, scheduler
         As for `run_situations`.
     """
-    make_toolset(settings.source)  # before anything is executed: a damaged file is reported at once
-    with alone_in(out):
+    make_toolset(settings.source)  # a damaged file is reported before anything is executed
+    with exclusive_folder(out):
         records = run_situations(
             settings, situations=situations, folder=out, jobs=jobs, backend=backend, scheduler=scheduler
         )
@@ -107,8 +107,8 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def _refuse_idle(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """Refuse options that do nothing without another one."""
+def _check_oracle_options(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Refuse options of the oracle without --oracle, and those that exclude each other."""
     for name in ("oracle_jointly", "oracle_speeds", "oracle_margin"):
         if getattr(options, name) not in (None, False, []) and options.oracle is None:
             parser.error(f"--{name.replace('_', '-')}: expected --oracle, too")
@@ -120,10 +120,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     parser = arguments()
-    options, _ = settled(parser, words, chain=lambda domain: domain.chains)
+    options, _ = parse(parser, words, chain=lambda domain: domain.chains)
     if options.policies is not None:
         check_names(parser, "policies", options.policies, POLICIES)
-    _refuse_idle(parser, options)
+    _check_oracle_options(parser, options)
 
     def run() -> None:
         source = source_of(options)

@@ -7,7 +7,6 @@ import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -22,11 +21,12 @@ from ator_ros.evaluation.gate_learning import (
     learn_gates,
     with_corrected_gains,
 )
+from ator_ros.evaluation.policies import UNGATED
 from ator_ros.evaluation.running import run_situations
 from ator_ros.evaluation.situation import Record, Settings
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, read_rows, tools_of
 from ator_ros.evaluation.trials import EvaluationError
-from ator_ros.files import alone_in, portable_command, write_text
+from ator_ros.files import exclusive_folder, portable_command, write_text
 from ator_ros.refinement.gate import GATE, Gate, OpenGate, gate_in, opened, save_gate
 from ator_ros.tools.calibrate_predictions import save_learned
 from ator_ros.tools.command_line import (
@@ -35,15 +35,14 @@ from ator_ros.tools.command_line import (
     add_parallel_options,
     add_setting,
     guarded,
-    settled,
+    parse,
     source_of,
     whole,
     workers,
 )
 
-POLICIES = ("naive", "refined", "refined_speed")
 ROOM = 1.5
-"""Multiple of the way to stop that `room` keeps free ahead of an arrival."""
+"""Multiple of the stopping distance that `room` keeps free ahead of an arrival."""
 
 
 def learn_gate(
@@ -72,24 +71,24 @@ def learn_gate(
     work : Path
         Folder of partial results.
     command : str
-        The command that asks for it, for the file.
+        The command line, for the file.
     situations, seed : int
         Number and seed of the situations.
     room : bool
         Choose no arrival at a speed at which the robot could not stop before a bay.
     calibrate : bool
-        Also learn what predictions miss; the gate then judges corrected predictions.
+        Also learn corrections of predictions; the gate then judges corrected predictions.
     draw_errors : bool
         Learn a threshold from errors drawn for each chain from those of similar ones.
     jobs, backend, scheduler
         As for `run_situations`.
     """
-    settings = Settings(seed=seed, chain=chain, policies=POLICIES, source=source)
+    settings = Settings(seed=seed, chain=chain, policies=("naive", *UNGATED), source=source)
     source.require_executable(chain)
-    source.digests(chain)  # before anything is executed: a missing model is reported at once
+    source.digests(chain)  # a missing model is reported before anything is executed
     executed = _with_room(settings, work / "models") if room else settings
     gate = tools_of(executed.source)[0].gate
-    with alone_in(work):
+    with exclusive_folder(work):
         records = run_situations(
             executed, situations=situations, folder=work, jobs=jobs, backend=backend, scheduler=scheduler
         )
@@ -109,7 +108,7 @@ def learn_gate(
 def learn_gate_from_episodes(
     source: ToolsetSource, chain: str, tables: Sequence[str], *, command: str, situations: int, seed: int
 ) -> None:
-    """Learn the gate of observed models from the tables that they learned from; nothing is executed."""
+    """Learn the gate of observed models from their own experience; nothing is executed."""
     library, rows = make_library(source.described(), source), read_rows(tables)
     gate, learned = gate_of_episodes(
         find_domain(source.domain), library, rows, chain, seed=seed, situations=situations
@@ -120,7 +119,7 @@ def learn_gate_from_episodes(
 def _corrected(
     records: list[Record], settings: Settings, gate: Gate
 ) -> tuple[list[StepExample], list[Record]]:
-    """Return the actions that teach a correction, if they do, and the records as a gate sees them with it."""
+    """Return examples for a calibration, if there are enough, and the records with corrected predictions."""
     tools, library = tools_of(settings.source)
     tools = dataclasses.replace(tools, gate=dataclasses.replace(opened(gate), corrected=True))
     seed, chain = settings.seed, settings.chain
@@ -135,7 +134,7 @@ def _corrected(
 
 
 def _with_room(settings: Settings, folder: Path) -> Settings:
-    """Return the settings with a copy of the models in `folder`, beside a gate that asks for room to stop."""
+    """Return the settings with a copy of the models in `folder`, and a gate that requires room to stop."""
     source, copied = settings.source, dataclasses.replace(settings.source, models=str(folder))
     for file in source.folder().glob("*.json"):
         if file.name != GATE:
@@ -155,14 +154,7 @@ def _save(
     situations: int,
 ) -> None:
     """Write a gate beside the models, and report how it was chosen."""
-    training: dict[str, Any] = {
-        "command": command,
-        "seed": seed,
-        "situations": situations,
-        "cross_validation": learned.comparison,
-        "tree_rules": learned.tree.rules(),
-        "threshold": {"gain": learned.threshold.gain, "spread_factor": learned.threshold.spread_factor},
-    }
+    training = learned.training(command=command, seed=seed, situations=situations)
     path = source.folder() / GATE
     save_gate(path, gate, training, source.action_set)
     print(pd.DataFrame(learned.comparison).T.to_string())
@@ -217,7 +209,7 @@ def arguments() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    options, _ = settled(arguments(), words, chain=lambda domain: domain.chains)
+    options, _ = parse(arguments(), words, chain=lambda domain: domain.chains)
     executed_only = {
         "room": options.room, "calibrate": options.calibrate, "draw_errors": options.draw_errors
     }  # fmt: skip

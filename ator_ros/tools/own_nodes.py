@@ -1,4 +1,4 @@
-"""Our nodes as processes on a ROS domain of their own, and a client that has them execute chains."""
+"""Start our nodes on a ROS domain of their own, and execute chains with them."""
 
 from __future__ import annotations
 
@@ -46,28 +46,26 @@ from ator_ros.world.messages import MessageError, robot_from
 from ator_ros.world.state import World
 
 FRAME = "odom"
-_EXECUTOR_PATIENCE = 2.0
-"""Time in s that the executor waits for odometry and refinement: more than on a robot, for busy machines."""
-_UNHURRIED = 1.0  # s that refinement may take, less than the executor's patience
-_TRIES = 3
-"""Drives from one situation, until one ends by itself."""
+_EXECUTOR_TIMEOUT = 2.0  # s, for odometry and refinement; longer than on a robot, for busy machines
+_LONG_DEADLINE = 1.0  # s, of refinement; less than the executor's timeout
+_TRIES = 3  # attempts to drive from one situation
 _NEAR = 0.02  # m
 _SUBSCRIBING = 10.0  # s that action servers have to subscribe to odom
 _OUR_SUBSCRIPTIONS = 2
-"""To odom: the executor's, and the client's."""
+"""To odom: of the executor and of the client."""
 
 
 class NodeProcesses:
-    """Starts nodes; as a context manager it ends all of them when the block ends, whatever the reason.
+    """Starts nodes; as a context manager it ends all of them at the end of the block.
 
     Parameters
     ----------
     domain : int
         ROS domain.
     folder : Path, optional
-        Where our executables lie; by default lib/ator_ros of the installation.
+        Folder of our executables; by default lib/ator_ros of the installation.
     patience : float
-        Time in s that the nodes have for ending before they are forced to.
+        Time in s after which nodes that do not end are killed.
 
     Raises
     ------
@@ -111,11 +109,11 @@ class NodeProcesses:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 env=self._environment,
-                start_new_session=True,  # Ctrl-C goes to this process only, which ends the nodes in order
+                start_new_session=True,  # Ctrl-C goes to this process only, which ends the nodes
             )
 
     def check(self) -> None:
-        """Make sure that all are running; raise NodesError with the last words of one that is not."""
+        """Raise NodesError with the last output of a node that has ended."""
         for name, process in self._processes.items():
             if process.poll() is not None:
                 lines = self._log(name).read_text(encoding="utf-8", errors="replace").strip().splitlines()
@@ -145,8 +143,8 @@ class NodeProcesses:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        # A second Ctrl-C, the SIGTERM that `timeout` sends twice, or a terminal that closes must not leave a
-        # node behind.
+        # A second Ctrl-C, a second SIGTERM (`timeout` sends two) or a closing terminal must not leave a node
+        # behind.
         numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
         previous = [signal.signal(number, signal.SIG_IGN) for number in numbers]
         try:
@@ -158,7 +156,7 @@ class NodeProcesses:
 
 
 def _folder_of(server: DeclaredServer, where: str = "servers") -> Path:
-    """Return the folder of an installed executable; `where` is what asks for it, for messages."""
+    """Return the folder of an installed executable; `where` names the caller in messages."""
     name = server.package
     try:
         folder = Path(get_package_prefix(name), "lib", name)
@@ -209,13 +207,13 @@ def all_nodes(
     with free_domain() as number, NodeProcesses(number) as nodes:
         pace = {"real_time_factor": real_time_factor, "command_wait": 1.0}
         nodes.start("simulation", {**pace, **(simulated or {}), **whose})
-        # Chains of remote actions are long, and a robot that stands at each station can wait for the answer.
-        unhurried = {"deadline": _UNHURRIED} if of_domain.servers else {}
-        nodes.start("refinement", {**named, **unhurried})
-        patience = {"odom_timeout": _EXECUTOR_PATIENCE, "refinement_timeout": _EXECUTOR_PATIENCE}
-        # An action may take what it may in a simulation without ROS, and the executor's default at least.
+        # Chains of remote actions are long, and the robot stands while it waits for the answer.
+        deadline = {"deadline": _LONG_DEADLINE} if of_domain.servers else {}
+        nodes.start("refinement", {**named, **deadline})
+        timeouts = {"odom_timeout": _EXECUTOR_TIMEOUT, "refinement_timeout": _EXECUTOR_TIMEOUT}
+        # As long as in a simulation without ROS, and at least the executor's default.
         limits = {"action_timeout": max(TIME_LIMIT, of_domain.time_limit)}
-        nodes.start("executor", {**named, **patience, **limits, **(executed or {})})
+        nodes.start("executor", {**named, **timeouts, **limits, **(executed or {})})
         for server in of_domain.servers:
             nodes.start_server(server)
         yield nodes
@@ -229,11 +227,11 @@ class Client:
     domain : int
         ROS domain.
     check : callable
-        Called while something is waited for; raises when waiting makes no sense.
+        Called while waiting; raises if waiting is in vain.
     objects : sequence of str
         The objects that the simulation can place.
     patience : float
-        Real time in s that each thing may take.
+        Timeout of each wait in real s.
     """
 
     def __init__(
@@ -273,7 +271,7 @@ class Client:
         self._own.until(subscribed, "subscriptions to odom")
 
     def place(self, start: World) -> None:
-        """Place robot and objects at rest where a situation starts; time is paused until a chain runs."""
+        """Place robot and objects at rest at the start of a situation; pause time until a chain runs."""
         self._placing.place(start)
         self._own.until(lambda: self._pose.distance(start.robot.pose) < _NEAR, "the robot at its start")
 
@@ -293,7 +291,7 @@ class Client:
             lambda: self._server.send_goal_async(goal, feedback_callback=feedback.append)
         )
         ended = self._own.in_thread(self._own.answer(future, "the goal").get_result_async)
-        # Time continues when the executor is known to steer: at full speed nothing waits for it before.
+        # Time continues when the executor has started, as a simulation at full speed does not wait for it.
         self._own.until(lambda: bool(feedback) or ended.done(), "feedback")
         self.path.clear()
         self._placing.pause(paused=False)
@@ -317,7 +315,7 @@ def drives(
     seed: int,
     factor: float,
 ) -> Generator[pd.DataFrame, None, None]:
-    """Drive over ROS, each time a chain of one step; yield a row of each of the executor's records.
+    """Drive chains of one step over ROS; yield the row of each record of the executor.
 
     The situations are those that `collect` draws without ROS from the same seed.
 
@@ -352,7 +350,7 @@ def _driven(
     start = World(0.0, situation.robot, situation.objects)
     message = chain_of(TopChain((TopCall(top, situation.goal),)), action_set=action_set, frame=FRAME)
     reason = ""
-    for _ in range(_TRIES):  # a drive that another program or a busy machine broke off teaches nothing
+    for _ in range(_TRIES):  # a drive may be aborted by another program or on a busy machine
         client.place(start)
         for record in client.execute(message, refine=False).actions:
             reason = record.outcome.reason

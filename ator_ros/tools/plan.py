@@ -1,7 +1,7 @@
-"""Print the chains of TOPs that bring about a goal, with their predictions; the best comes first.
+"""Print the chains of TOPs that achieve a goal with their predictions, the best one first.
 
-A goal is a name of the domain's, or statements that shall all hold: VARIABLE=VALUE, as near as the TOPs
-bring it, or VARIABLE=VALUE:LOW:HIGH, LOW to HIGH about it. VALUE is a number or another variable, as in
+A goal is a name that the domain defines, or statements that shall all hold: VARIABLE=VALUE, as near as the
+TOPs come, or VARIABLE=VALUE:LOW:HIGH, a range around the value. VALUE is a number or another variable, as in
 object.x=hold.x:-0.1:0.1.
 """
 
@@ -20,7 +20,7 @@ from ator_ros.planning.planner import chains_for
 from ator_ros.refinement.gate import gate_in, opened
 from ator_ros.refinement.refiner import Judged, Refiner, choose
 from ator_ros.robot.description import Robot
-from ator_ros.tools.command_line import add_models, add_setting, guarded, number, settled
+from ator_ros.tools.command_line import add_models, add_setting, guarded, number, parse
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.messages import FARTHEST
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -31,12 +31,12 @@ _coordinate = number(-FARTHEST, FARTHEST)
 def plan(
     domain: Domain, robot: Robot, goal: Sequence[str], world: World, *, action_set: str, models: str
 ) -> None:
-    """Print the chains that bring about a goal, the best one first.
+    """Print the chains that achieve a goal, the best one first.
 
     Parameters
     ----------
     domain, robot
-        The domain, and a robot in its scene.
+        Domain and robot.
     goal : sequence of str
         A name, or statements.
     world : World
@@ -87,7 +87,7 @@ def _situation(options: argparse.Namespace, domain: Domain) -> World:
 
 
 def _line(judged: Judged, planned: TopChain) -> str:
-    """Return a chain as it was refined, with its prediction."""
+    """Return a line with a refined chain and its prediction."""
     found, prediction = judged.refinement, judged.prediction
     chain = planned if found is None else found.chain
     steps = (
@@ -119,7 +119,7 @@ def arguments() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; the exit code is 1 where there is no plan."""
-    options, domain = settled(arguments(), argv)
+    options, domain = parse(arguments(), argv)
 
     def run() -> None:
         robot = domain.robot(options.robot or None)

@@ -1,6 +1,6 @@
 """Study a robot in one folder: collect experience, train models, learn the gate, evaluate, report.
 
-The same command resumes where it was interrupted: what is finished in the folder is not made again.
+The same command resumes where it was interrupted.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from ator_ros.performance.model_file import load_model
 from ator_ros.refinement.gate import GATE
 from ator_ros.robot.description import Robot
 from ator_ros.tools.collect import collect
-from ator_ros.tools.command_line import RESUMES, add_jobs, add_setting, guarded, settled, whole
+from ator_ros.tools.command_line import RESUMES, add_jobs, add_setting, guarded, parse, whole
 from ator_ros.tools.evaluate import evaluate
 from ator_ros.tools.gate import learn_gate
 from ator_ros.tools.train import train
@@ -67,17 +67,17 @@ def study(
     source : ToolsetSource
         Domain, robot, set of actions, and the folder of the models that are learned.
     command : str
-        The command that asks for it, for the result.
+        The command line, for the result.
     episodes : int
         Of each action.
     situations : int
-        That the gate is learned from, and others that the evaluation executes.
+        Number of situations of the gate, and of others of the evaluation.
     seed : int
-        Of the episodes; fresh episodes, the gate and the evaluation take the three after it.
+        Seed of the episodes; fresh episodes, gate and evaluation use the three seeds after it.
     chain : str or None
-        To evaluate, if the robot can execute it.
+        The chain of the evaluation, if the robot can execute it.
     oracle : int
-        Headings of the first subgoal that the oracle executes.
+        Number of headings of the first subgoal that the oracle executes.
     jobs : int
         Worker processes; -1: one per core.
     """
@@ -136,7 +136,7 @@ def study(
 
 
 def _begin(out: Path, ours: StudySettings) -> None:
-    """Make sure that the folder is empty, or one of the same study."""
+    """Check that the folder is empty or belongs to the same study."""
     file = out / "settings.json"
     if out.exists() and not out.is_dir():
         raise EvaluationError(f"--out {out}: expected a folder, got a file")
@@ -181,7 +181,7 @@ def _collected(
 def _evaluated(
     out: Path, source: ToolsetSource, settings: StudySettings, chain: str, jobs: int
 ) -> dict[str, Any]:
-    """Learn the gate and evaluate, as far as this has not been done; return the summary."""
+    """Learn the gate and evaluate, unless this is done already; return the summary."""
     if not (source.folder() / GATE).exists():
         print("study: gate", flush=True)
         learn_gate(
@@ -201,7 +201,7 @@ def _evaluated(
 
 
 def _variables(source: ToolsetSource, settings: StudySettings, chain: str) -> tuple[OpenVariable, ...]:
-    """Explain what each open variable of the chain is worth, in situations of the evaluation."""
+    """Explain the gain of each open variable of the chain, in situations of the evaluation."""
     tools, library = tools_of(source)
     trials = [
         random_trial(tools.domain, chain, library, seed=settings.seed + 3, index=index)
@@ -258,7 +258,7 @@ def arguments() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    options, _ = settled(arguments(), words, needed=False, chain=lambda domain: domain.chains)
+    options, _ = parse(arguments(), words, needed=False, chain=lambda domain: domain.chains)
 
     source = ToolsetSource(
         domain=options.domain, robot=options.robot, action_set=options.action_set,

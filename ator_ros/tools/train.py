@@ -37,10 +37,10 @@ from ator_ros.performance.training import (
 from ator_ros.performance.training import train as train_model
 from ator_ros.refinement.gate import save_gate
 from ator_ros.robot.description import ConfigError, Robot
-from ator_ros.tools.command_line import add_setting, guarded, settled, topic
+from ator_ros.tools.command_line import add_setting, guarded, parse, topic
 
 _GATE_SEED, _GATE_SITUATIONS = 1, 60
-"""Of the situations in which the gate is learned."""
+"""Seed and number of the situations in which the gate is learned."""
 
 
 def train(
@@ -65,11 +65,11 @@ def train(
     folder : Path
         Of the models.
     command : str
-        The command that asks for it, for the files.
+        The command line, for the files.
     domain, robot
         The domain and its robot.
     action_set : str, optional
-        Of odometry and commands that were recorded; tables and records know their own.
+        Action set of recorded odometry and commands; tables and records name their own.
     topics : TopicNames
         Of odometry and commands in recordings.
     observed : bool
@@ -90,7 +90,7 @@ def train(
             features = (*OBSERVED, *domain.goal_features(action, source["action_set"]))
         else:
             features = _suited(domain.candidates(action, source["action_set"]), robot, domain)
-        # A recording rarely holds enough of every action. What is learned is saved before the next is begun.
+        # A recording rarely holds enough episodes of every action. Each model is saved once it is learned.
         try:
             model = train_model(action, examples, robot, features=features)
         except TrainingError as error:
@@ -144,7 +144,7 @@ def _learn_gate(
     features: Mapping[str, tuple[Feature, ...]],
     command: str,
 ) -> None:
-    """Learn the gate beside models from their episodes; report why if that is not possible."""
+    """Learn the gate from the episodes of the models; report the reason if that is not possible."""
     library = domain.library(robot, action_set)
     try:
         chain = possible_chain(domain, library, None, list(rows))
@@ -158,13 +158,7 @@ def _learn_gate(
         result = f"{file} stays as it is" if file.exists() else "refinement accepts every predicted gain"
         print(f"{file.parent}: no gate: {error}; {result}")
         return
-    training = {
-        "command": command,
-        "seed": _GATE_SEED,
-        "situations": _GATE_SITUATIONS,
-        "cross_validation": learned.comparison,
-        "tree_rules": learned.tree.rules(),
-    }
+    training = learned.training(command=command, seed=_GATE_SEED, situations=_GATE_SITUATIONS)
     save_gate(file, gate, training, action_set)
     spread = (
         f" + {gate.spread_factor:g} times the spread of the two predictions" if gate.spread_factor else ""
@@ -173,7 +167,7 @@ def _learn_gate(
 
 
 def _is_own(robot: Robot, domain: Domain) -> bool:
-    """Return whether a robot is the domain's own, whose models ship."""
+    """Return whether a robot is the domain's own, for which models ship."""
     return robot.digest() == domain.robot(None).digest()
 
 
@@ -223,7 +217,7 @@ def _summary(model: PerformanceModel, measured: dict[str, Any]) -> str:
 def _validated(
     model: PerformanceModel, examples: pd.DataFrame, robot: Robot, features: Sequence[Feature]
 ) -> str:
-    """Return what `_summary` does, with the accuracy by cross-validation on the drives of the training."""
+    """Return the summary with the accuracy by cross-validation on the training drives."""
     errors = np.abs(cross_validated_errors(examples, robot, features))
     return f"{_summary(model, {})}, MAE {errors.mean():.3f} s by cross-validation on {len(errors)} drives"
 
@@ -321,7 +315,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     parser = arguments()
-    options, domain = settled(parser, words)
+    options, domain = parse(parser, words)
     if not (options.experience or options.rules):
         parser.error("expected experience to learn from, or --rules")
 

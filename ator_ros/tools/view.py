@@ -35,11 +35,11 @@ if TYPE_CHECKING:  # help and errors of the command line need neither ROS nor vi
 _PORTS = (1024, 65535)  # below, only root may listen
 _PERIOD = 1.0 / 25.0
 _ROUNDS = 2
-"""Rounds of the loop per processing of commands: a drag is refined 12.5 times a second, to its end."""
+"""Iterations of the loop per processing of commands: a drag is refined 12.5 times a second."""
 _SIMULATED = {"lockstep": True}
-"""The simulation waits for the executor at any speed, so that a busy machine spoils no chain."""
+"""The simulation waits for the executor at any speed, so that a busy machine does not change a chain."""
 _EXECUTED = {"odom_timeout": 60.0}
-"""The longest: a chain outlasts a pause of so many real s, in which the stamps stand still."""
+"""Real s, the greatest allowed: a chain may be paused for so long."""
 
 
 def serve(
@@ -111,7 +111,7 @@ def serve(
         libraries = {name: found.library(body, name) for name in found.action_sets}
         editor = Editor(next(iter(backends.values())), found, libraries)
         if attach:
-            editor.select(editor.backend)  # running robots are not moved by being shown
+            editor.select(editor.backend)  # showing running robots must not move them
         known = _models(models, found, body)
         page = Page(
             editor, body, robot_urdf(body), known, host=host, port=port, robots=backends if robots else {}
@@ -126,7 +126,7 @@ def serve(
 def _nodes(
     attach: bool, real_time_factor: float, source: ToolsetSource
 ) -> Iterator[tuple[int | None, Callable[[], None]]]:
-    """Yield the ROS domain, None for that of the environment, and what raises if a node has ended."""
+    """Yield the ROS domain (None: the environment's), and a function that raises if a node has ended."""
     from ator_ros.nodes.network import stay_on_this_machine
     from ator_ros.tools.own_nodes import all_nodes
 
@@ -140,7 +140,7 @@ def _nodes(
 
 
 def _models(folder: str, domain: Domain, robot: Robot) -> Mapping[str, Mapping[str, PerformanceModel]]:
-    """Read the models of all action sets, whose rules are shown; sets without models are left out."""
+    """Read the models of all action sets; sets without models are left out."""
     from ator_ros.performance.model_file import ModelFileError, load_models
 
     found = {}

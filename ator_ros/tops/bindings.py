@@ -22,7 +22,7 @@ Variable = tuple[int, str]
 
 
 class _Value(NamedTuple):
-    """What a name stands for: equal texts are equal values, and which goal variables it depends on."""
+    """A symbolic value: equal texts are equal values; `depends` are the goal variables that determine it."""
 
     text: str
     depends: frozenset[Variable]
@@ -46,7 +46,7 @@ def bindings(tops: tuple[Top, ...]) -> Mapping[Variable, str]:
     return MappingProxyType(found)
 
 
-def _collect(found: dict[Variable, str], condition: Condition, state: _State, step: int, whose: str) -> None:
+def _collect(found: dict[Variable, str], condition: Condition, state: _State, step: int, source: str) -> None:
     """Add what `condition` binds in `state`; the first reason counts."""
     for term in condition.terms:
         if isinstance(term, Region) and term.bounds:
@@ -54,7 +54,7 @@ def _collect(found: dict[Variable, str], condition: Condition, state: _State, st
         value, target = _value(term.variable, state, step), _value(term.target, state, step)
         if value.text != target.text:
             for variable in value.depends | target.depends:
-                found.setdefault(variable, f"bound by {whose}: {term.variable} near {term.target}")
+                found.setdefault(variable, f"bound by {source}: {term.variable} near {term.target}")
 
 
 def _after(top: Top, state: _State, step: int) -> _State:
@@ -66,14 +66,14 @@ def _after(top: Top, state: _State, step: int) -> _State:
 
 
 def _placed(term: Statement, target: _Value) -> _Value:
-    """Return what the variable of a term is once the term holds."""
+    """Return the value of a term's variable when the term holds."""
     if term.offset(1.0) == 0.0:
         return target
     return target._replace(text=f"{target.text} with {term}")
 
 
 def _arrival(point: Point, step: int) -> _State:
-    """Return what the robot's own variables are when it has reached the goal of a step."""
+    """Return the robot's variables when it has reached the goal of a step."""
     at, other = ("hold", "robot") if point is Point.HOLD else ("robot", "hold")
     return {
         f"{at}.x": _of_goal(step, "x"),

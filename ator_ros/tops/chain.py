@@ -33,7 +33,7 @@ class Top:
     pre : Condition
         Region from which executing the action will eventually make `post` hold.
     post : Condition
-        Intended effect: the goal variables that it names say what the step is for.
+        Intended effect; the goal variables that it names define the purpose of the step.
     point : Point
         Point of the robot that the goal's position is meant for.
     settles : float
@@ -49,7 +49,7 @@ class Top:
 
     @property
     def needs_holder(self) -> bool:
-        """Whether its goal or its conditions are about the robot's hold."""
+        """Whether its goal or its conditions refer to the robot's hold."""
         return (
             self.point is Point.HOLD
             or any(
@@ -61,13 +61,13 @@ class Top:
         )
 
     def lacks(self, robot: Robot) -> str | None:
-        """Return in words what the TOP needs and the robot lacks; None if there is nothing."""
+        """Return a message if the robot lacks the holder that the TOP needs; else None."""
         lacking = self.needs_holder and robot.holder is None
         return f"{self.name} needs a holder; robot {robot.name} has none" if lacking else None
 
     @property
     def place_tolerance(self) -> float:
-        """Distance in m by which a place may miss the goal, by the tolerances of the post-condition."""
+        """Greatest distance in m between a place and the goal, by the tolerances of the post-condition."""
         terms = (term for term in self.post.terms if term.variable.endswith(".x"))
         return math.fsum(term.tolerance for term in terms if isinstance(term, Term))
 
@@ -81,11 +81,11 @@ class Top:
 
 
 EVERYTHING = "*"
-"""Among the opened goal variables: all but those that say what the step is for."""
+"""Opens all goal variables but those that the post-condition names."""
 
 
 class InvalidChainError(ValueError):
-    """A chain that is no valid plan from the present situation; the message says why."""
+    """A chain that is not a valid plan in the present situation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +128,7 @@ class TopChain:
         return TopChain(tuple(calls))
 
     def violations(self, world: World, robot: Robot) -> list[str]:
-        """Return in words why the chain is no valid plan from `world`; an empty list means that it is."""
+        """Return the reasons why the chain is not a valid plan from `world`; empty if it is valid."""
         if not self.calls:
             return ["expected at least one step, got an empty chain"]
         lacking = [reason for call in self.calls if (reason := call.top.lacks(robot))]
@@ -145,7 +145,7 @@ class TopChain:
         return found
 
     def check(self, world: World, robot: Robot) -> None:
-        """Make sure that the chain is a valid plan from `world`.
+        """Check that the chain is a valid plan from `world`.
 
         Raises
         ------

@@ -64,7 +64,7 @@ Values = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Distance:
-    """Two places are neither too near to each other nor too far apart.
+    """The distance between two places lies in a range.
 
     Attributes
     ----------
@@ -98,14 +98,14 @@ class Distance:
         return self.place, self.other
 
     def clearance(self, state: Values, goal: Values) -> Any:
-        """Return by how much in m the place may move before this fails, negative where it does.
+        """Return how far in m the place may move until this is violated; negative if it is violated.
 
-        None where a place is unknown. A number, or an array of shape (n,) if a variable is one.
+        None if a place is unknown. An array of shape (n,) if a variable is one.
         """
-        way = _way(self.other, self.place, state, goal)
-        if way is None:
+        offset = _offset(self.other, self.place, state, goal)
+        if offset is None:
             return None
-        distance = np.hypot(*way)
+        distance = np.hypot(*offset)
         within = distance - self.low if self.low > 0.0 else np.inf + 0.0 * distance
         return np.minimum(within, self.high - distance)
 
@@ -116,7 +116,7 @@ class Distance:
 
 @dataclass(frozen=True, slots=True)
 class Bearing:
-    """A place lies within an angle of an axis that begins at another place.
+    """The direction from one place to another lies within an angle of an axis.
 
     Attributes
     ----------
@@ -158,16 +158,16 @@ class Bearing:
         return self.place, self.origin
 
     def clearance(self, state: Values, goal: Values) -> Any:
-        """Return by how much in m the place may move before this fails, as `Distance.clearance` does."""
-        way = _way(self.origin, self.place, state, goal)
-        if way is None:
+        """Return how far in m the place may move until this is violated, as `Distance.clearance` does."""
+        offset = _offset(self.origin, self.place, state, goal)
+        if offset is None:
             return None
         x, _ = _position(self.origin, state, goal)
         left_of_centre = self.mirrored and np.asarray(x) < self.centre
         axis = np.where(left_of_centre, math.pi - self.axis, self.axis)
-        left = self.most - np.abs(wrap_angles(np.arctan2(way[1], way[0]) - axis))
+        left = self.most - np.abs(wrap_angles(np.arctan2(offset[1], offset[0]) - axis))
         # Within a quarter turn of the edge, the nearest point of it is at a right angle.
-        return np.hypot(*way) * np.sin(np.clip(left, -math.pi / 2.0, math.pi / 2.0))
+        return np.hypot(*offset) * np.sin(np.clip(left, -math.pi / 2.0, math.pi / 2.0))
 
     def __str__(self) -> str:
         """Return it in words."""
@@ -179,7 +179,7 @@ Relation = Distance | Bearing
 
 
 def violation_of(relation: Relation, state: Values, goal: Values) -> str | None:
-    """Return in words why a relation does not hold; None where it holds."""
+    """Return why a relation does not hold; None if it holds."""
     clearance = relation.clearance(state, goal)
     if clearance is None:
         return f"expected {relation}, but one of them is unknown"
@@ -187,13 +187,13 @@ def violation_of(relation: Relation, state: Values, goal: Values) -> str | None:
 
 
 def excess_of(relation: Relation, state: Values, goal: Values) -> float:
-    """Return how far in m the place is out of the region, 0 within; infinite where one place is unknown."""
+    """Return how far in m the place is outside the region, 0 if inside; infinite if a place is unknown."""
     clearance = relation.clearance(state, goal)
     return math.inf if clearance is None else max(0.0, -float(clearance))
 
 
-def _way(origin: str, place: str, state: Values, goal: Values) -> tuple[Any, Any] | None:
-    """Return the way in m from one place to another; None where one of them is unknown."""
+def _offset(origin: str, place: str, state: Values, goal: Values) -> tuple[Any, Any] | None:
+    """Return the offset in m from one place to another; None where one of them is unknown."""
     start, end = _position(origin, state, goal), _position(place, state, goal)
     if any(value is None for value in (*start, *end)):
         return None
@@ -236,7 +236,7 @@ class Term:
         return True
 
     def excess(self, state: State, goal: Mapping[str, float]) -> float | None:
-        """Return how far the variable is beyond the tolerance, 0 within; None if one of them is unknown."""
+        """Return how far the variable exceeds the tolerance, 0 if it does not; None if a value is unknown."""
         difference = _difference(self, state, goal)
         return None if difference is None else max(0.0, abs(difference) - self.tolerance)
 
@@ -307,11 +307,11 @@ class Region:
 
     @property
     def bounds(self) -> bool:
-        """Whether it bounds the variable by numbers, and relates it to nothing else."""
+        """Whether it bounds the variable by numbers alone."""
         return not isinstance(self.target, str)
 
     def excess(self, state: State, goal: Mapping[str, float]) -> float | None:
-        """Return how far the variable is out of the range, 0 within; None where one of the two is unknown."""
+        """Return how far the variable is outside the range, 0 if inside; None if a value is unknown."""
         difference = self._outward(_difference(self, state, goal), state, goal)
         return None if difference is None else max(0.0, self.low - difference, difference - self.high)
 
@@ -338,7 +338,7 @@ class Region:
         return math.copysign(1.0, target - self.centre) * least if self.outward else least
 
     def _outward(self, difference: float | None, state: State, goal: Mapping[str, float]) -> float | None:
-        """Return the difference as it counts, by the side of the centre on which the target lies."""
+        """Return the difference, with its sign turned outward if `outward` is set."""
         target = _target(self, state, goal)
         if difference is None or target is None or not self.outward:
             return difference
@@ -376,7 +376,7 @@ class Condition:
         return Condition(tuple(terms), tuple(relations))
 
     def violations(self, state: State, goal: Mapping[str, float]) -> list[str]:
-        """Return in words which terms do not hold; an empty list means that the condition holds."""
+        """Return why the condition does not hold, a text for each violated term; empty if it holds."""
         violations = [term.violation(state, goal) for term in self.terms]
         violations += [violation_of(relation, state, goal) for relation in self.relations]
         return [violation for violation in violations if violation is not None]

@@ -16,9 +16,9 @@ from ator_ros.tops.ranges import USUAL_RANGES, Ranges
 
 
 class LeftOutError(ConfigError, KeyError):
-    """A TOP whose action the set lacks was asked for; the message says which."""
+    """A requested TOP has no action in the set."""
 
-    __str__ = Exception.__str__  # that of KeyError puts quotation marks around a sentence
+    __str__ = Exception.__str__  # KeyError would put quotation marks around the message
 
 
 class TopLibrary(Mapping[str, Top]):
@@ -27,7 +27,7 @@ class TopLibrary(Mapping[str, Top]):
     Attributes
     ----------
     left_out : mapping of str to str
-        By the names of TOPs whose action the set lacks, that reason.
+        Reasons, by the names of TOPs whose action the set lacks.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class TopLibrary(Mapping[str, Top]):
     action_set : str
         Name of the set of actions.
     tops : iterable of Top
-        The TOPs on offer.
+        All TOPs.
     actions : mapping
         Makers of the actions by name, each called with the robot.
     ranges : mapping, optional
@@ -71,7 +71,7 @@ class TopLibrary(Mapping[str, Top]):
         }
 
     def with_robot(self, robot: Robot) -> TopLibrary:
-        """Return the same TOPs and actions for a robot of the same make, in a scene that differs."""
+        """Return the same TOPs and actions for a robot of the same type in another scene."""
         library = copy.copy(self)
         library.robot, library._set_up = robot, set()
         return library
@@ -92,7 +92,7 @@ class TopLibrary(Mapping[str, Top]):
 
     @property
     def incomplete(self) -> str:
-        """What the set of actions lacks, in one sentence; empty if it is complete."""
+        """The actions that the set lacks, in one sentence; empty if it is complete."""
         if not self.left_out:
             return ""
         there = ", ".join(sorted(self._actions)) or "none"
@@ -102,7 +102,7 @@ class TopLibrary(Mapping[str, Top]):
         )
 
     def usable(self) -> list[Top]:
-        """Return the TOPs that the robot can execute: without a holder none that needs one."""
+        """Return the TOPs that the robot can execute; some need a holder."""
         return [top for top in self.values() if top.lacks(self.robot) is None]
 
     def action(self, top: Top) -> Action:
@@ -136,7 +136,7 @@ _PLACE = {"robot.x", "robot.y", "robot.yaw"}
 
 
 def driving_top(library: TopLibrary) -> Top | None:
-    """Return the first TOP that drives the robot to a pose whatever the situation is; None without one."""
+    """Return the first TOP that drives the robot to a pose in any situation; None if there is none."""
     return next((top for top in library.values() if _drives(top)), None)
 
 

@@ -18,10 +18,7 @@ _TOUCHING = 0.08
 _ROOM = 0.06
 """Clearance in m between the robot and an object that it can pass."""
 _SLACK = 1.2
-"""Distance at which a held object counts as lost, over that up to which it counts as held.
-
-The gap keeps the state from flickering.
-"""
+"""Hysteresis: distance beyond which a held object is lost, over that up to which it is held."""
 
 
 def objects_in(top: Top) -> list[str]:
@@ -56,7 +53,7 @@ def kept(top: Top) -> str | None:
 
 
 def followed(top: Top) -> str | None:
-    """Return the object that a TOP's pre-condition puts at its goal, which moves with it; None if none."""
+    """Return the object that a TOP's pre-condition places at the goal; the goal moves with it. Else None."""
     return _at(top.pre, "goal")
 
 
@@ -82,7 +79,7 @@ def _position_pairs(name: str, place: str) -> set[frozenset[str]]:
 
 
 def at_rest(world: World, robot: Robot) -> World:
-    """Return the world with each object where it comes to rest if nothing stops it before."""
+    """Return the world with each object where it comes to rest if nothing is in its path."""
     objects = {name: robot.scene.at_rest(name, state) for name, state in world.objects.items()}
     return dataclasses.replace(world, objects=objects)
 
@@ -119,19 +116,19 @@ def is_held(world: World, robot: Robot, name: str) -> bool:
 
 
 def is_lost(world: World, robot: Robot, name: str) -> bool:
-    """Return whether the position of an object that should be held is known, and not at the hold."""
+    """Return whether the position of an object is known, and farther from the hold than a held one."""
     return name in world.objects and robot.hold_offset(world, name) > lost_beyond(robot)
 
 
 def is_at_front(world: World, robot: Robot, name: str) -> bool:
-    """Return whether the robot's front touches an object, or nearly: then the robot itself moves it."""
+    """Return whether the robot's front touches an object, or nearly: then the robot moves it."""
     return robot.hold_offset(world, name) < robot.holder_length + _TOUCHING
 
 
 def is_in_the_way(world: World, robot: Robot, name: str) -> bool:
     """Return whether an object lies so close ahead that the robot can neither stop before it nor pass it.
 
-    The robot brakes with `limits.brake`. A search for a way from there would take long and find none.
+    The robot brakes with `limits.brake`. A search for a plan from there would take long and fail.
     """
     there, v = world.objects.get(name), world.robot.v
     if there is None or v <= 0.0:

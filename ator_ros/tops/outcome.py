@@ -1,4 +1,4 @@
-"""What a TOP has achieved, by its post-condition alone."""
+"""The outcome of a TOP, by its post-condition alone."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from ator_ros.world.state import World
 
 
 class NoTopError(ValueError):
-    """A situation in which no TOP says what its action is for; the message says what was expected."""
+    """A situation that fits no TOP."""
 
 
 def unmet(top: Top, world: World, goal: Goal, robot: Robot) -> list[str]:
-    """Return in words what the post-condition lacks in `world`; an empty list means that it holds."""
+    """Return why the post-condition does not hold in `world`; empty if it holds."""
     return top.post.violations(state_of(world, robot), goal_values(goal))
 
 
-def failure(top: Top, lacks: Iterable[str]) -> str:
-    """Return the reason of a failure for what a post-condition lacks."""
-    return f"post-condition of {top.name}: {'; '.join(lacks)}"
+def failure(top: Top, violations: Iterable[str]) -> str:
+    """Return the reason of a failure from the violations of a post-condition."""
+    return f"post-condition of {top.name}: {'; '.join(violations)}"
 
 
 def shortfall(top: Top, world: World, goal: Goal, robot: Robot) -> float:
@@ -40,10 +40,10 @@ def may_settle(top: Top, world: World) -> bool:
 
 
 def top_of(situation: Situation, tops: Sequence[Top], robot: Robot) -> Top:
-    """Return the TOP whose post-condition says what an action is for in `situation`.
+    """Return the TOP that fits a situation.
 
-    It executes the action, means the same point of the robot, and names no object that the situation lacks.
-    Among several, the one with the fewest violations of its pre-condition counts, the first of equals.
+    It has the same action and the same point of the robot, and names no object that the situation lacks.
+    Among several, it is the first with the fewest violations of its pre-condition.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The ranges of goal variables: what is searched, and what an answer may change them to."""
+"""The ranges of goal variables, which are searched, and to which refinement may change them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Range:
     rest: float | None = None
 
     def contains(self, value: float) -> bool:
-        """Return whether the variable may take `value`, to rounding; an angle may take any finite one."""
+        """Return whether `value` is in the range, up to rounding; an angle may have any finite value."""
         slack = 1e-9 * (self.high - self.low) + 1e-15 * max(abs(self.low), abs(self.high))
         return math.isfinite(value) and (self.periodic or self.low - slack <= value <= self.high + slack)
 

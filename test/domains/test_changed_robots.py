@@ -37,7 +37,7 @@ def drive(change: str, action: Action, start: World, goal: Goal) -> Drive:
         action.start(simulation.world(), goal)
         for _ in range(_LONGEST):
             step = action.step(simulation.world())
-            plans += "anew" in step.message or "; planning" in step.message
+            plans += "planned again" in step.message or "; planning" in step.message
             if step.status is not Status.RUNNING:
                 break
             assert step.command is not None

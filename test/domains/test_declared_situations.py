@@ -11,12 +11,12 @@ import pytest
 
 from ator_ros.actions.situation import SHORT, NoPlaceError, Situation
 from ator_ros.domains.declared_situations import (
-    ChainsOf,
     DeclaredChain,
+    DeclaredChainSampler,
     DeclaredDrives,
     DeclaredPlace,
     DeclaredStep,
-    DrivesOf,
+    DriveSampler,
 )
 from ator_ros.domains.domain import find_domain
 
@@ -36,7 +36,7 @@ def long_ones(drives: list[Situation]) -> list[float]:
 
 
 def test_drives_keep_their_distance_and_are_the_same_for_the_same_seed() -> None:
-    sample = DrivesOf("drive_to", DeclaredDrives(HALL, HALL, apart=1.5))
+    sample = DriveSampler("drive_to", DeclaredDrives(HALL, HALL, apart=1.5))
     first = [sample(ROBOT, np.random.default_rng(seed)) for seed in range(50)]
     copied = pickle.loads(pickle.dumps(sample))  # noqa: S301 (as a worker process gets it)
     again = [copied(ROBOT, np.random.default_rng(seed)) for seed in range(50)]
@@ -46,7 +46,7 @@ def test_drives_keep_their_distance_and_are_the_same_for_the_same_seed() -> None
 
 
 def test_places_that_are_too_near_are_told() -> None:
-    sample = DrivesOf("drive_to", DeclaredDrives((DOCK,), (DOCK,), apart=0.1))
+    sample = DriveSampler("drive_to", DeclaredDrives((DOCK,), (DOCK,), apart=0.1))
     with pytest.raises(
         NoPlaceError, match=r"^drives of drive_to: apart: expected places 0.1 m from the one before"
     ):
@@ -56,12 +56,12 @@ def test_places_that_are_too_near_are_told() -> None:
 def test_no_way_is_drawn_that_takes_longer_than_the_time_limit() -> None:
     most = 4.0 * ROBOT.limits.v
     rng = np.random.default_rng(0)
-    drive = DrivesOf("drive_to", DeclaredDrives(HALL, HALL), time_limit=4.0)
+    drive = DriveSampler("drive_to", DeclaredDrives(HALL, HALL), time_limit=4.0)
     drawn = [drive(ROBOT, rng) for _ in range(200)]
     assert max(one.robot.pose.distance(one.goal.pose) for one in drawn) <= most
     steps = (DeclaredStep("visit", HALL, times=(2,)),)
     for _ in range(50):
-        world, chain = ChainsOf(DeclaredChain("legs", HALL, steps), 4.0)(ROBOT, LIBRARY, rng)
+        world, chain = DeclaredChainSampler(DeclaredChain("legs", HALL, steps), 4.0)(ROBOT, LIBRARY, rng)
         places = [world.robot.pose, *(call.goal.pose for call in chain.calls)]
         assert sum(a.distance(b) for a, b in itertools.pairwise(places)) <= most
 

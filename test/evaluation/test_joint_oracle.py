@@ -28,13 +28,15 @@ LIBRARY = DOMAIN.library(ROBOT)
 
 
 def turned(x: float, y: float, yaw: float, xg: float, yg: float, yawg: float) -> float:
-    """Return how long a base takes that turns back faster than it turns away."""
-    way = math.atan2(yg - y, xg - x)
-    return math.hypot(xg - x, yg - y) + abs(wrap_angle(way - yaw)) + 0.4 * abs(wrap_angle(yawg - way)) ** 1.5
+    """Return the duration (s) of a drive whose final turn takes less than its first."""
+    path = math.atan2(yg - y, xg - x)
+    return (
+        math.hypot(xg - x, yg - y) + abs(wrap_angle(path - yaw)) + 0.4 * abs(wrap_angle(yawg - path)) ** 1.5
+    )
 
 
 class Model:
-    """Predicts these times, and adds what it is given to those with a heading on the left."""
+    """Predicts the true durations."""
 
     used_variables = frozenset({"x", "y", "yaw", "xg", "yg", "yawg"})
 

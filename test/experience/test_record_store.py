@@ -25,11 +25,11 @@ def durations(folder: Path) -> list[float]:
 
 
 def test_what_is_appended_is_read(tmp_path: Path) -> None:
-    told = list(episodes(5))
-    stored(tmp_path, iter(told))
+    made = list(episodes(5))
+    stored(tmp_path, iter(made))
     rows = read_store(tmp_path).frame
-    assert rows["duration"].tolist() == [episode.duration for episode in told]
-    assert rows["xg"].tolist() == [episode.situation.goal.pose.x for episode in told]
+    assert rows["duration"].tolist() == [episode.duration for episode in made]
+    assert rows["xg"].tolist() == [episode.situation.goal.pose.x for episode in made]
     assert rows["ball_x"].tolist() == [0.5] * 5
     assert rows["heading_error"].isna().all()
     assert rows["episode"].tolist() == [0, 1, 2, 3, 4]
@@ -58,13 +58,13 @@ def test_it_goes_on_after_the_last_episode(tmp_path: Path) -> None:
 
 
 def test_the_oldest_parts_are_dropped(tmp_path: Path) -> None:
-    told = list(episodes(50))
+    made = list(episodes(50))
     store = RecordStore(tmp_path, INFO, most=2 * PART)
     for number in range(4 * PART + 10):
-        store.append("default", told[number % 50])
+        store.append("default", made[number % 50])
     rows = read_records(tmp_path, "default").rows
     assert rows[NUMBER].tolist() == list(range(2 * PART, 4 * PART + 10))
-    assert np.allclose(rows["duration"], [told[n % 50].duration for n in rows[NUMBER]])
+    assert np.allclose(rows["duration"], [made[n % 50].duration for n in rows[NUMBER]])
 
 
 def test_a_line_that_was_cut_off_is_dropped(tmp_path: Path) -> None:
@@ -115,10 +115,10 @@ def test_whoever_is_killed_leaves_a_readable_store(tmp_path: Path) -> None:
             process.stdout.readline()
             time.sleep(0.05 * seed)
             process.send_signal(signal.SIGKILL)
-            told = [int(line) for line in process.stdout.read().split("\n")[:-1]]
+            printed = [int(line) for line in process.stdout.read().split("\n")[:-1]]
         read = read_records(tmp_path, "default")
         assert read.damaged == 0
-        assert len(read.rows) >= max(told, default=0)
+        assert len(read.rows) >= max(printed, default=0)
     assert len(read.rows) > 10
 
 

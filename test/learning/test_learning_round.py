@@ -11,12 +11,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from experience_rows import made_up_model
-from stored import ROBOT, episodes, stored
+from stored import ROBOT, episodes, round_of, stored
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.store import PART, read_records
-from ator_ros.learning.round import Source, learn
-from ator_ros.learning.sets import RECORDS, current_set, digest_of, publish, read_manifest, sets_in
+from ator_ros.learning.sets import RECORDS, current_set, digest_of, read_manifest, sets_in
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import direct_of
@@ -39,13 +38,6 @@ def shipped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(SOCCER.shipped_models / "gate.json", folder)
     shutil.copy(SOCCER.shipped_models / "calibration.json", folder)
     return folder
-
-
-def round_of(folder: Path, models: Path) -> dict:
-    result = learn(Source(folder, SOCCER, ROBOT, models), time="2026-01-01T00:00:00Z")
-    if result["made"]:
-        publish(folder, Path(result["made"]))
-    return result
 
 
 def test_a_robot_that_stays_the_same_keeps_its_models(tmp_path: Path, shipped: Path) -> None:

@@ -8,13 +8,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from stored import ROBOT, episodes, stored
+from stored import ROBOT, episodes, round_of, stored
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.episode import Episode
 from ator_ros.geometry import wrap_angle
-from ator_ros.learning.round import Source, learn
-from ator_ros.learning.sets import RECORDS, current_set, publish, read_manifest
+from ator_ros.learning.sets import RECORDS, current_set, read_manifest
 from ator_ros.performance.model_file import load_model
 
 SUCCESS = "default/goToPose/success"
@@ -33,13 +32,6 @@ def failing(stream: Iterator[Episode]) -> Iterator[Episode]:
         yield dataclasses.replace(
             episode, success=not fails, duration=60.0 if fails else episode.duration, position_error=0.01
         )
-
-
-def round_of(folder: Path, models: Path = SOCCER.shipped_models) -> dict:
-    result = learn(Source(folder, SOCCER, ROBOT, models), time="2026-01-01T00:00:00Z")
-    if result["made"]:
-        publish(folder, Path(result["made"]))
-    return result
 
 
 def test_what_fails_is_predicted_to_fail_after_some_tens_of_records(tmp_path: Path) -> None:

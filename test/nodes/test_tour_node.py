@@ -14,7 +14,7 @@ from ator_ros.domains.domain import find_domain
 from ator_ros.experience.collect import FinishedEpisodes, collect
 from ator_ros.experience.table import join, library_versions, read_experience
 from ator_ros.tools import collect as collect_tool
-from ator_ros.tools.command_line import settled
+from ator_ros.tools.command_line import parse
 
 BIN = Path(get_package_prefix("ator_ros"), "lib", "ator_ros")
 TOUR = find_domain("tour")
@@ -64,7 +64,7 @@ def test_the_demo_plays_a_tour(tmp_path: Path) -> None:
 
 def finished_of(table: Path, words: Sequence[str]) -> FinishedEpisodes:
     """Return the finished episodes of a collection that was killed."""
-    options, _ = settled(collect_tool.arguments(), words)
+    options, _ = parse(collect_tool.arguments(), words)
     identity = {
         "seed": options.seed,
         "robot": TOUR.robot().sections(),

@@ -45,7 +45,7 @@ def tops(chains: Sequence[TopChain]) -> set[tuple[str, ...]]:
     return {tuple(call.top.name for call in chain.calls) for chain in chains}
 
 
-def said(*statements: str) -> list[GoalStatement]:
+def statements_of(*statements: str) -> list[GoalStatement]:
     return [statement_from(text) for text in statements]
 
 
@@ -78,7 +78,7 @@ def test_a_ball_that_is_held_is_not_fetched() -> None:
 
 
 def test_a_goal_that_holds_already_needs_no_chain() -> None:
-    assert planned(said("ball.x=0:-0.1:0.1"), situation()) == []
+    assert planned(statements_of("ball.x=0:-0.1:0.1"), situation()) == []
 
 
 @pytest.mark.parametrize(
@@ -90,8 +90,8 @@ def test_a_goal_that_holds_already_needs_no_chain() -> None:
         (("ball.x=1", "ball.y=1", "robot.x=-1", "robot.y=-1"), {("goToBall", "dribbleBall", "goToPose")}),
     ],
 )
-def test_statements_are_brought_about(statements: tuple[str, ...], steps: set[tuple[str, ...]]) -> None:
-    assert tops(planned(said(*statements), situation())) == steps
+def test_statements_are_achieved(statements: tuple[str, ...], steps: set[tuple[str, ...]]) -> None:
+    assert tops(planned(statements_of(*statements), situation())) == steps
 
 
 @pytest.mark.parametrize(
@@ -110,10 +110,10 @@ def test_statements_are_brought_about(statements: tuple[str, ...], steps: set[tu
     ],
 )
 def test_what_no_top_achieves_is_named(statements: tuple[str, ...], reason: str) -> None:
-    with pytest.raises(PlanningError) as told:
-        planned(said(*statements), situation())
-    assert reason in str(told.value)
-    assert "\n" not in str(told.value)
+    with pytest.raises(PlanningError) as refused:
+        planned(statements_of(*statements), situation())
+    assert reason in str(refused.value)
+    assert "\n" not in str(refused.value)
 
 
 def test_an_unknown_object_is_named() -> None:
@@ -126,11 +126,11 @@ def test_only_the_fence_bounds_plans() -> None:
     with pytest.raises(PlanningError, match=r"^chain\.calls\[0\]\.goal \(goToBall\): .*inside the fence"):
         planned(IN_GOAL, there)
     with pytest.raises(PlanningError, match=r"inside the fence .* got the axle at x 12\.00 m"):
-        planned(said("robot.x=12", "robot.y=0"), there)
+        planned(statements_of("robot.x=12", "robot.y=0"), there)
     wide = Fence(-20.0, -20.0, 20.0, 20.0)
-    assert tops(planned(said("robot.x=12", "robot.y=0"), there, fence=wide)) == {("goToPose",)}
+    assert tops(planned(statements_of("robot.x=12", "robot.y=0"), there, fence=wide)) == {("goToPose",)}
     assert planned(IN_GOAL, there, fence=wide)
-    assert tops(planned(said("robot.x=1", "robot.y=0"), there)) == {("goToPose",)}  # it may drive in
+    assert tops(planned(statements_of("robot.x=1", "robot.y=0"), there)) == {("goToPose",)}  # it may drive in
 
 
 def test_places_are_looked_for_inside_a_narrow_fence() -> None:
@@ -144,15 +144,15 @@ def test_places_are_looked_for_inside_a_narrow_fence() -> None:
 def test_without_a_holder_the_condition_that_is_missing_is_named() -> None:
     bare = dataclasses.replace(ROBOT, holder=None)
     with pytest.raises(PlanningError, match="needs a holder"):
-        planned(said("ball.x=1", "ball.y=1"), situation(), robot=bare)
+        planned(statements_of("ball.x=1", "ball.y=1"), situation(), robot=bare)
 
 
 def test_a_precondition_that_no_top_achieves_is_named() -> None:
     library = SOCCER.library(ROBOT)
     one = dataclasses.replace(SOCCER, tops=tuple(top for top in library.values() if top.name == "shoot"))
-    with pytest.raises(PlanningError) as told:
+    with pytest.raises(PlanningError) as refused:
         planned(IN_GOAL, situation(ball=(2.4, 0.0)), domain=one)
-    assert "no TOP achieves hold.x within 0.12 of ball.x, which shoot needs" in str(told.value)
+    assert "no TOP achieves hold.x within 0.12 of ball.x, which shoot needs" in str(refused.value)
 
 
 def test_the_tool_prints_chains_and_predictions(capsys: pytest.CaptureFixture[str]) -> None:

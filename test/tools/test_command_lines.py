@@ -33,13 +33,13 @@ def test_numbers_that_are_none_are_refused(
     with pytest.raises(SystemExit) as ended:
         tool.main([f"{option}={text}"])
     assert ended.value.code == 2
-    told = capsys.readouterr().err.splitlines()[-1]
-    assert told.startswith(f"{command}: error: argument {option}: expected a whole number from ")
-    assert repr(text) in told
+    message = capsys.readouterr().err.splitlines()[-1]
+    assert message.startswith(f"{command}: error: argument {option}: expected a whole number from ")
+    assert repr(text) in message
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         *(
             (["--robots", name], "expected a namespace of at most 100 letters")
@@ -54,12 +54,12 @@ def test_numbers_that_are_none_are_refused(
     ],
 )
 def test_a_view_of_names_that_are_none_is_refused(
-    words: list[str], told: str, capsys: pytest.CaptureFixture[str]
+    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
         view.main(["--attach", *words])
     assert ended.value.code == 2
-    assert told in capsys.readouterr().err.splitlines()[-1]
+    assert message in capsys.readouterr().err.splitlines()[-1]
 
 
 DESTINATIONS = {
@@ -81,8 +81,8 @@ def test_a_result_that_cannot_be_written_is_refused_before_the_work(
         with pytest.raises(SystemExit) as ended:
             tool.main([f"{option}={place}"])
         assert ended.value.code == 2
-        told = capsys.readouterr().err.splitlines()[-1]
-        assert f"argument {option}: expected a file that can be written, got {str(place)!r}" in told
+        message = capsys.readouterr().err.splitlines()[-1]
+        assert f"argument {option}: expected a file that can be written, got {str(place)!r}" in message
 
 
 @pytest.mark.parametrize("command", ["collect", "evaluate", "gate", "train"])
@@ -93,9 +93,11 @@ def test_a_domain_that_is_not_installed_is_told_in_one_line(
     with pytest.raises(SystemExit) as ended:
         tool.main(["--domain=chess"])
     assert ended.value.code == 2
-    (told,) = capsys.readouterr().err.splitlines()  # without the usage
-    assert told.startswith(f"{command}: error: domain: expected an entry point of ator_ros.domains, one of [")
-    assert told.endswith("got 'chess'")
+    (message,) = capsys.readouterr().err.splitlines()  # without the usage
+    assert message.startswith(
+        f"{command}: error: domain: expected an entry point of ator_ros.domains, one of ["
+    )
+    assert message.endswith("got 'chess'")
 
 
 TOOLS = ("collect", "train", "gate", "evaluate", "calibrate_predictions", "study", "plan")
@@ -106,9 +108,9 @@ def test_a_robot_and_a_domain_can_be_named(command: str, capsys: pytest.CaptureF
     tool = importlib.import_module(f"ator_ros.tools.{command}")
     with pytest.raises(SystemExit):
         tool.main(["--help"])
-    told = capsys.readouterr().out
-    assert "--robot FILE" in told
-    assert "--domain NAME" in told
+    message = capsys.readouterr().out
+    assert "--robot FILE" in message
+    assert "--domain NAME" in message
 
 
 BARE = """
@@ -134,9 +136,9 @@ def test_a_domain_that_lacks_what_a_command_works_on_is_told_in_one_line(
     with pytest.raises(SystemExit) as ended:
         tool.main([f"--domain={tmp_path / 'bare.yaml'}"])
     assert ended.value.code == 2
-    told = capsys.readouterr().err.splitlines()[-1]
+    message = capsys.readouterr().err.splitlines()[-1]
     expected = f"argument --domain: expected one with {kind}, got bare, which has none"
-    assert told == f"{command}: error: {expected}"
+    assert message == f"{command}: error: {expected}"
 
 
 NAMES = [
@@ -153,9 +155,9 @@ def test_names_that_the_domain_lacks_are_told_in_one_line(
     with pytest.raises(SystemExit) as ended:
         tool.main([option, "chess"])
     assert ended.value.code == 2
-    told = capsys.readouterr().err.splitlines()[-1]
-    assert told.startswith(f"{command}: error: argument {option}: expected one of {known}")
-    assert told.endswith("got 'chess'")
+    message = capsys.readouterr().err.splitlines()[-1]
+    assert message.startswith(f"{command}: error: argument {option}: expected one of {known}")
+    assert message.endswith("got 'chess'")
 
 
 NODES = ("simulation", "executor", "refinement", "learning", "goal_pose")

@@ -37,7 +37,7 @@ def run(*, total: float, success: bool = True, refined: bool = False) -> DemoRun
     )
 
 
-def test_the_table_tells_gains_and_failures() -> None:
+def test_the_table_shows_gains_and_failures() -> None:
     text = table(
         [
             DemoSituation(TRIAL.world, TRIAL.chain, run(total=10.0), run(total=8.0, refined=True)),

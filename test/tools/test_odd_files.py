@@ -66,17 +66,17 @@ def faults(words: Sequence[str], odd: Path, place: Path, capsys: pytest.CaptureF
     before = sorted(str(file) for file in place.rglob("*"))
     began = time.monotonic()
     try:
-        code, told = run(words, capsys)
+        code, output = run(words, capsys)
     except Exception as error:
         return f"{odd.name!r}: {type(error).__name__}: {str(error)[:300]}"
     took = time.monotonic() - began
-    lines = [line for line in told.splitlines() if not line.startswith(("usage: ", " "))]
+    lines = [line for line in output.splitlines() if not line.startswith(("usage: ", " "))]
     if code == 0:
-        return f"{odd.name!r}: exit code 0: {told[:300]}"
-    if not 1 <= len(lines) <= 3 or "Traceback" in told or (not told.isprintable() and "\x1b" in told):
-        return f"{odd.name!r}: {len(lines)} lines: {told[:500]}"
-    if len(told) > 1500:
-        return f"{odd.name!r}: {len(told)} characters: {told[:500]}"
+        return f"{odd.name!r}: exit code 0: {output[:300]}"
+    if not 1 <= len(lines) <= 3 or "Traceback" in output or (not output.isprintable() and "\x1b" in output):
+        return f"{odd.name!r}: {len(lines)} lines: {output[:500]}"
+    if len(output) > 1500:
+        return f"{odd.name!r}: {len(output)} characters: {output[:500]}"
     made = [file for file in place.rglob("*") if str(file) not in before and file.is_file()]
     if made:
         return f"{odd.name!r}: wrote {made}"

@@ -132,8 +132,8 @@ def test_finished_episodes_of_other_settings_are_not_continued(
     (kept,) = (file for file in tmp_path.iterdir() if file.suffix == ".jsonl")
     before = kept.read_bytes()
     assert collect.main([*common, "--seed", "10"]) == 1
-    told = "expected episodes of the same seed, robot, domain, action set and versions, got others"
-    assert f"{kept}: {told}: choose another --out, or delete that file" in capsys.readouterr().err
+    message = "expected episodes of the same seed, robot, domain, action set and versions, got others"
+    assert f"{kept}: {message}: choose another --out, or delete that file" in capsys.readouterr().err
     assert kept.read_bytes() == before
 
 
@@ -203,8 +203,8 @@ def test_train_learns_the_gate_from_the_same_episodes(
     assert train.main([str(tmp_path / "a.parquet"), "--models", str(models)]) == 0
     gate = load_gate(models / "gate.json")
     assert isinstance(gate, ThresholdGate)
-    told = f"{models}/gate.json: refines where the predicted gain is above {gate.gain:.2f} s"
-    assert told in capsys.readouterr().out
+    message = f"{models}/gate.json: refines where the predicted gain is above {gate.gain:.2f} s"
+    assert message in capsys.readouterr().out
     assert json.loads((models / "gate.json").read_text())["training"]["command"].startswith("train ")
 
 

@@ -156,9 +156,9 @@ def test_errors_of_predictions_are_reported_and_too_few_learn_nothing(
     report = tmp_path / "predictions.md"
     assert calibrate_main([str(out), "--models", str(models), "--report", str(report)]) == 0
     row = data["summary"]["refined"]["prediction"]
-    told = report.read_text(encoding="utf-8")
-    assert f"| dribble | 405 | refined | {row['chains']} | {row['mean_error_s']:+.3f} |" in told
-    assert data["summary"]["command"] in told
+    page = report.read_text(encoding="utf-8")
+    assert f"| dribble | 405 | refined | {row['chains']} | {row['mean_error_s']:+.3f} |" in page
+    assert data["summary"]["command"] in page
     assert calibrate_main([str(out), "--models", str(models)]) == 1
     assert "expected chains of at least 20 situations" in capsys.readouterr().err
     assert calibrate_main([str(out)]) == 1  # about the shipped models

@@ -50,23 +50,23 @@ def studied(robot: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.long
 def test_it_says_what_the_actions_and_refinement_are_like(studied: Path, robot: Path) -> None:
-    told = load(studied / "study.json", KIND, StudyResult)
-    assert told.robot_digest == load_robot(robot).digest() != load_robot().digest()
-    assert list(told.actions) == ["goToPose", "dribbleBall", "shoot"]
-    for row in told.actions.values():
+    result = load(studied / "study.json", KIND, StudyResult)
+    assert result.robot_digest == load_robot(robot).digest() != load_robot().digest()
+    assert list(result.actions) == ["goToPose", "dribbleBall", "shoot"]
+    for row in result.actions.values():
         assert row.episodes == 40
         assert 0.5 <= row.success <= 1.0
         assert row.mean_duration_s is not None
         assert 1.0 < row.mean_duration_s < 30.0
         assert row.accuracy["mae_s"] > 0.0
-    assert told.left_out == {}
-    evaluation = told.evaluation
+    assert result.left_out == {}
+    evaluation = result.evaluation
     assert evaluation is not None
     assert (evaluation["situations"], evaluation["seed"]) == (10, 8)
     assert {"naive", "refined", "gated", "gated_speed", "oracle"} <= evaluation.keys()
     model = json.loads((studied / "models" / "goToPose.json").read_text(encoding="utf-8"))
-    assert model["robot_digest"] == told.robot_digest
-    assert {(row.step, row.name) for row in told.variables} >= {(1, "yaw"), (1, "speed")}
+    assert model["robot_digest"] == result.robot_digest
+    assert {(row.step, row.name) for row in result.variables} >= {(1, "yaw"), (1, "speed")}
     page = (studied / "study.html").read_text(encoding="utf-8")
     assert "dribbleBall" in page
     assert (studied / "evaluation" / "report.html").is_file()
@@ -78,14 +78,14 @@ def test_it_goes_on_where_it_was_interrupted(studied: Path, robot: Path) -> None
         kept = ("experience", "fresh", "models")
         return {str(file): file.stat().st_mtime_ns for name in kept for file in (studied / name).iterdir()}
 
-    before, told = made(), (studied / "study.json").read_bytes()
+    before, text = made(), (studied / "study.json").read_bytes()
     (studied / "study.json").unlink()
     assert main(command(robot, studied)) == 0
-    assert (studied / "study.json").read_bytes() == told
+    assert (studied / "study.json").read_bytes() == text
     assert made() == before
     (studied / "fresh" / "shoot.parquet").unlink()
     assert main(command(robot, studied)) == 0
-    assert (studied / "study.json").read_bytes() == told
+    assert (studied / "study.json").read_bytes() == text
 
 
 @pytest.mark.long

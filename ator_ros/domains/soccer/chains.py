@@ -16,10 +16,10 @@ from ator_ros.domains.domain import ChainSampler
 from ator_ros.domains.soccer.field import BALL, field_of
 from ator_ros.domains.soccer.situations import (
     SHORTEST,
+    distance_with_ball,
     is_inside,
     pose_within,
     random_pose,
-    way_with_ball,
     with_room,
 )
 from ator_ros.domains.soccer.thresholds import ball_clearance, farthest
@@ -119,7 +119,7 @@ def _shot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[
 def _dribbled(robot: Robot, chain: TopChain) -> float:
     """Return how far in m the ball is dribbled to where it is shot."""
     fetch, dribbling, _ = chain.calls
-    return way_with_ball(robot, fetch.goal.pose, dribbling.goal.pose)
+    return distance_with_ball(robot, fetch.goal.pose, dribbling.goal.pose)
 
 
 def _last_shot(robot: Robot, chain: TopChain) -> Situation:

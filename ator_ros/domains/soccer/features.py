@@ -22,7 +22,7 @@ from ator_ros.domains.soccer.thresholds import approach_run, passing_distance
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.motion.displacements import TurnDriving
 from ator_ros.motion.families import MOST, Family, FreeTurns, Kind, Motions, free_kinds, needed_kinds
-from ator_ros.motion.turn_tables import Way
+from ator_ros.motion.turn_tables import TurnProfile
 from ator_ros.performance.derived import Geometry, hold_angle, hold_bearing, hold_dist
 from ator_ros.performance.features import Feature, Kinds, MotionFeatures, variables
 from ator_ros.printable import short
@@ -139,8 +139,8 @@ def _pushed_kind(robot: Robot, row: PushedTurns) -> Kind:
     end = row.least_arrival if np.isnan(row.after) else row.after
     rate = fastest_rate(robot, begin * limits.v, first) if np.isnan(row.rate) else row.rate * limits.w
     return Kind(
-        Way(first, rate),
-        Way(last, fastest_rate(robot, end * limits.v, -last, row.slower)),
+        TurnProfile(first, rate),
+        TurnProfile(last, fastest_rate(robot, end * limits.v, -last, row.slower)),
         row.after,
         row.entry * limits.v,
         least_start=row.least_start * limits.v if row.least_start else -np.inf,

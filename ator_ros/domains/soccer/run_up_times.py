@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ator_ros.compiled import in_shares, inlined, unlocked
+from ator_ros.compiled import inlined, parallel_for, unlocked
 from ator_ros.domains.soccer.field import BALL, field_of
 from ator_ros.domains.soccer.planned.holding import (
     LARGEST_TURN,
@@ -209,7 +209,7 @@ _SLANTS: FloatArray = np.column_stack((_HEADINGS, np.cos(_HEADINGS), np.sin(_HEA
 _ENTRY_SHARES: FloatArray = np.array((0.0, 0.15, 0.35, 0.7))
 _GAIN_SHARES = (*(step / 8 for step in range(8)), MOST_GAINED)
 _SPEEDS = 51
-_SHARE = 12
+_CHUNK = 12
 """Situations that one core takes at least: some 60 microseconds."""
 
 
@@ -241,7 +241,7 @@ def run_up_times(robot: Robot, starts: FloatArray) -> FloatArray:
     times = np.empty(starts.shape[1])
     speeds = _ENTRY_SHARES * limits.v
     search = partial(fastest_run_ups, starts, speeds, _SLANTS, turns, setting, rates_of(limits), times)
-    in_shares(search, len(times), _SHARE)
+    parallel_for(search, len(times), _CHUNK)
     return times
 
 

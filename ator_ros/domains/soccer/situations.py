@@ -25,7 +25,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.world.state import CONTROL_PERIOD, ObjectState, RobotState, World
 
 SHORTEST = SHORT  # m between start and goal, where the two are drawn independently
-_LEAVING = 0.04  # share of drives without a ball at the goal that start with a ball in front
+_LEAVING = 0.04  # share of drives that start with a held ball and end elsewhere
 ALONE = 0.6
 """Share of the time limit that the straight way of an action may take at full speed: turns need the rest."""
 SHOT_RANGE = (0.6, 2.5)
@@ -33,11 +33,11 @@ SHOT_RANGE = (0.6, 2.5)
 
 
 def random_pose(robot: Robot, rng: np.random.Generator) -> Pose:
-    """Draw a pose that lies well within the lines; NoPlaceError where there is no such place."""
+    """Draw a pose well within the lines; raise NoPlaceError if there is no such place."""
     half_length, half_width = _half_sizes(robot)
     if min(half_length, half_width) < 0.0:
         raise NoPlaceError(
-            f"{_told(robot)}, expected more room between the lines than starts and goals keep from them"
+            f"{_area_text(robot)}, expected more room between the lines than starts and goals keep from them"
         )
     x, y = rng.uniform(-half_length, half_length), rng.uniform(-half_width, half_width)
     return robot.scene.area.at(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
@@ -46,23 +46,23 @@ def random_pose(robot: Robot, rng: np.random.Generator) -> Pose:
 def pose_within(
     robot: Robot, rng: np.random.Generator, of: Pose, low: float, high: float, *, held: bool = False
 ) -> Pose:
-    """Draw a pose whose distance from another is `low` to `high` (m); NoPlaceError where there is none.
+    """Draw a pose `low` to `high` m from another; raise NoPlaceError if there is none.
 
-    If both are of a ball that is `held`, the robot's axle comes no farther than `high` either.
+    If both are poses of a ball that is `held`, the robot's axle drives at most `high` m, too.
     """
 
-    def way(pose: Pose) -> float:
-        return way_with_ball(robot, of, pose) if held else of.distance(pose)
+    def distance(pose: Pose) -> float:
+        return distance_with_ball(robot, of, pose) if held else of.distance(pose)
 
     return drawn_until(
         lambda: random_pose(robot, rng),
-        lambda pose: low <= pose.distance(of) and way(pose) <= high,
-        lambda: f"{_told(robot)}, expected room for starts and goals {low:.2f} to {high:.2f} m apart",
+        lambda pose: low <= pose.distance(of) and distance(pose) <= high,
+        lambda: f"{_area_text(robot)}, expected room for starts and goals {low:.2f} to {high:.2f} m apart",
     )
 
 
-def way_with_ball(robot: Robot, start: Pose, end: Pose) -> float:
-    """Return the distance in m that a held ball goes from pose to pose, or the axle if it goes farther."""
+def distance_with_ball(robot: Robot, start: Pose, end: Pose) -> float:
+    """Return the distance in m between two poses of a held ball, or that of the axle if it is greater."""
     return max(start.distance(end), robot.pose_holding(start).distance(robot.pose_holding(end)))
 
 
@@ -78,8 +78,8 @@ def _half_sizes(robot: Robot) -> tuple[float, float]:
     return area.length / 2 - at_end, area.width / 2 - at_side
 
 
-def _told(robot: Robot) -> str:
-    """Return in words the area, and how far from its lines a robot starts and ends."""
+def _area_text(robot: Robot) -> str:
+    """Return a text with the sizes of the area and the margins of starts and goals."""
     area, (at_end, at_side) = robot.scene.area, line_margins(robot)
     return (
         f"scene.area: got {area.length:g} x {area.width:g} m, of whose lines robot {robot.name} keeps "
@@ -87,41 +87,40 @@ def _told(robot: Robot) -> str:
     )
 
 
-def _share(rng: np.random.Generator, share: float) -> bool:
+def _happens(rng: np.random.Generator, share: float) -> bool:
     return bool(rng.random() < share)
 
 
 def _speed(robot: Robot, rng: np.random.Generator, share: float) -> float:
     """Draw a speed in m/s that the robot can do with a ball; it is not zero in `share` of the cases."""
     speed = float(rng.uniform(0.0, greatest_arrival(robot)))
-    return speed if _share(rng, share) else 0.0
+    return speed if _happens(rng, share) else 0.0
 
 
 def go_to_pose(robot: Robot, rng: np.random.Generator, *, time_limit: float = TIME_LIMIT) -> Situation:
     """Draw a drive: most approach a ball, half of these with an arrival speed, the others drive to a pose.
 
-    One start in seven is in motion. One drive in seven is short, see `short_goal`, and a few leave a ball
-    that the robot holds. A robot without a holder has no ball to approach or to leave, nor has one in a
-    domain without a ball.
+    One start in seven is in motion. One drive in seven is short, see `short_goal`. In a few, the robot drives
+    away from a ball that it holds. Without a holder or a ball in the scene, all drive to a pose.
     """
     situation = _long_drive(robot, rng, time_limit)  # first, so that a scene without room is reported
     start = situation.robot.pose
     short = short_goal(start, rng)
     if short is not None and is_inside(short, robot):
         return Situation("goToPose", RobotState(start), {}, Goal(short, 0.0, Point.AXLE))
-    leaves = _share(rng, _LEAVING) and robot.holder is not None and BALL in robot.scene.objects
+    leaves = _happens(rng, _LEAVING) and robot.holder is not None and BALL in robot.scene.objects
     return (_leave_ball(robot, rng) if leaves else None) or situation
 
 
 def _long_drive(robot: Robot, rng: np.random.Generator, time_limit: float) -> Situation:
     """Draw a drive whose start and goal are drawn independently."""
-    with_ball = _share(rng, 0.75) and robot.holder is not None and BALL in robot.scene.objects
+    with_ball = _happens(rng, 0.75) and robot.holder is not None and BALL in robot.scene.objects
     goal = random_pose(robot, rng)
     nearest = ball_clearance(robot) if with_ball else SHORTEST
     most = farthest(robot, ALONE, nearest, time_limit=time_limit)
     start = pose_within(robot, rng, goal, nearest, most)
     state = RobotState(start)
-    if _share(rng, 1.0 / 7.0):
+    if _happens(rng, 1.0 / 7.0):
         v = float(rng.uniform(-0.3, 0.8) * robot.limits.v)
         w = float(rng.uniform(-0.5, 0.5) * robot.limits.w)
         state = RobotState(start, v, steady_rate(robot, w, v))
@@ -132,7 +131,7 @@ def _long_drive(robot: Robot, rng: np.random.Generator, time_limit: float) -> Si
 
 
 def _leave_ball(robot: Robot, rng: np.random.Generator) -> Situation | None:
-    """Draw a drive to a pose clear of the ball that the robot holds; None if the robot is too slow for it."""
+    """Draw a drive away from the ball that the robot holds; None if the robot is too slow."""
     state, ball = _holding(robot, robot.pose_holding(random_pose(robot, rng)), 0.0)
     nearest, held = ball_clearance(robot), Pose(ball.x, ball.y, 0.0)
     most = farthest(robot, ALONE, nearest) - held.distance(state.pose)  # of the axle
@@ -173,7 +172,9 @@ def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
     start = drawn_until(
         lambda: _shooting_pose(robot, rng),
         lambda pose: _has_floor(robot, pose) and not touches_goals(np.array([pose]), robot),
-        lambda: f"{_told(robot)}, expected room before the goal for a robot that reaches {robot.reach:.2f} m",
+        lambda: (
+            f"{_area_text(robot)}, expected room before the goal for a robot that reaches {robot.reach:.2f} m"
+        ),
     )
     state, rolling = _holding(robot, start, _speed(robot, rng, 0.5))
     return Situation("shoot", state, objects_of(rolling), Goal(Pose(x, y, 0.0), 0.0, Point.HOLD))
@@ -202,8 +203,8 @@ def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:
 T = TypeVar("T")
 
 _DRAWS = 200
-"""Draws after which no run-up is expected any more: each is planned, which takes some 15 ms."""
-_SEEN = 0.05  # m between the poses at which a braking robot is looked at
+"""Draws before giving up; each is planned, which takes 15 ms."""
+_SPACING = 0.05  # m between the poses at which a braking robot is checked
 
 
 def shoot_with_room(robot: Robot, rng: np.random.Generator) -> Situation:
@@ -218,7 +219,7 @@ def shoot_with_room(robot: Robot, rng: np.random.Generator) -> Situation:
 
 
 def with_room(robot: Robot, draw: Callable[[], T], shot: Callable[[T], Situation]) -> T:
-    """Draw until the shot that is part of what is drawn has room for a run-up; NoPlaceError if none has."""
+    """Draw until the shot has room for a run-up; raise NoPlaceError if none has."""
     return drawn_until(
         draw,
         lambda drawn: has_room(robot, shot(drawn)),
@@ -231,21 +232,21 @@ def with_room(robot: Robot, draw: Callable[[], T], shot: Callable[[T], Situation
 
 
 def has_room(robot: Robot, situation: Situation) -> bool:
-    """Return whether a run-up is found: at once, or where a robot in motion stands after braking."""
+    """Return whether the action finds a run-up: at once, or after a robot in motion has braked."""
     action, world = Shoot(robot), World(0.0, situation.robot, situation.objects)
     try:
-        with started(action, world, situation.goal, "looked for room"):
+        with started(action, world, situation.goal, "checked for room"):
             return _finds_run_up(action, situation.robot)
     except ActionError:
         return False
 
 
 def _finds_run_up(action: Shoot, start: RobotState) -> bool:
-    """Return whether an action that has started at `start` finds its way."""
+    """Return whether an action that was started at `start` finds a plan."""
     robot = action.robot
     brakes = start.v * (start.v / (2.0 * action.plan_limits.brake) + robot.motor_time_constant)
-    way = np.array([start.pose.ahead(at) for at in np.arange(0.0, brakes, _SEEN)])
-    if action.planning and len(way) and touches_goals(way, robot):
+    braking = np.array([start.pose.ahead(at) for at in np.arange(0.0, brakes, _SPACING)])
+    if action.planning and len(braking) and touches_goals(braking, robot):
         return False
     pose = start.pose.ahead(brakes)
     held = robot.hold_point(pose)
@@ -253,6 +254,6 @@ def _finds_run_up(action: Shoot, start: RobotState) -> bool:
     while action.planning:
         ticks += 1
         step = action.step(World(ticks * CONTROL_PERIOD, RobotState(pose), there))
-        if step.status is not Status.RUNNING:  # where the ball rolls in first, no plan is ever made
+        if step.status is not Status.RUNNING:  # the ball may roll into the goal before there is a plan
             return step.status is Status.SUCCEEDED
     return True

@@ -43,9 +43,9 @@ class BezierGoToPose(Action):
         self._target = goal.robot_pose(self.robot)
         ball = ball_of(world)
         self._to_ball = self._lies_at_goal(ball)
-        self._leaves = not self._to_ball and is_at_front(world, self.robot, BALL)
+        self._is_backing_off = not self._to_ball and is_at_front(world, self.robot, BALL)
         style = TO_BALL if self._to_ball else TO_POSE
-        beside = ball if self._to_ball or self._leaves else None
+        beside = ball if self._to_ball or self._is_backing_off else None
         self._driver = Driver(self.robot.limits, style, self.robot, beside)
         self._driver.reset(Command(world.robot.v, world.robot.w))
 
@@ -60,8 +60,8 @@ class BezierGoToPose(Action):
         if reached(rel, state.v, speed):
             command = self._driver.send(speed, 0.0) if speed > 0.0 else Command()
             return finished(Status.SUCCEEDED, "arrived at the goal", command)
-        self._leaves = self._leaves and self._is_near_ball(world)
-        if self._leaves:
+        self._is_backing_off = self._is_backing_off and self._is_near_ball(world)
+        if self._is_backing_off:
             return Step(self._driver.command(-_BACKING, 0.0), Status.RUNNING, "backing off from the ball")
         if straightens(rel, speed, _STRAIGHTENING if self._to_ball else math.pi):
             return Step(self._driver.turn(-rel.yaw), Status.RUNNING, "turning into the goal's heading")
@@ -139,7 +139,7 @@ class BezierDribbleBall(Action):
         self._goal = goal
         self._target = goal.robot_pose(self.robot)
         self._driver.reset(Command(world.robot.v, world.robot.w))
-        self._takes = self._room(world) > _LOOSE
+        self._is_taking_in = self._gap(world) > _LOOSE
 
     def path(self) -> FloatArray | None:
         """Return the curve of the last tick; see `Action.path`."""
@@ -155,8 +155,8 @@ class BezierDribbleBall(Action):
         if reached(rel, state.v, speed):
             command = self._driver.command(speed, 0.0)
             return finished(Status.SUCCEEDED, "arrived at the goal with the ball", command)
-        self._takes = self._takes and self._room(world) > _TAKEN
-        if self._takes:
+        self._is_taking_in = self._is_taking_in and self._gap(world) > _TAKEN
+        if self._is_taking_in:
             return Step(self._driver.command(_TAKING, 0.0), Status.RUNNING, "taking the ball in")
         if straightens(rel, speed, STRAIGHTENING):
             return Step(self._driver.turn(-rel.yaw), Status.RUNNING, "turning into the goal's heading")
@@ -166,7 +166,7 @@ class BezierDribbleBall(Action):
             "dribbling along the curve to the goal",
         )
 
-    def _room(self, world: World) -> float:
+    def _gap(self, world: World) -> float:
         """Return the distance in m of the ball before the hold, along the robot's heading."""
         ball, pose = world.objects[BALL], world.robot.pose
         return self.robot.hold_point(pose).relative(Pose(ball.x, ball.y, 0.0)).x

@@ -156,7 +156,7 @@ def passing_distance(curve: Curve, x: float, y: float) -> float:
     return math.hypot(x - start_x - along * c, y - start_y - along * s)
 
 
-def shortest_way(curve: Curve, shape: CurveShape, goal: Pose) -> FloatArray:
+def shortest_path(curve: Curve, shape: CurveShape, goal: Pose) -> FloatArray:
     """Return places on the shortest way that a curve to `goal` approximates, shape (n, 2), in m."""
     x, y = curve.points[0]
     count = math.ceil(curve.left / _STEP)
@@ -193,7 +193,7 @@ _SHORT, _PAST = 0.015, 0.06  # m before and behind a goal at which a robot may s
 _PARKED = Standstill(0.03)
 """A robot that may end at its goal though it creeps: along curves it never stops at once."""
 _CREEP = 0.04  # m/s
-_FAITH = 0.3  # s by which the way round the other side must be quicker to be preferred
+_SIDE_HYSTERESIS = 0.3  # s by which the way round the other side must be quicker to be preferred
 _PER_DEPTH = 20.0  # s per m of a wall in the way: any way round it is quicker than to push against it
 _HANDLES = (1.0, 0.25, 2.0)  # lengths of handles over that of the style's, by preference
 _BESIDE = 0.03  # m between the robot's side and a ball that it passes
@@ -271,7 +271,7 @@ class Driver:
             side: self._time(curve) + _PER_DEPTH * self._depth(curve, self._shape, pose, target)
             for side, curve in curves.items()
         }
-        if self._side == 0.0 or times[-self._side] < times[self._side] - _FAITH:
+        if self._side == 0.0 or times[-self._side] < times[self._side] - _SIDE_HYSTERESIS:
             self._side = min(times, key=times.__getitem__)
         return curves[self._side]
 
@@ -309,7 +309,7 @@ class Driver:
         farthest = max(abs(pose.x - middle), abs(target.x - middle) + shape.run_in + 2.0 * shape.radius)
         if farthest <= nearest_to_goals(self._robot):
             return into_ball
-        return max(into_ball, depth_in_goals(shortest_way(curve, shape, target), self._robot))
+        return max(into_ball, depth_in_goals(shortest_path(curve, shape, target), self._robot))
 
     def follow(self, state: RobotState, target: Pose, end_speed: float) -> Command:
         """Return the command for the next tick to `target`, to be passed at `end_speed` (m/s)."""

@@ -151,7 +151,7 @@ class Outline(NamedTuple):
     depth: float
 
 
-class Blocked(NamedTuple):
+class BallObstacle(NamedTuple):
     """A ball that is in the way, in m: its centre (NaN: none), radius, margin, and the run to it."""
 
     x: float
@@ -185,7 +185,7 @@ def judge(
     many: BundleArrays,
     bounds: Rates,
     shape: Outline,
-    ball: Blocked,
+    ball: BallObstacle,
     longest: FloatArray,
     forward: bool,
 ) -> NDArray[np.int8]:
@@ -222,7 +222,7 @@ def judge(
 
 
 @compiled
-def touch(start: End, many: BundleArrays, bounds: Rates, shape: Outline, ball: Blocked) -> BoolArray:
+def touch(start: End, many: BundleArrays, bounds: Rates, shape: Outline, ball: BallObstacle) -> BoolArray:
     """Return which closed manoeuvres certainly touch an obstacle; see `touching`."""
     touches = np.zeros(len(many.first), dtype=np.bool_)
     pieces, turns = np.zeros((PIECES, 3)), np.zeros((9, 3))
@@ -249,7 +249,7 @@ def _touches(
     start: End,
     goal: End,
     shape: Outline,
-    ball: Blocked,
+    ball: BallObstacle,
 ) -> bool:
     """Return whether the robot certainly touches a wall or the ball where `is_clear` looks."""
     poses, times = path
@@ -353,12 +353,12 @@ def _ball_distance(dx: float, dy: float, yaw: float, shape: Outline) -> float:
     return min(body, fins)
 
 
-_SAMPLES = 32_000  # of trajectories, in a portion of work
-_LARGEST = 64  # manoeuvres in a portion
+_SAMPLES = 32_000  # of trajectories, in a batch of work
+_LARGEST = 64  # manoeuvres in a batch
 
 
-def portions(order: NDArray[np.intp], times: FloatArray) -> Iterator[NDArray[np.intp]]:
-    """Divide the indices `order` into portions of about the same work, the first of a single one.
+def batches(order: NDArray[np.intp], times: FloatArray) -> Iterator[NDArray[np.intp]]:
+    """Divide the indices `order` into batches of about the same work, the first of a single one.
 
     `times` are the durations in s, ascending, of all manoeuvres that the indices are of.
     """
@@ -370,7 +370,7 @@ def portions(order: NDArray[np.intp], times: FloatArray) -> Iterator[NDArray[np.
             size = max(2, min(16 * size, _LARGEST, int(_SAMPLES * DT / max(times[order[0]], DT))))
 
 
-def look_points(duration: float) -> int:
+def check_points(duration: float) -> int:
     """Return the cost in points of the exact check of a manoeuvre of `duration` s; see `planning`."""
     return 15 + int(duration / 1.5)
 
@@ -434,7 +434,7 @@ def _scalars(bundle: Bundle) -> tuple[End, BundleArrays, Rates]:
     )
 
 
-def _surroundings(obstacles: Obstacles, robot: Robot) -> tuple[Outline, Blocked]:
+def _surroundings(obstacles: Obstacles, robot: Robot) -> tuple[Outline, BallObstacle]:
     field, ball = field_of(robot), obstacles.ball
     lengths = (
         robot.front, robot.rear, robot.half_width, robot.tip,
@@ -443,4 +443,4 @@ def _surroundings(obstacles: Obstacles, robot: Robot) -> tuple[Outline, Blocked]
     )  # fmt: skip
     x, y = (np.nan, np.nan) if ball is None else (ball.x, ball.y)
     in_the_way = (x, y, robot.scene.radius(BALL), obstacles.ball_margin, obstacles.run)
-    return Outline(*map(float, lengths)), Blocked(*map(float, in_the_way))
+    return Outline(*map(float, lengths)), BallObstacle(*map(float, in_the_way))

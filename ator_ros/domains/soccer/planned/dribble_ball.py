@@ -11,7 +11,7 @@ from ator_ros.domains.soccer.planned.planner import fastest, prepare
 from ator_ros.domains.soccer.thresholds import gone_beyond
 from ator_ros.motion.manoeuvre import Manoeuvre, Side
 from ator_ros.motion.planning import Planning
-from ator_ros.motion.search import ways_to_drive
+from ator_ros.motion.search import search_tables
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import World
 
@@ -25,7 +25,7 @@ class HoldingAction(PlannedAction):
         self.reserve = max(0.0, robot.limits.brake - self.plan_limits.brake)
 
     def prepare(self, entries: tuple[Side, ...], exits: tuple[Side, ...]) -> None:
-        """Compute the tables of ways to begin and to end.
+        """Compute the tables of tables to begin and to end.
 
         Raises
         ------
@@ -66,5 +66,5 @@ class DribbleBall(HoldingAction):
         entries = entry_sides(self.robot, self.plan_limits, round(max(0.0, world.robot.v), 3))
         exits = exit_sides(self.robot, self.plan_limits, self.goal.speed)
         start, goal = world.robot.pose, self.target()
-        ways = yield from ways_to_drive(entries, exits, self.plan_limits)
-        return (yield from fastest(self.robot, start, goal, ways, Obstacles(), forward_only=True))
+        tables = yield from search_tables(entries, exits, self.plan_limits)
+        return (yield from fastest(self.robot, start, goal, tables, Obstacles(), forward_only=True))

@@ -15,7 +15,7 @@ from ator_ros.domains.soccer.thresholds import approach_run, caught_within
 from ator_ros.geometry import Pose
 from ator_ros.motion.manoeuvre import Manoeuvre, Side
 from ator_ros.motion.planning import Planning
-from ator_ros.motion.search import ways_to_drive
+from ator_ros.motion.search import search_tables
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import is_at_front
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -87,8 +87,8 @@ class GoToPose(PlannedAction):
         away = distance_to_clear(start.pose, goal, obstacles, self.robot)
         if away == 0.0:
             entries = free_sides(self.plan_limits, start.v, 0.0)
-            ways = yield from ways_to_drive(entries, exits, self.plan_limits)
-            found = yield from fastest(self.robot, start.pose, goal, ways, obstacles)
+            tables = yield from search_tables(entries, exits, self.plan_limits)
+            found = yield from fastest(self.robot, start.pose, goal, tables, obstacles)
         else:
             found = yield from self._leaving_ball(start, goal, exits, obstacles, away)
         self._arrival_speed = speed
@@ -105,9 +105,9 @@ class GoToPose(PlannedAction):
             speed = math.copysign(share * limits.v, away)
             if speed * speed > 2.0 * min(limits.a, limits.brake) * abs(away):
                 continue
-            ways = yield from ways_to_drive(free_sides(limits, speed, 0.0), exits, limits)
+            tables = yield from search_tables(free_sides(limits, speed, 0.0), exits, limits)
             try:
-                found = yield from fastest(self.robot, clear, goal, ways, obstacles)
+                found = yield from fastest(self.robot, clear, goal, tables, obstacles)
             except ActionError as error:
                 failure = error
                 continue
@@ -127,7 +127,7 @@ class GoToPose(PlannedAction):
         touching = is_at_front(world, self.robot, BALL)
         return not touching and math.hypot(rest.x - planned.x, rest.y - planned.y) > _MOVED
 
-    def chases(self) -> bool:
+    def counts_moved_goals(self) -> bool:
         """Return whether the goal is the ball."""
         return self._approach
 

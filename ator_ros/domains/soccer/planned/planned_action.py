@@ -8,7 +8,7 @@ from abc import abstractmethod
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
-from ator_ros.domains.soccer.planned.tracker import DISTURBED_DISTANCE, StrengthSeen, Tracker
+from ator_ros.domains.soccer.planned.tracker import DISTURBED_DISTANCE, StrengthEstimator, Tracker
 from ator_ros.domains.soccer.thresholds import gripping
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
@@ -98,7 +98,7 @@ class PlannedAction(Action):
         self._replans = 0
         self._deferred = -math.inf
         self._tracker: Tracker | None = None
-        self._strength = StrengthSeen(self.robot, self.plan_limits)
+        self._strength = StrengthEstimator(self.robot, self.plan_limits)
         self._pause = Pause(world, self.plan_limits)
         standing = world.robot.is_still
         self._search: Search | None = None
@@ -137,7 +137,7 @@ class PlannedAction(Action):
         """Return whether what was planned for has changed."""
         return False
 
-    def chases(self) -> bool:
+    def counts_moved_goals(self) -> bool:
         """Return whether replanning for a moved goal counts toward the limit."""
         return True
 
@@ -156,7 +156,7 @@ class PlannedAction(Action):
         # A goal that is passed at a speed is judged once per tick.
         most = max(POSITION_TOLERANCE, self._arrival_speed * CONTROL_PERIOD)
         near = distance <= most and heading <= HEADING_TOLERANCE
-        return None if near else f"missed: {_told(distance, heading)}"
+        return None if near else f"missed: {_described(distance, heading)}"
 
     def _is_short(self, world: World) -> bool:
         """Return whether the robot, late at a goal that it passes, gets there if it just drives on."""
@@ -172,7 +172,7 @@ class PlannedAction(Action):
         return pose.distance(goal), abs(pose.relative(goal).yaw)
 
     def _arrived(self, world: World, command: Command) -> Step:
-        return finished(Status.SUCCEEDED, f"arrived, {_told(*self._off(world))}", command)
+        return finished(Status.SUCCEEDED, f"arrived, {_described(*self._off(world))}", command)
 
     def step(self, world: World) -> Step:
         """Follow the plan for one tick, or plan on; see `Action.step`."""
@@ -183,18 +183,18 @@ class PlannedAction(Action):
             return self._arrived(world, STOP)
         tracker = self._tracker
         if tracker is None:
-            return self._plan_on(world)
+            return self._continue_planning(world)
         tracker.keep_time(world)
         over = tracker.left(world) <= 0.0
         # At speed, a robot at its goal may be farther along than planned by more than counts as disturbed.
         if tracker.disturbed(world) and not (over and self.missed(world) is None):
             return self.replan(world, "disturbed")
         if self.outdated(world):
-            return self.replan(world, "the goal has moved", counts=self.chases())
+            return self.replan(world, "the goal has moved", counts=self.counts_moved_goals())
         if over:
             return self.arrive(world)
         if self._search is not None:
-            return self._look_on(world, self._search)
+            return self._search_while_following(world, self._search)
         return Step(tracker.command(world), Status.RUNNING, f"{self.verb}, {tracker.left(world):.1f} s to go")
 
     def replan(self, world: World, why: str, *, counts: bool = True) -> Step:
@@ -239,7 +239,7 @@ class PlannedAction(Action):
         if manoeuvre is None:
             return False
         trajectory = Trajectory(manoeuvre, search.opening)
-        since = search.begun if self._tracker is None and search.drives_on(world) else world.time
+        since = search.begun if self._tracker is None and search.is_in_opening(world) else world.time
         self._tracker = Tracker(
             self.robot, trajectory, since, self._strength, waits=waits, reserve=self.reserve
         )
@@ -251,7 +251,7 @@ class PlannedAction(Action):
         able = tracker.left(world) > 0.0 and not tracker.disturbed(world)
         try:
             if self._commit(world, search):
-                return self._following(world, f"{why}: planned anew")
+                return self._following(world, f"{why}: planned again")
         except ActionError as error:
             self._search = None
             if not able:
@@ -262,7 +262,7 @@ class PlannedAction(Action):
             return self._following(world, f"{why}; keeping to the plan while planning")
         return self._paused(world, why)
 
-    def _look_on(self, world: World, search: Search) -> Step:
+    def _search_while_following(self, world: World, search: Search) -> Step:
         """Search, while the robot follows its plan, for another one that is worth a stop."""
         if world.time == self._deferred:
             return self._following(world, "keeping to the plan; planning in the next tick")
@@ -285,13 +285,13 @@ class PlannedAction(Action):
         self._pause = Pause(world, self.plan_limits)
         return Step(self._pause.command(world), Status.RUNNING, f"{why}; planning")
 
-    def _plan_on(self, world: World) -> Step:
+    def _continue_planning(self, world: World) -> Step:
         """Plan for one slice: driving straight on for a moment, then standing still."""
-        if self._search is not None and self._search.drives_on(world):
-            return self._drive_on(world, self._search)
+        if self._search is not None and self._search.is_in_opening(world):
+            return self._plan_in_motion(world, self._search)
         search = self._search
         if self._pause.over(world) and world.time != self._deferred:
-            if search is None or not search.holds(world) or self.outdated(world):
+            if search is None or not search.is_still_valid(world) or self.outdated(world):
                 search = self._search = self._searched(world, standing=True)
             try:
                 if self._commit(world, search, waits=True):
@@ -306,7 +306,7 @@ class PlannedAction(Action):
         """Return whether to stop takes longer than to drive on while planning."""
         return abs(world.robot.v) > _AHEAD * self.plan_limits.brake
 
-    def _drive_on(self, world: World, search: Search) -> Step:
+    def _plan_in_motion(self, world: World, search: Search) -> Step:
         """Plan for one slice for where the robot will be if it drives straight on; brake if that fails.
 
         A weak robot that stops to plan loses seconds, and metres that it may not have.
@@ -328,5 +328,5 @@ def planned_limits(robot: Robot, limits: Limits) -> Limits:
     return gripping(robot, limits.within(robot.limits.scaled(max(share, _LEAST_SHARE))))
 
 
-def _told(distance: float, heading: float) -> str:
+def _described(distance: float, heading: float) -> str:
     return f"{100 * distance:.1f} cm and {heading:.3f} rad from the goal"

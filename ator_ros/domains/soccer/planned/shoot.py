@@ -16,9 +16,9 @@ from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of, is_in_goal
 from ator_ros.domains.soccer.planned.clearance import (
     Obstacles,
+    batches,
+    check_points,
     is_clear,
-    look_points,
-    portions,
     screening_points,
     touching,
 )
@@ -38,7 +38,7 @@ from ator_ros.motion.displacements import TurnDriving, displacement_table, speed
 from ator_ros.motion.durations import drive_time, turn_time
 from ator_ros.motion.manoeuvre import Bundle, Manoeuvre, Side, side_table
 from ator_ros.motion.planning import Planning
-from ator_ros.motion.search import ways_to_drive
+from ator_ros.motion.search import search_tables
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import World
 
@@ -66,13 +66,13 @@ def run_up(
     """
     found = yield from _run_ups(robot, start, mouth, entries, limits)
     obstacles = Obstacles()
-    for which in portions(np.arange(len(found)), found.times):
+    for which in batches(np.arange(len(found)), found.times):
         touches = np.zeros(len(which), dtype=bool)
         if len(which) > 1:
             yield screening_points(found.times[which])
             touches = touching(found.bundle(which), obstacles, robot)
         for index in which[~touches]:
-            yield look_points(found.times[index])
+            yield check_points(found.times[index])
             manoeuvre = found.manoeuvre(int(index))
             if is_clear(manoeuvre, obstacles, robot):
                 return manoeuvre
@@ -250,7 +250,7 @@ class Shoot(HoldingAction):
         if one_turn is not None:
             soonest = scoring_time(robot, mouth, one_turn)
             yield one_turn
-        ways = yield from ways_to_drive(entries, release_sides(robot, limits), limits)
+        tables = yield from search_tables(entries, release_sides(robot, limits), limits)
         for pose in release_poses(robot, mouth, limits):
             longest = soonest - rolling_time(robot, mouth, pose, limits.v)
             with suppress(ActionError):
@@ -258,7 +258,7 @@ class Shoot(HoldingAction):
                     robot,
                     start,
                     pose,
-                    ways,
+                    tables,
                     Obstacles(),
                     forward_only=True,
                     tries=_MOST_TRIES,

@@ -37,7 +37,7 @@ class Reaction:
     now: RobotState
 
 
-class Reactions:
+class ReactionObserver:
     """Tells the reactions of a base to the commands that it is sent.
 
     Parameters
@@ -51,11 +51,11 @@ class Reactions:
         self._last: World | None = None
         self._command, self._set = STOP, STOP
 
-    def sent(self, command: Command) -> None:
+    def commanded(self, command: Command) -> None:
         """Take in the command for the state that was seen last."""
         self._command = command
 
-    def see(self, world: World) -> Reaction | None:
+    def update(self, world: World) -> Reaction | None:
         """Return the reaction since the state that was seen last; None where this is the first one."""
         last, before = self._last, self._set
         self._last = world
@@ -74,7 +74,7 @@ _SURPRISE = 0.03  # s beyond the described lag: the Pioneer as described shows 0
 _MOST = 0.2  # s
 
 
-class LagSeen:
+class LagEstimator:
     """Estimates a first-order lag by least squares, from speeds that fall short of set speeds that rise.
 
     A base that gains speed more slowly than it should is weak; only one that keeps up tells of its lag.
@@ -97,7 +97,7 @@ class LagSeen:
             return described
         return min(self._short / self._gained, _MOST)
 
-    def see(self, reaction: Reaction) -> None:
+    def update(self, reaction: Reaction) -> None:
         """Take in what the base did in a tick."""
         before, after, passed = abs(reaction.before.v), abs(reaction.set.v), reaction.passed
         was, now = abs(reaction.was.v), abs(reaction.now.v)
@@ -117,7 +117,7 @@ _USED = 0.97  # of what it has shown; the rest is for feedback
 _STEP = 0.05  # to which shares are rounded, so that they settle
 
 
-class StrengthSeen:
+class StrengthEstimator:
     """Estimates the acceleration of a base as a share of the described one, for driving and for turning.
 
     Where motors lag, a base gains less at first, then more from tick to tick. A weak one keeps gaining less.
@@ -133,8 +133,8 @@ class StrengthSeen:
 
     def __init__(self, robot: Robot, limits: Limits) -> None:
         self.described = limits
-        self._tells = robot.motor_time_constant <= _LONGEST_LAG
-        self._driving, self._turning = _Acceleration(robot.limits.a), _Acceleration(robot.limits.aw)
+        self._applies = robot.motor_time_constant <= _LONGEST_LAG
+        self._driving, self._turning = _AccelerationShare(robot.limits.a), _AccelerationShare(robot.limits.aw)
 
     @property
     def limits(self) -> Limits:
@@ -147,19 +147,19 @@ class StrengthSeen:
         """Whether the base has shown that."""
         return self.limits != self.described
 
-    def see(self, reaction: Reaction) -> None:
+    def update(self, reaction: Reaction) -> None:
         """Take in what the base did in a tick."""
-        if not self._tells:
+        if not self._applies:
             return
         before, after, passed = reaction.before, reaction.set, reaction.passed
         was, now = reaction.was, reaction.now
         # What it loses of its speed tells of the brakes.
         gain = after.v - before.v if abs(after.v) > abs(before.v) else 0.0
-        self._driving.see(gain / passed, (now.v - was.v) / passed)
-        self._turning.see((after.w - before.w) / passed, (now.w - was.w) / passed)
+        self._driving.update(gain / passed, (now.v - was.v) / passed)
+        self._turning.update((after.w - before.w) / passed, (now.w - was.w) / passed)
 
 
-class _Acceleration:
+class _AccelerationShare:
     """Estimates one acceleration of the base, as a share of the described one, `limit`."""
 
     def __init__(self, limit: float) -> None:
@@ -174,7 +174,7 @@ class _Acceleration:
             return self._limit
         return _USED * self._limit * _STEP * round(self._sum / self._count / _STEP)
 
-    def see(self, asked: float, had: float) -> None:
+    def update(self, asked: float, had: float) -> None:
         """Take in an acceleration that was asked, and the one that the base had."""
         share = had / asked if abs(asked) >= _LEAST_STRENGTH_SHARE * self._limit else math.nan
         if share >= _HELD and abs(share - self._last) <= _STEADY:
@@ -227,7 +227,7 @@ class Tracker:
         What to follow.
     start_time : float
         When the trajectory starts, in s of the world's time.
-    strength : StrengthSeen
+    strength : StrengthEstimator
         The accelerations that the base has shown, and shows.
     waits : bool
         Whether the trajectory starts later where the robot does.
@@ -252,28 +252,28 @@ class Tracker:
         robot: Robot,
         trajectory: Trajectory,
         start_time: float,
-        strength: StrengthSeen,
+        strength: StrengthEstimator,
         *,
         waits: bool = False,
         reserve: float = math.inf,
     ) -> None:
         self._limits, self._lever, self._reserve = robot.limits, robot.track / 2.0, reserve
         self.trajectory = trajectory
-        self._start = self._made = self._seen = start_time
+        self._start = self._created = self._last_time = start_time
         self._rate = 1.0
         first = trajectory.at(0.0)
         still = RobotState(first.pose, first.v, first.w).is_still
         self._waits = waits and still and trajectory.duration > _SHORT
         self._weak = math.sqrt(robot.limits.aw / self.BRISK_TURNING)
-        self._reactions, self._lag, self._strength = Reactions(robot), LagSeen(robot), strength
-        self._able = strength.described
+        self._reactions, self._lag, self._strength = ReactionObserver(robot), LagEstimator(robot), strength
+        self._slowed_for = strength.described
         self._gaps = deque([0.0] * 3, maxlen=3)  # between the last states, s
         self._period = CONTROL_PERIOD
         self._slow_down(start_time)
-        self._foresee(robot.motor_time_constant)
+        self._set_preview(robot.motor_time_constant)
         self._usual = self._preview
 
-    def _foresee(self, lag: float) -> None:
+    def _set_preview(self, lag: float) -> None:
         """Look ahead by the lag of the motors, in s, and follow the more slowly the longer it is."""
         # A command is reached after a period's ramp, most of which it is late, and the motors lag behind.
         self._preview = 0.8 * self._period + lag
@@ -281,27 +281,27 @@ class Tracker:
 
     def keep_time(self, world: World) -> None:
         """Let the plan's time pass until the state of this tick, as fast as the robot follows."""
-        passed, self._seen = world.time - self._seen, world.time
+        passed, self._last_time = world.time - self._last_time, world.time
         self._gaps.append(passed)
         rare = min(self._gaps) > _RARE * CONTROL_PERIOD
         self._period = min(self._gaps) if rare else CONTROL_PERIOD
         self._wait_for_start(world)
         self._rate = 1.0 if self._waits else self._rate_for(world)
         self._start += (1.0 - self._rate) * passed
-        reaction = self._reactions.see(world)
+        reaction = self._reactions.update(world)
         if reaction is not None:
-            self._strength.see(reaction)
+            self._strength.update(reaction)
             if not self._strength.weak:  # else its speed is behind since it gains less
-                self._lag.see(reaction)
-        self._foresee(self._lag.seconds)
+                self._lag.update(reaction)
+        self._set_preview(self._lag.seconds)
         self._slow_down(world.time)
 
     def _slow_down(self, time: float) -> None:
         """Follow the rest of the plan only as fast as the base has shown that it can, from `time` (s) on."""
         able, passed = self._strength.limits, time - self._start
-        if able != self._able and passed < self.trajectory.duration:
-            self.trajectory, self._start = self.trajectory.rest(passed, able), time
-            self._able = able
+        if able != self._slowed_for and passed < self.trajectory.duration:
+            self.trajectory, self._start = self.trajectory.remainder(passed, able), time
+            self._slowed_for = able
 
     def _rate_for(self, world: World) -> float:
         """Return how fast the plan's time passes: 1, or less for a robot that falls behind."""
@@ -314,14 +314,14 @@ class Tracker:
         """Start the plan's clock when the robot starts moving: after long planning its command is late."""
         if not self._waits:
             return
-        patient = world.time - self._made < _LONGEST_WAIT
+        patient = world.time - self._created < _LONGEST_WAIT
         self._waits = patient and world.robot.is_still
         if self._waits:
             self._start = world.time
         elif patient:
-            self._start = self._begun(world)
+            self._start = self._estimated_start(world)
 
-    def _begun(self, world: World) -> float:
+    def _estimated_start(self, world: World) -> float:
         """Return when (s) a moving robot started, whole periods ago: states may have been missed."""
         most = max(1, round(self.elapsed(world) / CONTROL_PERIOD))
         if most == 1:
@@ -364,7 +364,7 @@ class Tracker:
         w = planned_w + self._across(planned_v) * error.across + turning
         bound = self._limits
         command = Command(max(-bound.v, min(bound.v, v)), max(-bound.w, min(bound.w, w)))
-        self._reactions.sent(command)
+        self._reactions.commanded(command)
         return command
 
     def _catching_up(self, along: float, *, forward: bool) -> float:
