@@ -15,7 +15,7 @@ from robots import OTHERS
 from selection import few
 from turning_action import TurnDriveTurn
 
-from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.base import Goal, Point, Status
 from ator_ros.actions.specification import ActionSpec
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of
@@ -81,10 +81,14 @@ def test_situations_lie_on_the_field_and_within_the_limits(action: str, robot: R
 
 @every_robot
 @pytest.mark.parametrize("action", list(SOCCER.actions()))
-def test_no_start_asks_for_what_the_robot_cannot_do(action: str, robot: Robot) -> None:
-    for situation in draw(action, robot, 5):
+def test_starts_ask_for_what_the_robot_can_do(action: str, robot: Robot) -> None:
+    """A large robot may find no path to an arrival at speed beside the fence: a failure to learn from."""
+    impossible = 0
+    for situation in draw(action, robot, 10):
         made = SOCCER.actions()[action].factory(robot)
-        planned(robot, made, World(0.0, situation.robot, situation.objects), situation.goal)
+        world = World(0.0, situation.robot, situation.objects)
+        impossible += planned(robot, made, world, situation.goal).status is Status.FAILED
+    assert impossible <= (0 if robot is PIONEER else 1)
 
 
 @every_robot
