@@ -11,7 +11,6 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import turn_progress, turn_time
@@ -53,7 +52,7 @@ def displacements(angles: FloatArray, driving: TurnDriving, limits: Limits) -> F
     angles : ndarray, shape (n,)
         Signed angles in rad.
     driving : TurnDriving
-        How the turns are driven: numbers, or arrays of shape (n, 1) where each turn is driven in its own way.
+        How the turns are driven.
     limits : Limits
         Greatest speed and turn acceleration.
 
@@ -62,8 +61,13 @@ def displacements(angles: FloatArray, driving: TurnDriving, limits: Limits) -> F
     ndarray, shape (2, n)
         Forward and leftward displacement in m in the frame of the start.
     """
-    headings = _headings(angles, driving.turn_rate, limits.aw)
-    return _driven(headings, driving.speed, driving.acceleration, limits)
+    return _driven(_headings(angles, driving.turn_rate, limits.aw), driving, limits)
+
+
+def displacement_table(angles: FloatArray, ways: Sequence[TurnDriving], limits: Limits) -> FloatArray:
+    """Compute `displacements` for several ways to drive, shape (ways, 2, n); cached, as few are new."""
+    grid = angles.tobytes()
+    return np.stack([_on_grid(grid, way, limits) for way in ways])
 
 
 class _Headings(NamedTuple):
@@ -75,38 +79,23 @@ class _Headings(NamedTuple):
     sines: FloatArray
 
 
-def _headings(angles: FloatArray, turn_rate: Any, aw: float) -> _Headings:
+def _headings(angles: FloatArray, turn_rate: float, aw: float) -> _Headings:
     times = turn_time(angles[:, None], turn_rate, aw)
     headings = angles[:, None] * turn_progress(NODES, angles, turn_rate, aw)
     return _Headings(times, times * NODES, np.cos(headings), np.sin(headings))
 
 
-def _driven(along: _Headings, speed: Any, acceleration: Any, limits: Limits) -> FloatArray:
-    weighted = speeds_after(speed, acceleration, along.nodes, limits.v) * WEIGHTS * along.times
-    return np.stack(((weighted * along.cosines).sum(axis=-1), (weighted * along.sines).sum(axis=-1)), axis=-2)
+def _driven(along: _Headings, driving: TurnDriving, limits: Limits) -> FloatArray:
+    speeds = speeds_after(driving.speed, driving.acceleration, along.nodes, limits.v)
+    weighted = speeds * WEIGHTS * along.times
+    return np.stack(((weighted * along.cosines).sum(axis=-1), (weighted * along.sines).sum(axis=-1)))
+
+
+@lru_cache(maxsize=2048)
+def _on_grid(angles: bytes, driving: TurnDriving, limits: Limits) -> FloatArray:
+    return _driven(_headings_on_grid(angles, driving.turn_rate, limits.aw), driving, limits)
 
 
 @lru_cache(maxsize=128)
-def _kept_headings(angles: bytes, turn_rate: float, aw: float) -> _Headings:
+def _headings_on_grid(angles: bytes, turn_rate: float, aw: float) -> _Headings:
     return _headings(np.frombuffer(angles), turn_rate, aw)
-
-
-def displacement_table(
-    angles: FloatArray, ways: Sequence[TurnDriving], limits: Limits, kept: NDArray[np.intp] | None = None
-) -> FloatArray:
-    """Compute `displacements` for several ways to drive, shape (ways, 2, n), of the `kept` angles or all.
-
-    What depends on the turn rate only is cached. Rates are few; start speeds are not.
-    """
-    count = len(angles) if kept is None else len(kept)
-    grid, table = angles.tobytes(), np.empty((len(ways), 2, count))
-    rates = np.array([way.turn_rate for way in ways])
-    numbers = np.array([way[:2] for way in ways])[:, :, None, None]
-    for rate in sorted(set(rates.tolist())):
-        which = rates == rate
-        speeds, accelerations = np.moveaxis(numbers[which], 1, 0)
-        headings = _kept_headings(grid, rate, limits.aw)
-        if kept is not None:
-            headings = _Headings(*(part[kept] for part in headings))
-        table[which] = _driven(headings, speeds, accelerations, limits)
-    return table

@@ -8,7 +8,6 @@ and compiled loops compute the reciprocals once.
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
@@ -136,14 +135,6 @@ def forward_parts(distance: Real, before: Any, after: Any, rates: Bounds) -> tup
     return (peak - before) * (1.0 / up), steady, (peak - after) * (1.0 / down), peak
 
 
-class Piece(NamedTuple):
-    """A stretch of time (s) in which a velocity changes linearly from `start` to `end`."""
-
-    duration: float
-    start: float
-    end: float
-
-
 def turn_progress(fractions: FloatArray, angles: FloatArray, w: Any, aw: float) -> FloatArray:
     """Return the share of each turn that is done after each fraction of its time.
 
@@ -173,16 +164,3 @@ def turn_progress(fractions: FloatArray, angles: FloatArray, w: Any, aw: float) 
         np.where(rest < ramp, size - 0.5 * aw * rest * rest, aw * ramp * (t - 0.5 * ramp)),
     )
     return np.asarray(done / size)
-
-
-def turn_pieces(angle: float, w: float, aw: float) -> list[Piece]:
-    """Return the turn rate over time of the fastest turn by `angle` (rad) from rest to rest."""
-    ramp, steady = map(float, turn_parts(angle, w, aw))
-    peak = math.copysign(aw * ramp, angle)
-    return [Piece(ramp, 0.0, peak), Piece(steady, peak, peak), Piece(ramp, peak, 0.0)]
-
-
-def straight_pieces(distance: float, v1: float, v2: float, limits: Limits) -> list[Piece]:
-    """Return the velocity over time of the fastest drive by signed `distance` (m) between speeds (m/s)."""
-    gaining, steady, losing, top = map(float, drive_parts(distance, v1, v2, limits))
-    return [Piece(gaining, v1, top), Piece(steady, top, top), Piece(losing, top, v2)]

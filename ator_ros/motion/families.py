@@ -21,8 +21,15 @@ import numpy as np
 from ator_ros.compiled import parallel_for
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import rates_of, turn_time
-from ator_ros.motion.motion_search import KIND, Rows, Rules, search_fastest
-from ator_ros.motion.turn_tables import TurnProfile, TurnTables, turn_tables
+from ator_ros.motion.motion_search import (
+    KIND,
+    Rows,
+    Rules,
+    TurnProfile,
+    TurnTables,
+    search_fastest,
+    turn_tables,
+)
 from ator_ros.robot.description import Limits
 
 _DETOUR = 7.2
@@ -116,15 +123,11 @@ class Family:
         turned = 2.0 * np.pi if self.forward else np.pi
         return float(2.0 * turn_time(turned, self.limits.w, self.limits.aw)), 2.0 * turned
 
-    @cached_property
-    def _rules(self) -> Rules:
-        run = np.nan if self.run is None else self.run
-        detour = _DETOUR / self.limits.v
-        return Rules(rates_of(self.limits), run, self.passing, detour, self.forward, 0.0)
-
     def rules(self, hold: float) -> Rules:
         """Return what holds for all kinds, with an object `hold` m ahead of the destination."""
-        return self._rules._replace(hold=hold)
+        run = np.nan if self.run is None else self.run
+        detour = _DETOUR / self.limits.v
+        return Rules(rates_of(self.limits), run, self.passing, detour, self.forward, hold)
 
 
 class FreeTurns(NamedTuple):
@@ -159,7 +162,7 @@ def free_kinds(limits: Limits, rows: Iterable[FreeTurns]) -> tuple[Kind, ...]:
     )
 
 
-NEAR = 0.0005
+_NEAR = 0.0005
 """Choosing ends when the rest of the grid would save less than this share of the mean time."""
 MOST = 120
 """Greatest number of kinds; the time of a search grows with it."""
@@ -170,7 +173,7 @@ _LATE = 3.0  # multiple of the least time, if no chosen kind leads to the destin
 def needed_kinds(grid: Family, *, hold: float) -> list[int]:
     """Return the indices of the kinds of a family that are needed, the most useful first.
 
-    It takes a second for a thousand kinds; the search has to be compiled (`ator_ros.compiled`).
+    It takes a second for a thousand kinds.
 
     Parameters
     ----------
@@ -179,8 +182,26 @@ def needed_kinds(grid: Family, *, hold: float) -> list[int]:
     hold : float
         Distance in m from the destination to the object in front of it.
     """
-    times = times_of(grid, drawn_ends(grid.limits, _MOTIONS, np.random.default_rng(_SEED)), hold)
-    return chosen(times, MOST, near=NEAR) or [0]  # no kind of the grid reaches a destination
+    ends = drawn_ends(grid.limits, _MOTIONS, np.random.default_rng(_SEED))
+    times = np.empty((len(grid.kinds), _MOTIONS))
+    for kind in range(len(grid.kinds)):
+        result = np.empty((2, _MOTIONS))
+        row = grid.rows[kind : kind + 1]
+        search_fastest(ends, row, grid.tables, grid.rules(hold), (np.inf, 0.0), result, 0, _MOTIONS)
+        times[kind] = result[0]
+    return _chosen(times) or [0]  # no kind of the grid reaches a destination
+
+
+def _chosen(times: FloatArray) -> list[int]:
+    """Choose kinds by the times of each, (kinds, n): the one that saves the most is next."""
+    least = times.min(axis=0)
+    reached = np.isfinite(least)
+    ratios = times[:, reached] / least[reached]
+    so_far, picked = np.full(ratios.shape[1], _LATE), list[int]()
+    while len(picked) < MOST and so_far.sum() > (1.0 + _NEAR) * len(so_far):
+        picked.append(int(np.argmin(np.minimum(so_far, ratios).sum(axis=1))))
+        so_far = np.minimum(so_far, ratios[picked[-1]])
+    return picked
 
 
 def drawn_ends(limits: Limits, count: int, rng: np.random.Generator) -> FloatArray:
@@ -192,33 +213,6 @@ def drawn_ends(limits: Limits, count: int, rng: np.random.Generator) -> FloatArr
     nearer = np.where(rng.random(count) < 0.5, rng.random(count), 1.0)
     speeds = limits.v * rng.random((2, count)) * rng.integers(0, 2, (2, count))
     return np.stack((nearer * x, nearer * y, turn, *speeds))[:, None]
-
-
-def times_of(family: Family, ends: FloatArray, hold: float) -> FloatArray:
-    """Return the time in s of each kind in each situation, (kinds, n); infinite where it leads elsewhere."""
-    times = np.empty((len(family.kinds), ends.shape[2]))
-    for kind in range(len(family.kinds)):
-        result = np.empty((2, ends.shape[2]))
-        row = family.rows[kind : kind + 1]
-        search_fastest(ends, row, family.tables, family.rules(hold), (np.inf, 0.0), result, 0, ends.shape[2])
-        times[kind] = result[0]
-    return times
-
-
-def chosen(times: FloatArray, most: int, *, near: float = 0.0) -> list[int]:
-    """Choose up to `most` kinds by the times of each, (kinds, n): the one that saves the most is next.
-
-    The choice ends early where times are longer than those of all kinds by a share of `near` or less, in the
-    mean.
-    """
-    least = times.min(axis=0)
-    reached = np.isfinite(least)
-    ratios = times[:, reached] / least[reached]
-    so_far, picked = np.full(ratios.shape[1], _LATE), list[int]()
-    while len(picked) < most and so_far.sum() > (1.0 + near) * len(so_far):
-        picked.append(int(np.argmin(np.minimum(so_far, ratios).sum(axis=1))))
-        so_far = np.minimum(so_far, ratios[picked[-1]])
-    return picked
 
 
 _CHUNK = 60

@@ -1,22 +1,33 @@
-"""A manoeuvre: straight lead, turn, straight drive, turn, straight run, each as fast as the limits allow."""
+"""A manoeuvre: straight lead, turn, straight drive, turn, straight run, each as fast as the limits allow.
+
+What is compiled rules out many manoeuvres at once. Its turn displacements equal those of `displacements` to
+rounding only; speeds and durations are the same to the last bit.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.motion.displacements import TurnDriving, displacements
-from ator_ros.motion.durations import Piece, direction, straight_pieces, turn_pieces, turn_time
+from ator_ros.motion.displacements import NODES, WEIGHTS, TurnDriving, displacements
+from ator_ros.motion.durations import Rates, direction, drive_parts, rates_of, turn_parts, turn_time
 from ator_ros.robot.description import Limits
 
-TOLERANCE = 1e-7
+_TOLERANCE = 1e-7
 """Distance in m within which the drive of a closed manoeuvre meets the last turn."""
-STEPS = 12
+_STEPS = 12
 """Steps of the secant method after which a manoeuvre counts as one that cannot be closed."""
+_SURE = 8  # steps after which rounding may have led elsewhere
+SPEED_PIECES, TURN_PIECES = 13, 9
+"""Pieces of a manoeuvre's velocities: three of a straight and two (speed) or three (rate) of a turn; while
+the robot drives straight, its turn rate has one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,60 +79,29 @@ class Manoeuvre:
     @property
     def duration(self) -> float:
         """Planned time in s."""
-        return sum(piece.duration for piece in self.speed_pieces())
+        return float(self.pieces()[2])
 
     def is_forward(self) -> bool:
         """Return whether the robot never drives backward, and the drive suffices for its change of speed."""
-        suffices = direction(self.distance, *self._drive_speeds(), self.limits) > 0.0
-        return bool(suffices) and all(p.end >= -1e-6 for p in self.speed_pieces() if p.duration > 0.0)
+        speeds, _, _ = self.pieces()
+        before, after = speeds[4, 2], speeds[8, 1]
+        suffices = direction(self.distance, before, after, self.limits) > 0.0
+        return bool(suffices and np.all(speeds[speeds[:, 0] > 0.0, 2] >= -1e-6))
 
-    def _drive_speeds(self) -> tuple[float, float]:
-        """Return the speeds at both ends of the straight drive in m/s."""
-        opening = _turn_speeds(self.first, self.entry.turn, self.limits)
-        closing = _turn_speeds(self.last, self.exit.turn, self.limits)
-        return opening[-1].end, closing[-1].end
-
-    def speed_pieces(self) -> list[Piece]:
-        """Return the translational velocity over time."""
-        opening = _turn_speeds(self.first, self.entry.turn, self.limits)
-        closing = [
-            Piece(p.duration, p.end, p.start) for p in _turn_speeds(self.last, self.exit.turn, self.limits)
-        ]
-        closing.reverse()
-        v1 = opening[-1].end
-        v2 = closing[0].start
-        return [
-            *straight_pieces(self.entry.length, self.entry.outer_speed, self.entry.turn.speed, self.limits),
-            *opening,
-            *straight_pieces(self.distance, v1, v2, self.limits),
-            *closing,
-            *straight_pieces(self.exit.length, self.exit.turn.speed, self.exit.outer_speed, self.limits),
-        ]
-
-    def turn_pieces(self) -> list[Piece]:
-        """Return the rotational velocity over time."""
-        aw = self.limits.aw
-
-        def idle(distance: float, v1: float, v2: float) -> Piece:
-            return Piece(sum(p.duration for p in straight_pieces(distance, v1, v2, self.limits)), 0.0, 0.0)
-
-        return [
-            idle(self.entry.length, self.entry.outer_speed, self.entry.turn.speed),
-            *turn_pieces(self.first, self.entry.turn.turn_rate, aw),
-            idle(self.distance, *self._drive_speeds()),
-            *turn_pieces(self.last, self.exit.turn.turn_rate, aw),
-            idle(self.exit.length, self.exit.turn.speed, self.exit.outer_speed),
-        ]
+    def pieces(self) -> tuple[FloatArray, FloatArray, float]:
+        """Return the velocity and the turn rate over time, and the duration in s; see `write_pieces`."""
+        speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
+        entry, exit_ = side_table((self.entry, self.exit)).T.copy()
+        rates = rates_of(self.limits)
+        duration = write_pieces(speeds, turns, self.first, self.last, self.distance, entry, exit_, rates)
+        return speeds, turns, duration
 
 
-@dataclass(frozen=True, slots=True)
-class Bundle:
-    """The fields of n manoeuvres; see `Manoeuvre`.
+class Bundle(NamedTuple):
+    """The ends, turns and drives of n manoeuvres from one start; see `Manoeuvre`.
 
     Attributes
     ----------
-    start : Pose
-        Where all of them start.
     goals : ndarray, shape (3, n)
         x, y in m, yaw in rad.
     entries, exits : ndarray, shape (5, n)
@@ -130,14 +110,12 @@ class Bundle:
         Turns in rad, straight drive in m.
     """
 
-    start: Pose
     goals: FloatArray
     entries: FloatArray
     exits: FloatArray
     first: FloatArray
     last: FloatArray
     distance: FloatArray
-    limits: Limits
 
 
 def side_table(sides: Sequence[Side]) -> FloatArray:
@@ -150,25 +128,18 @@ def closed(manoeuvre: Manoeuvre) -> Manoeuvre | None:
 
     Returns None where the secant method does not converge.
     """
-
-    def gap(first: float) -> tuple[float, float]:
-        return _lateral_gap(manoeuvre, first)
-
     x0, x1 = manoeuvre.first, manoeuvre.first + 1e-4
-    (f0, _), (f1, distance) = gap(x0), gap(x1)
-    for _ in range(STEPS):
-        if abs(f1) < TOLERANCE:
+    (f0, _), (f1, distance) = _lateral_gap(manoeuvre, x0), _lateral_gap(manoeuvre, x1)
+    for _ in range(_STEPS):
+        if abs(f1) < _TOLERANCE:
             last = manoeuvre.last - (x1 - manoeuvre.first)
-            return Manoeuvre(
-                manoeuvre.start, manoeuvre.goal, manoeuvre.entry, manoeuvre.exit,
-                x1, last, distance, manoeuvre.limits,
-            )  # fmt: skip
+            return dataclasses.replace(manoeuvre, first=x1, last=last, distance=distance)
         if f1 == f0:
             return None
         step = float(np.clip(-f1 * (x1 - x0) / (f1 - f0), -0.2, 0.2))
         x0, f0 = x1, f1
         x1 += step
-        f1, distance = gap(x1)
+        f1, distance = _lateral_gap(manoeuvre, x1)
     return None
 
 
@@ -186,15 +157,142 @@ def _lateral_gap(manoeuvre: Manoeuvre, first: float) -> tuple[float, float]:
     return c * dy - s * dx, c * dx + s * dy
 
 
-def _turn_speeds(angle: float, turn: TurnDriving, limits: Limits) -> list[Piece]:
-    """Return the speed during a turn, from its end of the manoeuvre inward."""
-    total = float(turn_time(angle, turn.turn_rate, limits.aw))
-    if turn.acceleration == 0.0:
-        return [Piece(total, turn.speed, turn.speed)]
-    bound = math.copysign(limits.v, turn.acceleration)
-    ramp = min(total, max(0.0, (bound - turn.speed) / turn.acceleration))
-    reached = turn.speed + turn.acceleration * ramp
-    pieces = [Piece(ramp, turn.speed, reached)]
-    if ramp < total:
-        pieces.append(Piece(total - ramp, reached, reached))
-    return pieces
+@compiled
+def _displacement(angle: float, side: FloatArray, bounds: Rates) -> tuple[float, float]:
+    """Return where a turn driven as `side`, shape (5,), ends: forward and leftward in m."""
+    aw, time = bounds.aw, turn_time(angle, side[4], bounds.aw)
+    size = max(abs(angle), 1e-12)
+    ramp, steady = turn_parts(size, side[4], aw)
+    whole = 2.0 * ramp + steady
+    x = y = 0.0
+    for node in range(len(NODES)):
+        t = NODES[node] * whole
+        rest = whole - t
+        if t < ramp:
+            done = 0.5 * aw * t * t
+        elif rest < ramp:
+            done = size - 0.5 * aw * rest * rest
+        else:
+            done = aw * ramp * (t - 0.5 * ramp)
+        heading = angle * (done / size)
+        speed = min(max(side[2] + side[3] * (time * NODES[node]), -bounds.v), bounds.v)
+        step = speed * WEIGHTS[node] * time
+        x += step * math.cos(heading)
+        y += step * math.sin(heading)
+    return x, y
+
+
+@compiled
+def _gap(
+    first: float, last: float, start: Pose, goal: Pose, entry: FloatArray, leaving: FloatArray, bounds: Rates
+) -> tuple[float, float]:
+    """Return how far the straight drive misses the last turn sideways, and its length, both in m."""
+    one_x, one_y = _displacement(first, entry, bounds)
+    two_x, two_y = _displacement(-last, leaving, bounds)
+    ahead, back = entry[0] + one_x, -leaving[0] - two_x
+    c, s = math.cos(start.yaw), math.sin(start.yaw)
+    begin_x, begin_y = start.x + c * ahead - s * one_y, start.y + s * ahead + c * one_y
+    c, s = math.cos(goal.yaw), math.sin(goal.yaw)
+    dx = goal.x + c * back + s * two_y - begin_x
+    dy = goal.y + s * back - c * two_y - begin_y
+    c, s = math.cos(start.yaw + first), math.sin(start.yaw + first)
+    return c * dy - s * dx, c * dx + s * dy
+
+
+@compiled
+def close(
+    first: float, last: float, start: Pose, goal: Pose, entry: FloatArray, leaving: FloatArray, bounds: Rates
+) -> tuple[float, float, float, bool]:
+    """Solve for the first turn as `closed` does.
+
+    Returns both turns in rad, the drive in m, and whether it was found, for sure.
+    """
+    x0, x1, total = first, first + 1e-4, first + last
+    f0, distance = _gap(x0, total - x0, start, goal, entry, leaving, bounds)
+    f1, distance = _gap(x1, total - x1, start, goal, entry, leaving, bounds)
+    for step in range(_STEPS):
+        if abs(f1) < _TOLERANCE:
+            return x1, total - x1, distance, step < _SURE
+        if f1 == f0:
+            break
+        change = min(max(-f1 * (x1 - x0) / (f1 - f0), -0.2), 0.2)
+        x0, f0 = x1, f1
+        x1 += change
+        f1, distance = _gap(x1, total - x1, start, goal, entry, leaving, bounds)
+    return x1, total - x1, distance, False
+
+
+@compiled
+def write_pieces(
+    speeds: FloatArray,
+    turns: FloatArray,
+    first: float,
+    last: float,
+    distance: float,
+    entry: FloatArray,
+    leaving: FloatArray,
+    bounds: Rates,
+) -> float:
+    """Write the velocities of a manoeuvre over time; return its duration in s.
+
+    Parameters
+    ----------
+    speeds, turns : ndarray, shapes (SPEED_PIECES, 3) and (TURN_PIECES, 3)
+        Become the pieces of the velocity (m/s) and of the turn rate (rad/s): duration in s, and the values at
+        both ends, between which it changes linearly.
+    first, last, distance : float
+        Turns in rad, straight drive in m.
+    entry, leaving : ndarray, shape (5,)
+        Both sides; see `Bundle`.
+    """
+    ramp, held, v1 = _ramp(first, entry, bounds)
+    _straight(speeds, 0, entry[0], entry[1], entry[2], bounds)
+    _piece(speeds, 3, ramp, entry[2], v1)
+    _piece(speeds, 4, held, v1, v1)
+    ramp, held, v2 = _ramp(last, leaving, bounds)
+    _straight(speeds, 5, distance, v1, v2, bounds)
+    _piece(speeds, 8, held, v2, v2)
+    _piece(speeds, 9, ramp, v2, leaving[2])
+    _straight(speeds, 10, leaving[0], leaving[2], leaving[1], bounds)
+    _turn(turns, 1, first, entry[4], bounds.aw)
+    _turn(turns, 5, last, leaving[4], bounds.aw)
+    for at in range(3):
+        straight = speeds[5 * at, 0] + speeds[5 * at + 1, 0] + speeds[5 * at + 2, 0]
+        _piece(turns, 4 * at, straight, 0.0, 0.0)
+    total = 0.0
+    for piece in range(SPEED_PIECES):
+        total += speeds[piece, 0]
+    return total
+
+
+@compiled
+def _piece(pieces: FloatArray, at: int, duration: float, begin: float, end: float) -> None:
+    pieces[at, 0], pieces[at, 1], pieces[at, 2] = duration, begin, end
+
+
+@compiled
+def _straight(pieces: FloatArray, at: int, distance: float, v1: float, v2: float, bounds: Rates) -> None:
+    gaining, steady, losing, top = drive_parts(distance, v1, v2, bounds)
+    _piece(pieces, at, gaining, v1, top)
+    _piece(pieces, at + 1, steady, top, top)
+    _piece(pieces, at + 2, losing, top, v2)
+
+
+@compiled
+def _ramp(angle: float, side: FloatArray, bounds: Rates) -> tuple[float, float, float]:
+    """Return how long the speed changes in a turn, how long it does not, in s, and what it reaches in m/s."""
+    total = turn_time(angle, side[4], bounds.aw)
+    ramp = total
+    if side[3] != 0.0:
+        bound = math.copysign(bounds.v, side[3])
+        ramp = min(total, max(0.0, (bound - side[2]) / side[3]))
+    return ramp, total - ramp, side[2] + side[3] * ramp
+
+
+@compiled
+def _turn(turns: FloatArray, at: int, angle: float, rate: float, aw: float) -> None:
+    ramp, steady = turn_parts(angle, rate, aw)
+    peak = math.copysign(aw * ramp, angle)
+    _piece(turns, at, ramp, 0.0, peak)
+    _piece(turns, at + 1, steady, peak, peak)
+    _piece(turns, at + 2, ramp, peak, 0.0)

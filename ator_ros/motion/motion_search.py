@@ -1,8 +1,9 @@
 """The search for the fastest of a family's ideal motions: compiled, since it dominates refinement.
 
 A motion turns, drives straight, turns, and runs straight to the goal. The heading of the drive is the only
-unknown. Its roots are bracketed on a grid of first turns, where the parts of both turns just add. What
-depends on the speeds at the ends alone is computed once.
+unknown. Its roots are bracketed on a grid of first turns, where the parts of both turns just add. Where turns
+at the limits end is looked up in tables, computed once per family. What depends on the speeds at the ends
+alone is computed once.
 
 Motions whose lower bound exceeds the best time are skipped; this changes no result.
 """
@@ -17,20 +18,132 @@ from numpy.typing import NDArray
 
 from ator_ros.compiled import compiled, inlined, unlocked
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.durations import Rates, change_distance, change_time, drive_time, forward_time, turn_time
-from ator_ros.motion.turn_tables import (
-    HALF,
-    STEP,
-    TURNS,
-    WIDEST,
-    WIDTH,
-    RealArray,
-    TurnTables,
-    look_up,
-    place_of,
-    row_of,
-    window_of,
+from ator_ros.motion.displacements import NODES, WEIGHTS, speeds_after
+from ator_ros.motion.durations import (
+    Rates,
+    change_distance,
+    change_time,
+    drive_time,
+    forward_time,
+    turn_parts,
+    turn_time,
 )
+from ator_ros.robot.description import Limits
+
+RealArray = NDArray[np.floating[Any]]
+
+STEP = np.pi / 8.0  # rad between the turns among which motions are bracketed
+HALF = 12  # turns of up to 270 degrees to either side
+FINE = 36  # entries of the tables per step
+SPEED_STEP = 0.02  # m/s
+WIDTH = 32  # columns of the tables in which all of TURNS are looked up at once: whole vectors
+TURNS: FloatArray = STEP * np.arange(-HALF, HALF + 1, dtype=float)
+WIDEST = (HALF + 0.99) * STEP  # up to which turns can be looked up
+EDGE = (HALF + 1) * FINE  # entries of the tables either side of no turn
+
+
+class TurnProfile(NamedTuple):
+    """How a turn is driven: change of speed in m/s^2, held at the limit, and greatest turn rate in rad/s."""
+
+    change: float
+    rate: float
+
+
+class TurnTables(NamedTuple):
+    """Displacements of turns by angles from -292.5 to 292.5 degrees, for some profiles.
+
+    They are given along and across (to the left of) the heading that lies between the turn and the straight
+    drive: there the parts of both turns of a motion just add.
+
+    Attributes
+    ----------
+    along, across : ndarray, shape (rows * angles,)
+        In m; a row for each profile and speed.
+    brackets : ndarray, shape (rows, WIDTH)
+        Across, at TURNS; the rest is padding.
+    fractions : ndarray, shape (rows, FINE, columns)
+        Across, at turns that are whole steps apart, beginning with any entry; see `window_of`.
+    lowest : float
+        First speed in m/s.
+    speeds : int
+        Number of speeds.
+    """
+
+    along: FloatArray
+    across: FloatArray
+    brackets: RealArray
+    fractions: RealArray
+    lowest: float
+    speeds: int
+
+
+@compiled
+def row_of(tables: TurnTables, profile: int, speed: float) -> int:
+    """Return the row of turns with a profile that start at `speed` (m/s)."""
+    row = int((speed - tables.lowest) * (1.0 / SPEED_STEP) + 0.5)
+    return profile * tables.speeds + min(max(row, 0), tables.speeds - 1)
+
+
+@compiled
+def window_of(moved: float) -> tuple[int, int]:
+    """Return where in a row of `fractions` TURNS moved by `moved` (rad, within 540 degrees) begin."""
+    place = int(2 * HALF * FINE + 0.5 + moved * (FINE / STEP))
+    return place % FINE, place // FINE
+
+
+@compiled
+def place_of(row: int, angle: float) -> tuple[int, float]:
+    """Return where a turn by `angle` (rad) lies in a table: the entry before, and the share beyond."""
+    place = angle * (FINE / STEP) + EDGE
+    low = int(place)
+    return low + row * (2 * EDGE + 1), place - low
+
+
+@compiled
+def look_up(table: FloatArray, low: int, share: float) -> float:
+    """Look up `along` or `across` at a place."""
+    result: float = table[low] + share * (table[low + 1] - table[low])
+    return result
+
+
+def turn_tables(limits: Limits, profiles: tuple[TurnProfile, ...]) -> TurnTables:
+    """Compute the tables of `profiles` for a robot's limits."""
+    angles: FloatArray = np.linspace(0.0, (HALF + 1) * STEP, EDGE + 1)
+    speeds: FloatArray = np.arange(-limits.v, limits.v + SPEED_STEP / 2, SPEED_STEP, dtype=np.float64)
+    parts = [_displacements(limits, profile, speeds, angles) for profile in profiles]
+    # A turn to the right is the mirror image of one to the left.
+    along = np.concatenate([np.hstack((x[:, :0:-1], x)) for x, _ in parts])
+    across = np.concatenate([np.hstack((-y[:, :0:-1], y)) for _, y in parts])
+    # TURNS moved by up to 2 * HALF steps to either side; values beyond the table are discarded later.
+    beyond = (2 * HALF - 1) * FINE
+    wide = np.pad(across[:, :-1], ((0, 0), (beyond, beyond + 2 * FINE)), mode="edge").astype(np.float32)
+    filled = ((0, 0), (0, WIDTH - len(TURNS)))
+    fractions = np.pad(wide.reshape(len(wide), -1, FINE).swapaxes(1, 2), ((0, 0), *filled))
+    brackets = np.pad(across[:, FINE:-FINE:FINE].astype(np.float32), filled)
+    return TurnTables(along.ravel(), across.ravel(), brackets, fractions, -limits.v, len(speeds))
+
+
+def _displacements(
+    limits: Limits, profile: TurnProfile, speeds: FloatArray, angles: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return along and across, shapes (speeds, angles), of turns to the left with one profile."""
+    ramp, steady = turn_parts(angles, profile.rate, limits.aw)
+    time = 2.0 * ramp + steady
+    now, ramp = time[:, None] * NODES, ramp[:, None]
+    begin = np.minimum(now, ramp)
+    end = np.minimum(time[:, None] - now, ramp)
+    even = limits.aw * ramp * np.clip(now - ramp, 0.0, steady[:, None])
+    # Ramp up, even rate, ramp down: the last part is what the mirrored ramp still lacks.
+    heading = 0.5 * limits.aw * (begin * begin + ramp * ramp - end * end) + even
+    weight = WEIGHTS * time[:, None]
+    left = angles[:, None] - heading
+    cos, sin = weight * np.cos(left), -weight * np.sin(left)
+    along, across = (np.empty((len(speeds), len(angles))) for _ in range(2))
+    for row, speed in enumerate(speeds):
+        driven = speeds_after(speed, profile.change, now, limits.v)
+        along[row], across[row] = (driven * cos).sum(axis=1), (driven * sin).sum(axis=1)
+    return along, across
+
 
 KIND = np.dtype(
     [("first_profile", np.intp), ("last_profile", np.intp)]
@@ -104,17 +217,11 @@ def _before_run(share: float, arrival: float, rules: Rules) -> tuple[float, floa
 _FULL_TURN = 2.0 * math.pi
 _MOST_TURNED = math.radians(450.0)
 _STEP = np.float32(STEP)
-_INNER = (1 << (2 * HALF)) - 1  # the bits of all of TURNS that another one follows
-_KEPT = 32  # arrival speeds whose ends are cached: a grid has few different ones
-_SLACK, _SLACK_S = 1e-5, 1e-3  # m and s: above the error of `_drive`, and its effect on a time
 
-# TURNS, padded to fill the processor's vectors; _INNER masks the padding.
+# TURNS, padded to fill the processor's vectors.
 _WIDE = STEP * np.arange(-HALF, WIDTH - HALF)
 _COS, _SIN = np.cos(_WIDE.astype(np.float32)), np.sin(_WIDE.astype(np.float32))
-_FINE_COS, _FINE_SIN = np.cos(_WIDE), np.sin(_WIDE)
 _BITS = (1 << np.arange(WIDTH)).astype(np.uint32)
-_NUMBERS = np.zeros(37, dtype=np.intp)  # of bits, by the remainders of their values
-_NUMBERS[(1 << np.arange(WIDTH)) % 37] = np.arange(WIDTH)
 
 
 class _Offset(NamedTuple):
@@ -124,15 +231,6 @@ class _Offset(NamedTuple):
     y: float
     object_x: float
     object_y: float
-
-
-class _Turns(NamedTuple):
-    """Angles of both turns in rad; the first lies `beyond` the one of TURNS whose number is `step`."""
-
-    first: float
-    last: float
-    step: int
-    beyond: float
 
 
 @unlocked
@@ -165,42 +263,28 @@ def search_fastest(
         Of which situations.
     """
     entries = np.empty(len(kinds), dtype=END)
-    exits = np.empty((_KEPT, len(kinds)), dtype=END)
-    arrivals = np.full(_KEPT, np.nan)
+    exits = np.empty((ends.shape[1], len(kinds)), dtype=END)
     gaps = np.empty(WIDTH, dtype=np.float32)
-    likely, kept = 0, 0  # the last fastest kind is tried first: its time prunes most others
+    likely = 0  # the last fastest kind is tried first: its time prunes most others
     for at in range(first, end):
-        speed = ends[3, 0, at]
-        if at == first or speed != ends[3, 0, at - 1]:
-            set_speed(entries, speed, kinds, tables, rules)
+        if at == first or ends[3, 0, at] != ends[3, 0, at - 1]:
+            set_speed(entries, ends[3, 0, at], kinds, tables, rules)
         best, turned = np.inf, 0.0
         for choice in range(ends.shape[1]):
             arrival = ends[4, choice, at]
-            kept = _place_of(arrival, arrivals, kept)
-            if arrivals[kept] != arrival:
-                arrivals[kept] = arrival
-                set_arrival(exits[kept], arrival, kinds, tables, rules)
+            if at == first or arrival != ends[4, choice, at - 1]:
+                set_arrival(exits[choice], arrival, kinds, tables, rules)
             x, y, turn = ends[0, choice, at], ends[1, choice, at], ends[2, choice, at]
             # Bounded by the time to another destination, unless that one was missed.
             most = best if best <= missed[0] else np.inf
             time, angles, likely = _fastest(
-                x, y, turn, most, likely, entries, exits[kept], gaps, kinds, tables, rules
+                x, y, turn, most, likely, entries, exits[choice], gaps, kinds, tables, rules
             )
             if time == np.inf and most == np.inf:
                 time, angles = missed
             if time < best:
                 best, turned = time, angles
         result[0, at], result[1, at] = best, turned
-
-
-@compiled
-def _place_of(arrival: float, arrivals: FloatArray, kept: int) -> int:
-    """Return the place in the cache for an arrival speed; speeds mostly come in a fixed order."""
-    for ahead in range(_KEPT):
-        place = (kept + ahead) % _KEPT
-        if arrivals[place] == arrival or math.isnan(arrivals[place]):
-            return place
-    return (kept + 1) % _KEPT
 
 
 @inlined
@@ -242,30 +326,17 @@ def _fastest(
             total = totals[around]
             if straight + turn_time(abs(total), rate, rules.rates.aw) > best:
                 continue
-            above = _fill_gaps(
-                gaps,
-                offset,
-                windows[around],
-                kind["direction"],
-                entry,
-                exit_,
-                tables.brackets,
-                tables.fractions,
-            )
+            above = _fill_gaps(gaps, offset, windows[around], kind["direction"], entry, exit_, tables)
             # At a zero crossing from above the drive has this kind's direction, else the opposite one.
-            roots = above & ~(above >> 1) & _INNER
-            while roots:
-                bit = roots & -roots
-                roots ^= bit
-                step = _NUMBERS[bit % 37]
-                beyond = _STEP * (gaps[step] / (gaps[step] - gaps[step + 1]))
-                first = TURNS[step] + beyond
-                turns = _Turns(first, total - first, step, beyond)
-                angles = abs(first) + abs(turns.last)
-                if abs(turns.last) < WIDEST and angles < _MOST_TURNED:
-                    time = _time(
-                        turns, straight, best, offset, kind, entry, exit_, tables.along, tables.across, rules
-                    )
+            roots = above & ~(above >> 1)
+            for step in range(2 * HALF):
+                if not roots & (1 << step):
+                    continue
+                first = TURNS[step] + _STEP * (gaps[step] / (gaps[step] - gaps[step + 1]))
+                last = total - first
+                angles = abs(first) + abs(last)
+                if abs(last) < WIDEST and angles < _MOST_TURNED:
+                    time = _time(first, last, straight, best, offset, kind, entry, exit_, tables, rules)
                     if time < best:
                         best, result, turned, fastest = time, time, angles, index
     return result, turned, fastest
@@ -279,8 +350,7 @@ def _fill_gaps(
     direction: float,
     entry: Any,
     exit_: Any,
-    brackets: RealArray,
-    fractions: RealArray,
+    tables: TurnTables,
 ) -> int:
     """Compute by how much a drive after each of TURNS misses the last turn, in the kind's direction.
 
@@ -288,7 +358,8 @@ def _fill_gaps(
     """
     x, y = np.float32(offset.x), np.float32(offset.y)
     fraction, column = window
-    near, far = brackets[entry["row"]], fractions[exit_["row"], fraction, column : column + WIDTH]
+    near = tables.brackets[entry["row"]]
+    far = tables.fractions[exit_["row"], fraction, column : column + WIDTH]
     above = np.uint32(0)
     for step in range(WIDTH):
         gap = direction * (y * _COS[step] - x * _SIN[step] - near[step] - far[step])
@@ -299,67 +370,45 @@ def _fill_gaps(
 
 @inlined
 def _time(
-    turns: _Turns,
+    first: float,
+    last: float,
     straight: float,
     best: float,
     offset: _Offset,
     kind: Any,
     entry: Any,
     exit_: Any,
-    along: FloatArray,
-    across: FloatArray,
+    tables: TurnTables,
     rules: Rules,
 ) -> float:
     """Return the time in s of a motion; infinite if it is not allowed or exceeds `best`."""
     rates = rules.rates
-    turning1 = turn_time(abs(turns.first), kind["first_rate"], rates.aw)
-    turning2 = turn_time(abs(turns.last), kind["last_rate"], rates.aw)
+    turning1 = turn_time(abs(first), kind["first_rate"], rates.aw)
+    turning2 = turn_time(abs(last), kind["last_rate"], rates.aw)
     result: float = turning1 + turning2 + straight
     if result > best:
         return np.inf
-    begin, share = place_of(entry["row"], turns.first)
-    end, end_share = place_of(exit_["row"], -turns.last)  # the last turn is driven from the goal
-    begun, ended = look_up(along, begin, share), look_up(along, end, end_share)
+    begin, share = place_of(entry["row"], first)
+    end, end_share = place_of(exit_["row"], -last)  # the last turn is driven from the goal
+    begun, ended = look_up(tables.along, begin, share), look_up(tables.along, end, end_share)
     before = min(max(entry["speed"] + kind["first_change"] * turning1, -rates.v), rates.v)
     after = min(max(exit_["speed"] + kind["last_change"] * turning2, -rates.v), rates.v)
-    nearly = _drive(turns, offset) - begun - ended
-    if result + abs(nearly) * (1.0 / rates.v) > best + _SLACK_S:
-        return np.inf
-    if _straight(nearly, _SLACK, before, after, rules) + result > best + _SLACK_S:
-        return np.inf
-    cos, sin = math.cos(turns.first), math.sin(turns.first)
+    cos, sin = math.cos(first), math.sin(first)
     length = cos * offset.x + sin * offset.y - begun - ended
-    result += _straight(length, 0.0, before, after, rules)
+    result += _straight(length, before, after, rules)
     if rules.passing > 0.0:
         to_object = cos * offset.object_x + sin * offset.object_y - begun
         if min(length, 0.0) < to_object < max(length, 0.0):
-            beside = cos * offset.object_y - sin * offset.object_x - look_up(across, begin, share)
+            beside = cos * offset.object_y - sin * offset.object_x - look_up(tables.across, begin, share)
             result += rules.detour * max(rules.passing - abs(beside), 0.0)
     return result
 
 
 @inlined
-def _straight(length: float, slack: float, before: float, after: float, rules: Rules) -> float:
-    """Return the time in s of the drive between both turns; infinite if it is too short by over `slack` m."""
+def _straight(length: float, before: float, after: float, rules: Rules) -> float:
+    """Return the time in s of the drive between both turns; infinite if it is too short."""
     if not rules.forward:
         return drive_time(length, before, after, rules.rates)
-    if length < change_distance(before, after, rules.rates) - slack:
+    if length < change_distance(before, after, rules.rates):
         return np.inf
     return forward_time(length, before, after, rules.rates)
-
-
-@inlined
-def _drive(turns: _Turns, offset: _Offset) -> float:
-    """Approximate the component of the offset, in m, along the heading after the first turn.
-
-    Sine and cosine are short series around the nearest of TURNS, with an error below 1e-10 of the offset.
-    """
-    beyond = float(turns.beyond)
-    square = beyond * beyond
-    cos = 1.0 - square * (0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0 - square * (1.0 / 40320.0))))
-    sin = 1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0 - square * (1.0 / 5040.0 - square / 362880.0)))
-    sin *= beyond
-    ahead_cos, ahead_sin = _FINE_COS[turns.step], _FINE_SIN[turns.step]
-    x, y = offset.x * cos + offset.y * sin, offset.y * cos - offset.x * sin
-    result: float = ahead_cos * x + ahead_sin * y
-    return result

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.motion.displacements import TurnDriving, displacement_table, speeds_after
+from ator_ros.motion.displacements import displacement_table, speeds_after
 from ator_ros.motion.durations import change_distance, drive_time, turn_time
 from ator_ros.motion.manoeuvre import Bundle, Manoeuvre, Side, side_table
 from ator_ros.motion.planning import Planning
@@ -28,48 +26,49 @@ _WIDE_GRID: FloatArray = STEP * np.arange(-HALF - 1, HALF + 2, dtype=float)
 _SIDES_A_POINT = 6
 
 
+class Ends(NamedTuple):
+    """Ways to drive one end of a manoeuvre.
+
+    Attributes
+    ----------
+    sides : sequence of Side
+        The n candidates.
+    table : ndarray, shape (5, n)
+        Their numbers, as in `Bundle`.
+    straight_times : ndarray, shape (n,)
+        Times of the straight parts in s.
+    """
+
+    sides: Sequence[Side]
+    table: FloatArray
+    straight_times: FloatArray
+
+
 @dataclass(frozen=True, slots=True)
 class SearchTables:
     """The entries and exits of a search, with precomputed displacements and times.
 
     Attributes
     ----------
-    entry_sides, exit_sides : sequence of Side
+    entries, exits : Ends
         Candidates for both ends.
-    entry_table, exit_table : ndarray, shape (5, sides)
-        Their numbers, as in `Bundle`.
     along, across : ndarray, shape (entries, grid)
         The entry's displacement along and across the straight drive in m, for first turns on `GRID`.
     exit_places : ndarray, shape (exits, 2, grid + 2)
         Where the turns of the exits end, without their straight part.
-    entry_straight_times, exit_straight_times : ndarray, shape (sides,)
-        Times of the straight parts in s.
     entry_least : ndarray, shape (entries, grid - 1)
-        `least_times` of the entries.
-    soonest : ndarray, shape (grid - 1,)
-        The least of them.
-    entry_shortest : ndarray, shape (entries, grid - 1)
-        The lesser `along` of both ends of each step.
-    shortest : ndarray, shape (grid - 1,)
-        The least of them.
+        Lower bounds of the entries' times; see `_least_times`.
     forward : bool
         Whether no side drives backward: no speed is negative or decreases inward.
     """
 
-    entry_sides: Sequence[Side]
-    exit_sides: Sequence[Side]
+    entries: Ends
+    exits: Ends
     limits: Limits
-    entry_table: FloatArray
-    exit_table: FloatArray
     along: FloatArray
     across: FloatArray
     exit_places: FloatArray
-    entry_straight_times: FloatArray
-    exit_straight_times: FloatArray
     entry_least: FloatArray
-    soonest: FloatArray
-    entry_shortest: FloatArray
-    shortest: FloatArray
     forward: bool
 
 
@@ -77,32 +76,25 @@ def search_tables(entries: Sequence[Side], exits: Sequence[Side], limits: Limits
     """Compute the tables of a search with these sides."""
     # Cached tables cost the same points, so that earlier plans do not change where slices end.
     yield 2 + (len(entries) + len(exits)) // _SIDES_A_POINT
-    sides = side_table(entries), side_table(exits)
-    along, across = _entry_parts(tuple(entries), limits)
-    straight_times = drive_time(sides[0][0], sides[0][1], sides[0][2], limits)
-    least = least_times(sides[0], straight_times, GRID, along, limits)
-    shortest = np.minimum(along[:, 1:], along[:, :-1])
+    first, last = side_table(entries), side_table(exits)
+    x, y = np.moveaxis(displacement_table(GRID, [side.turn for side in entries], limits), 1, 0)
+    x = x + first[0][:, None]
+    c, s = np.cos(GRID), np.sin(GRID)
+    along, across = c * x + s * y, c * y - s * x
+    starts = Ends(entries, first, drive_time(first[0], first[1], first[2], limits))
     return SearchTables(
-        entries,
-        exits,
+        starts,
+        Ends(exits, last, drive_time(last[0], last[2], last[1], limits)),
         limits,
-        *sides,
         along,
         across,
-        _exit_places(tuple(exits), limits),
-        straight_times,
-        drive_time(sides[1][0], sides[1][2], sides[1][1], limits),
-        least,
-        least.min(axis=0),
-        shortest,
-        shortest.min(axis=0),
-        bool(min(table[2:4].min() for table in sides) >= 0.0),
+        displacement_table(_WIDE_GRID, [side.turn for side in exits], limits),
+        _least_times(starts, GRID, along, limits),
+        bool(min(first[2:4].min(), last[2:4].min()) >= 0.0),
     )
 
 
-def least_times(
-    table: FloatArray, straight_times: FloatArray, turns: FloatArray, along: FloatArray, limits: Limits
-) -> FloatArray:
+def _least_times(ends: Ends, turns: FloatArray, along: FloatArray, limits: Limits) -> FloatArray:
     """Return lower bounds in s of each side's time between two neighbouring turns, shape (sides, n - 1).
 
     The time at full speed for the side's own displacement `along` the drive (m), shape (sides, n), is
@@ -110,47 +102,11 @@ def least_times(
     """
     least = np.maximum(0.0, np.abs(turns[1:] + turns[:-1]) / 2.0 - STEP / 2.0)
     covered = np.maximum(along[:, 1:], along[:, :-1]) / limits.v
-    return straight_times[:, None] + turn_time(least, table[4][:, None], limits.aw) - covered
-
-
-@lru_cache(maxsize=16)
-def _entry_parts(sides: tuple[Side, ...], limits: Limits) -> tuple[FloatArray, FloatArray]:
-    table = _table(GRID, sides, limits)
-    x = table[:, 0] + np.array([[side.length] for side in sides])
-    y = table[:, 1]
-    c, s = np.cos(GRID), np.sin(GRID)
-    along, across = c * x + s * y, c * y - s * x
-    along.setflags(write=False)
-    across.setflags(write=False)
-    return along, across
-
-
-@lru_cache(maxsize=16)
-def _exit_places(sides: tuple[Side, ...], limits: Limits) -> FloatArray:
-    places = _table(_WIDE_GRID, sides, limits)
-    places.setflags(write=False)
-    return places
-
-
-def _table(angles: FloatArray, sides: Sequence[Side], limits: Limits) -> FloatArray:
-    """Compute where turns end; turns at the outer speed are not cached, as it takes many values."""
-    own = np.array([side.turn.speed == side.outer_speed for side in sides])
-    table = np.empty((len(sides), 2, len(angles)))
-    turns = [side.turn for side in sides]
-    if own.any():
-        table[own] = displacement_table(angles, list(itertools.compress(turns, own)), limits)
-    if not own.all():
-        table[~own] = _stored_table(angles.tobytes(), tuple(itertools.compress(turns, ~own)), limits)
-    return table
-
-
-@lru_cache(maxsize=64)
-def _stored_table(angles: bytes, turns: tuple[TurnDriving, ...], limits: Limits) -> FloatArray:
-    return displacement_table(np.frombuffer(angles), turns, limits)
+    return ends.straight_times[:, None] + turn_time(least, ends.table[4][:, None], limits.aw) - covered
 
 
 _Parts: TypeAlias = tuple[FloatArray, FloatArray]
-RANK_POINTS = 4
+_RANK_POINTS = 4
 """Least cost of ranking candidates in points; see `planning`."""
 _BRACKETS_A_POINT = 50_000
 _CANDIDATES_A_POINT = 800
@@ -183,8 +139,8 @@ class Candidates:
         return Manoeuvre(
             self.start,
             self.goal,
-            self.tables.entry_sides[self.entries[index]],
-            self.tables.exit_sides[self.exits[index]],
+            self.tables.entries.sides[self.entries[index]],
+            self.tables.exits.sides[self.exits[index]],
             float(self.first[index]),
             float(self.last[index]),
             float(self.distance[index]),
@@ -194,14 +150,12 @@ class Candidates:
     def bundle(self, which: NDArray[np.intp]) -> Bundle:
         """Return the manoeuvres of the indices `which`, shape (n,)."""
         return Bundle(
-            self.start,
             np.repeat(np.array(self.goal)[:, None], len(which), axis=1),
-            self.tables.entry_table[:, self.entries[which]],
-            self.tables.exit_table[:, self.exits[which]],
+            self.tables.entries.table[:, self.entries[which]],
+            self.tables.exits.table[:, self.exits[which]],
             self.first[which],
             self.last[which],
             self.distance[which],
-            self.tables.limits,
         )
 
 
@@ -217,10 +171,11 @@ def find_candidates(
     offset = start.relative(goal)
     lanes = np.stack((offset.x * np.cos(GRID) + offset.y * np.sin(GRID),
                       offset.y * np.cos(GRID) - offset.x * np.sin(GRID)))  # fmt: skip
-    found: list[tuple[NDArray[Any], ...]] = []
+    none, empty = np.zeros(0, dtype=np.intp), np.zeros(0)
+    found: list[tuple[NDArray[Any], ...]] = [(none, none, empty, empty, empty)]
     # If the robot only drives forward, drives that are too short for their change of speed are not ranked.
     least_drive = least_slack if tables.forward else -math.inf
-    fastest_turn = max(tables.entry_table[4].max(), tables.exit_table[4].max())
+    fastest_turn = max(tables.entries.table[4].max(), tables.exits.table[4].max())
     for turn in (offset.yaw - 2.0 * math.pi, offset.yaw, offset.yaw + 2.0 * math.pi):
         if abs(turn) > longest * fastest_turn:
             continue
@@ -236,12 +191,10 @@ def find_candidates(
         drive = lanes[0, on_grid] - tables.along[entries, on_grid], parts.along[exits, on_parts]
         first_of, last_of, *numbers = _roots(sideways, drive, GRID[on_grid], turn, least_drive)
         found.append((entries[first_of], exits[last_of], *numbers))
-    many = sum(len(roots[0]) for roots in found)
-    if not many:
-        nothing, empty = np.zeros(0, dtype=np.intp), np.zeros(0)
-        return Candidates(start, goal, tables, nothing, nothing, empty, empty, empty, empty)
-    yield RANK_POINTS + many // _CANDIDATES_A_POINT
-    return _ranked(start, goal, tables, least_slack, [np.concatenate(x) for x in zip(*found, strict=True)])
+    columns = [np.concatenate(column) for column in zip(*found, strict=True)]
+    if len(columns[0]):
+        yield _RANK_POINTS + len(columns[0]) // _CANDIDATES_A_POINT
+    return _ranked(start, goal, tables, least_slack, columns)
 
 
 class _ExitParts(NamedTuple):
@@ -267,7 +220,7 @@ def _exit_parts(tables: SearchTables, turn: float) -> _ExitParts:
     after = slice(at.start + 1, at.stop + 1)
     places = tables.exit_places
     x, y = np.moveaxis((1.0 - fraction) * places[:, :, at] + fraction * places[:, :, after], 1, 0)
-    x = x + tables.exit_table[0][:, None]
+    x = x + tables.exits.table[0][:, None]
     # The displacement is given in the goal's frame; the drive's heading in it is first - turn.
     headings = GRID[low + HALF : high + HALF + 1] - turn
     c, s = np.cos(headings), np.sin(headings)
@@ -283,26 +236,30 @@ def _tried(
     shortest drive in m. None if there can be no such manoeuvre.
     """
     low, high = parts.low, parts.low + parts.along.shape[1]
-    entries, exits = np.arange(len(tables.entry_sides)), np.arange(len(tables.exit_sides))
+    entries, exits = np.arange(len(tables.entries.sides)), np.arange(len(tables.exits.sides))
     if math.isinf(longest):
         return entries, exits, low, high
     here, limits = slice(low, high - 1), tables.limits
     # Bounds add up from those of both ends, between each two points of the grid; shapes (sides, steps).
-    turns = turn - GRID[low:high]
-    after = least_times(tables.exit_table, tables.exit_straight_times, turns, parts.along, limits)
+    after = _least_times(tables.exits, turn - GRID[low:high], parts.along, limits)
     left = longest + _ROUNDING - np.minimum(lane[here], lane[low + 1 : high]) / limits.v
     room = np.maximum(lane[here], lane[low + 1 : high]) - least_drive + _ROUNDING
-    exit_shortest = np.minimum(parts.along[:, 1:], parts.along[:, :-1])
-    fit = (after <= left - tables.soonest[here]) & (exit_shortest <= room - tables.shortest[here])
+    before, entry_shortest = tables.entry_least[:, here], _shortest(tables.along[:, low:high])
+    exit_shortest = _shortest(parts.along)
+    fit = (after <= left - before.min(axis=0)) & (exit_shortest <= room - entry_shortest.min(axis=0))
     able = np.flatnonzero(fit.any(axis=0))
     if not len(able):
         return None
     used = slice(int(able[0]), int(able[-1]) + 1)
     exits = np.flatnonzero(fit.any(axis=1))
     left, room = left - after.min(axis=0), room - exit_shortest.min(axis=0)
-    on_grid = slice(low + used.start, low + used.stop)
-    fit = (tables.entry_least[:, on_grid] <= left[used]) & (tables.entry_shortest[:, on_grid] <= room[used])
-    return np.flatnonzero(fit.any(axis=1)), exits, on_grid.start, on_grid.stop + 1
+    fit = (before[:, used] <= left[used]) & (entry_shortest[:, used] <= room[used])
+    return np.flatnonzero(fit.any(axis=1)), exits, low + used.start, low + used.stop + 1
+
+
+def _shortest(along: FloatArray) -> FloatArray:
+    """Return the lesser displacement along the drive of both ends of each step of the grid."""
+    return np.minimum(along[:, 1:], along[:, :-1])
 
 
 def _roots(
@@ -339,18 +296,18 @@ def _roots(
 def _ranked(
     start: Pose, goal: Pose, tables: SearchTables, least_slack: float, found: list[NDArray[Any]]
 ) -> Candidates:
-    limits = tables.limits
+    limits, ends = tables.limits, (tables.entries, tables.exits)
     times, speeds = [], []
-    for side, table in enumerate((tables.entry_table, tables.exit_table)):
-        speed, acceleration, rate = (row[found[side]] for row in table[2:])
+    for side, end in enumerate(ends):
+        speed, acceleration, rate = (row[found[side]] for row in end.table[2:])
         times.append(turn_time(found[2 + side], rate, limits.aw))
         speeds.append(speeds_after(speed, acceleration, times[side], limits.v))
     slack = found[4] - change_distance(speeds[0], speeds[1], limits)
     kept = np.flatnonzero(slack >= least_slack)
     found = [column[kept] for column in found]
     durations = np.zeros(len(kept))
-    for side, straight_times in enumerate((tables.entry_straight_times, tables.exit_straight_times)):
-        durations += times[side][kept] + straight_times[found[side]]
+    for side, end in enumerate(ends):
+        durations += times[side][kept] + end.straight_times[found[side]]
     durations += drive_time(found[4], speeds[0][kept], speeds[1][kept], limits)
     order = np.argsort(durations, kind="stable")
     entries, exits, first, last, distance = (column[order] for column in found)

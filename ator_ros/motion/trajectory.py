@@ -10,7 +10,6 @@ from itertools import pairwise
 import numpy as np
 
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.motion.durations import Piece
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.robot.description import Limits
 from ator_ros.world.state import CONTROL_PERIOD, RobotState
@@ -160,14 +159,13 @@ class Trajectory:
     """
 
     def __init__(self, manoeuvre: Manoeuvre, opening: Opening | None = None) -> None:
-        speeds, turns = manoeuvre.speed_pieces(), manoeuvre.turn_pieces()
+        speeds, turns, self.duration = manoeuvre.pieces()
         start, goal = manoeuvre.start, manoeuvre.goal
         if opening is not None:
-            before = opening.start
-            speeds.insert(0, Piece(opening.duration, before.v, before.v))
-            turns.insert(0, Piece(opening.duration, before.w, 0.0))
-            start = before.pose
-        self.duration = sum(piece.duration for piece in speeds)
+            before, start = opening.start, opening.start.pose
+            speeds = np.vstack(((opening.duration, before.v, before.v), speeds))
+            turns = np.vstack(((opening.duration, before.w, 0.0), turns))
+            self.duration = sum(speeds[:, 0].tolist())
         times = np.append(np.arange(0.0, self.duration, DT), self.duration)
         self._v, self._w = _sample(speeds, times), _sample(turns, times)
         steps = np.diff(times)
@@ -229,9 +227,7 @@ def _integral(values: FloatArray, steps: FloatArray) -> FloatArray:
     return np.concatenate(([0.0], np.cumsum(0.5 * (values[:-1] + values[1:]) * steps)))
 
 
-def _sample(pieces: list[Piece], times: FloatArray) -> FloatArray:
-    ends = np.cumsum([piece.duration for piece in pieces])
-    begins = ends - [piece.duration for piece in pieces]
-    knots = np.stack((begins, ends), axis=1).ravel()
-    values = np.array([(piece.start, piece.end) for piece in pieces]).ravel()
-    return np.asarray(np.interp(times, knots, values))
+def _sample(pieces: FloatArray, times: FloatArray) -> FloatArray:
+    ends = np.cumsum(pieces[:, 0])
+    knots = np.stack((ends - pieces[:, 0], ends), axis=1).ravel()
+    return np.asarray(np.interp(times, knots, pieces[:, 1:].ravel()))

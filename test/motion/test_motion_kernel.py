@@ -44,11 +44,10 @@ def test_turns_take_as_long_as_their_rate_says(robot: Robot) -> None:
     compiled_turns(angles, rates_of(limits), result)
     assert result.tolist() == times.tolist()
     assert [durations.turn_time(float(angle), limits.w, limits.aw) for angle in angles] == times.tolist()
-    for angle, time in zip(angles.tolist(), times.tolist(), strict=True):
-        pieces = durations.turn_pieces(angle, limits.w, limits.aw)
-        assert sum(piece.duration for piece in pieces) == pytest.approx(time, abs=1e-12)
-        assert sum(p.duration * (p.start + p.end) / 2.0 for p in pieces) == pytest.approx(angle, abs=1e-12)
-        assert max(abs(piece.end) for piece in pieces) <= limits.w + 1e-12
+    gaining, steady = durations.turn_parts(angles, limits.w, limits.aw)
+    rate = limits.aw * gaining
+    assert rate * (gaining + steady) == pytest.approx(size, abs=1e-12)
+    assert max(rate) <= limits.w + 1e-12
 
 
 @every_robot
@@ -58,21 +57,20 @@ def test_straight_drives_take_the_same_time_in_every_form(robot: Robot) -> None:
     times = durations.drive_time(*drives.T, limits)
     compiled_drives(drives, rates_of(limits), result)
     assert result.tolist() == times.tolist()
-    pieces = [durations.straight_pieces(*drive, limits) for drive in drives.tolist()]
-    assert [sum(piece.duration for piece in each) for each in pieces] == pytest.approx(times, abs=1e-12)
+    assert sum(durations.drive_parts(*drives.T, limits)[:3]) == pytest.approx(times, abs=1e-12)
 
 
 @pytest.mark.parametrize(("a", "brake"), [(0.25, 0.3), (0.8, 0.8), (0.9, 0.4)])
 def test_drives_gain_and_lose_speed_no_faster_than_the_base_and_lead_all_the_way(
     a: float, brake: float
 ) -> None:
-    """A change of speed that the drive is too short for was planned as one that brakes beyond standing."""
     limits = Limits(v=1.2, w=1.5, a=a, brake=brake, aw=1.3)
     for distance, before, after in drawn_drives(limits).tolist():
-        pieces = durations.straight_pieces(distance, before, after, limits)
-        for duration, start, end in pieces:
+        gaining, steady, losing, top = durations.drive_parts(distance, before, after, limits)
+        way = steady * top
+        for duration, start, end in ((gaining, before, top), (losing, top, after)):
             faster = abs(end) > abs(start)
             bound = min(a, brake) if start * end < 0.0 else a if faster else brake
             assert abs(end - start) <= bound * duration + 1e-9
-        way = sum(piece.duration * (piece.start + piece.end) / 2.0 for piece in pieces)
+            way += duration * (start + end) / 2.0
         assert way == pytest.approx(distance, abs=1e-9)

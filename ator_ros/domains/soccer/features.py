@@ -22,7 +22,7 @@ from ator_ros.domains.soccer.thresholds import approach_run, passing_distance
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.motion.displacements import TurnDriving
 from ator_ros.motion.families import MOST, Family, FreeTurns, Kind, Motions, free_kinds, needed_kinds
-from ator_ros.motion.turn_tables import TurnProfile
+from ator_ros.motion.motion_search import TurnProfile
 from ator_ros.performance.derived import Geometry, hold_angle, hold_bearing, hold_dist
 from ator_ros.performance.features import Feature, Kinds, MotionFeatures, variables
 from ator_ros.printable import short

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
+from ator_ros.compiled import elementwise
 from ator_ros.domains.domain import Line
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import ConfigError, Robot
@@ -161,8 +162,10 @@ def depth_in_goals(places: FloatArray, robot: Robot) -> float:
         x, y of the axle in m.
     """
     field = field_of(robot)
-    near = places[np.abs(places[:, 0] - field.x) > nearest_to_goals(robot), :2]
-    return float(np.max(robot.reach - wall_distances(near - (field.x, field.y), field), initial=0.0))
+    x, y = np.abs(places[:, :2] - (field.x, field.y)).T
+    near = x > nearest_to_goals(robot)
+    walls = wall_distance(x[near], y[near], field.length / 2, field.goal_width / 2, field.goal_depth)
+    return float(np.max(robot.reach - walls, initial=0.0))
 
 
 def nearest_to_goals(robot: Robot) -> float:
@@ -170,21 +173,19 @@ def nearest_to_goals(robot: Robot) -> float:
     return field_of(robot).walls_begin - robot.reach
 
 
-def wall_distances(poses: FloatArray, field: Field) -> FloatArray:
-    """Compute the distance in m to the nearest wall from places relative to the centre, shape (n, 2 or 3)."""
-    x, y = np.abs(poses[:, 0]), np.abs(poses[:, 1])
-    distances = [
-        np.hypot(
-            np.maximum(np.maximum(wall[0] - x, x - wall[1]), 0.0),
-            np.maximum(np.maximum(wall[2] - y, y - wall[3]), 0.0),
-        )
-        for wall in _walls(field)
-    ]
-    return np.minimum(*distances)
+@elementwise
+def wall_distance(x: Any, y: Any, line: float, half: float, depth: float) -> Any:
+    """Return the distance in m to the walls of a goal whose line is `line` m from the centre.
 
-
-def _walls(field: Field) -> Sequence[tuple[float, float, float, float]]:
-    """Return the boxes (x low, x high, |y| low, |y| high) of a goal, mirrored to x > 0 and y > 0."""
-    line, half, depth = field.length / 2, field.goal_width / 2, field.goal_depth
+    Places are relative to the centre, mirrored to x, y >= 0; `half` is half the goal's width in m.
+    """
     back = line + depth
-    return (line, back, half, half + WALL_THICKNESS), (back, back + WALL_THICKNESS, 0.0, half)
+    side = box_distance(x, y, line, back, half, half + WALL_THICKNESS)
+    return np.minimum(side, box_distance(x, y, back, back + WALL_THICKNESS, 0.0, half))
+
+
+@elementwise
+def box_distance(x: Any, y: Any, x_low: float, x_high: float, y_low: float, y_high: float) -> Any:
+    """Return the distance in m from places to a box; 0 inside."""
+    along = np.maximum(np.maximum(x_low - x, x - x_high), 0.0)
+    return np.hypot(along, np.maximum(np.maximum(y_low - y, y - y_high), 0.0))

@@ -5,24 +5,21 @@ Compiled code rules out many at once; where rounding could matter, the exact che
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ator_ros.compiled import compiled
-from ator_ros.domains.soccer.field import BALL, field_of, touches_goals
-from ator_ros.geometry import BoolArray, FloatArray, Pose
-from ator_ros.motion.compiled_manoeuvre import PIECES, End, close, speed_pieces, turn_pieces
+from ator_ros.compiled import compiled, elementwise
+from ator_ros.domains.soccer.field import BALL, box_distance, field_of, touches_goals, wall_distance
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.durations import Rates, rates_of
-from ator_ros.motion.manoeuvre import Bundle, Manoeuvre
+from ator_ros.motion.manoeuvre import SPEED_PIECES, TURN_PIECES, Bundle, Manoeuvre, close, write_pieces
 from ator_ros.motion.trajectory import DT, Trajectory
-from ator_ros.robot.description import Robot
-from ator_ros.world.scene import WALL_THICKNESS
+from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import ObjectState
 
 STRIDE = 5
@@ -117,28 +114,13 @@ def ball_distances(poses: FloatArray, ball: ObjectState, robot: Robot) -> FloatA
     ndarray, shape (n,)
         Distance in m from the ball's surface to the robot's outline; negative where they overlap.
     """
-    dx, dy = ball.x - poses[:, 0], ball.y - poses[:, 1]
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    ahead, left = c * dx + s * dy, np.abs(c * dy - s * dx)
-    body = _box_distance(ahead, left, -robot.rear, robot.front, robot.half_width)
-    front = _box_distance(ahead, left, robot.front, robot.tip, robot.tip_half_width)
-    return np.asarray(np.minimum(body, front) - robot.scene.radius(BALL))
-
-
-def _box_distance(x: FloatArray, y: FloatArray, low: float, high: float, half: float) -> FloatArray:
-    return np.hypot(np.maximum(np.maximum(low - x, x - high), 0.0), np.maximum(y - half, 0.0))
-
-
-DOUBT = 1e-8
-"""Margin in m, s or m/s within which the exact check decides."""
-BACKWARD = -1e-6
-"""Speed in m/s below which a robot drives backward."""
-IMPOSSIBLE, TOUCHES, OPEN = 0, 1, 2
-"""Verdicts on a manoeuvre: it is not allowed, it touches something, or the exact check has to decide."""
+    x, y, yaw = poses.T
+    distances = _outline_distance(ball.x - x, ball.y - y, yaw, _outline(robot))
+    return np.asarray(distances - robot.scene.radius(BALL))
 
 
 class Outline(NamedTuple):
-    """The robot's outline and the goals, in m; see `ball_distances` and `field.wall_distances`."""
+    """The robot's outline and the goals, in m; see `field.wall_distance`."""
 
     front: float
     rear: float
@@ -149,6 +131,33 @@ class Outline(NamedTuple):
     line: float
     half: float
     depth: float
+
+
+def _outline(robot: Robot) -> Outline:
+    field = field_of(robot)
+    lengths = (
+        robot.front, robot.rear, robot.half_width, robot.tip, robot.tip_half_width, robot.reach,
+        field.walls_begin, field.goal_width / 2, field.goal_depth,
+    )  # fmt: skip
+    return Outline(*map(float, lengths))
+
+
+@elementwise
+def _outline_distance(dx: Any, dy: Any, yaw: Any, shape: Outline) -> Any:
+    """Return the distance from the robot's outline to points that lie (dx, dy) m from its axle."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    ahead, left = c * dx + s * dy, np.abs(c * dy - s * dx)
+    body = box_distance(ahead, left, -shape.rear, shape.front, -shape.half_width, shape.half_width)
+    fins = box_distance(ahead, left, shape.front, shape.fin_tip, -shape.fin_side, shape.fin_side)
+    return np.minimum(body, fins)
+
+
+DOUBT = 1e-8
+"""Margin in m, s or m/s within which the exact check decides."""
+BACKWARD = -1e-6
+"""Speed in m/s below which a robot drives backward."""
+IMPOSSIBLE, TOUCHES, OPEN = 0, 1, 2
+"""Verdicts on a manoeuvre: it is not allowed, it touches something, or the exact check has to decide."""
 
 
 class BallObstacle(NamedTuple):
@@ -168,46 +177,78 @@ class Path(NamedTuple):
     times: FloatArray
 
 
-class BundleArrays(NamedTuple):
-    """The arrays of a `Bundle`, as compiled code takes them: goals, both sides, both turns, the drives."""
+def screened(
+    start: Pose,
+    bundle: Bundle,
+    limits: Limits,
+    obstacles: Obstacles,
+    robot: Robot,
+    longest: FloatArray | None = None,
+    *,
+    forward_only: bool = False,
+) -> NDArray[np.int8]:
+    """Judge manoeuvres without the exact check.
 
-    goals: FloatArray
-    entries: FloatArray
-    exits: FloatArray
-    first: FloatArray
-    last: FloatArray
-    distance: FloatArray
+    Parameters
+    ----------
+    start : Pose
+        Where all of them start.
+    bundle : Bundle
+        n manoeuvres.
+    longest : ndarray, shape (n,), optional
+        Greatest duration in s, once closed; None: they are closed already, and take any time.
+
+    Returns
+    -------
+    ndarray of int8, shape (n,)
+        `IMPOSSIBLE`, `TOUCHES` or `OPEN`.
+    """
+    ball, area = obstacles.ball, robot.scene.area
+    x, y = (np.nan, np.nan) if ball is None else (ball.x - area.x, ball.y - area.y)
+    in_the_way = (x, y, robot.scene.radius(BALL), obstacles.ball_margin, obstacles.run)
+    # Walls are mirrored, so places are relative to the centre of the area.
+    goals = bundle.goals - np.array([[area.x], [area.y], [0.0]])
+    columns = (np.ascontiguousarray(column, dtype=float) for column in bundle._replace(goals=goals))
+    return _judge(
+        Pose(*map(float, (start.x - area.x, start.y - area.y, start.yaw))),
+        Bundle(*columns),
+        rates_of(limits),
+        _outline(robot),
+        BallObstacle(*map(float, in_the_way)),
+        np.full(len(bundle.first), np.inf) if longest is None else np.ascontiguousarray(longest),
+        longest is None,
+        forward_only,
+    )
 
 
 @compiled
-def judge(
-    start: End,
-    many: BundleArrays,
+def _judge(
+    start: Pose,
+    many: Bundle,
     bounds: Rates,
     shape: Outline,
     ball: BallObstacle,
     longest: FloatArray,
+    are_closed: bool,
     forward: bool,
 ) -> NDArray[np.int8]:
-    """Return verdicts on manoeuvres that are still to be closed; see `screened`."""
     verdicts = np.full(len(longest), OPEN, dtype=np.int8)
-    pieces, turns = np.zeros((PIECES, 3)), np.zeros((9, 3))
-    most = int(longest.max() / DT) + 3
-    path = Path(np.empty((most, 3)), np.empty(most))
+    speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
+    path = Path(np.empty((0, 3)), np.empty(0))
     for row in range(len(longest)):
         entry, leaving = many.entries[:, row].copy(), many.exits[:, row].copy()
-        goal = End(many.goals[0, row], many.goals[1, row], many.goals[2, row])
-        first, last, distance, found = close(
-            many.first[row], many.last[row], start, goal, entry, leaving, bounds
-        )
-        if not found:
-            continue
-        duration = speed_pieces(pieces, first, last, distance, entry, leaving, bounds)
+        goal = Pose(many.goals[0, row], many.goals[1, row], many.goals[2, row])
+        first, last, distance = many.first[row], many.last[row], many.distance[row]
+        if not are_closed:
+            first, last, distance, found = close(first, last, start, goal, entry, leaving, bounds)
+            if not found:
+                continue
+        duration = write_pieces(speeds, turns, first, last, distance, entry, leaving, bounds)
         if forward and duration <= longest[row] + DOUBT:
             back = hardly = False
-            for piece in range(PIECES):
-                hardly |= pieces[piece, 2] < BACKWARD + DOUBT and pieces[piece, 0] > -DOUBT
-                back |= pieces[piece, 2] < BACKWARD - DOUBT and pieces[piece, 0] > DOUBT
+            for piece in range(SPEED_PIECES):
+                hardly |= speeds[piece, 2] < BACKWARD + DOUBT and speeds[piece, 0] > -DOUBT
+                back |= speeds[piece, 2] < BACKWARD - DOUBT and speeds[piece, 0] > DOUBT
             if back:
                 verdicts[row] = IMPOSSIBLE
             if back or hardly:
@@ -215,29 +256,12 @@ def judge(
         if duration > longest[row] + DOUBT:
             verdicts[row] = IMPOSSIBLE
         elif duration < longest[row] - DOUBT:
-            turn_pieces(turns, pieces, first, last, entry, leaving, bounds)
-            if _touches(path, pieces, turns, duration, start, goal, shape, ball):
+            most = int(duration / DT) + 3
+            if most > len(path.times):
+                path = Path(np.empty((2 * most, 3)), np.empty(2 * most))
+            if _touches(path, speeds, turns, duration, start, goal, shape, ball):
                 verdicts[row] = TOUCHES
     return verdicts
-
-
-@compiled
-def touch(start: End, many: BundleArrays, bounds: Rates, shape: Outline, ball: BallObstacle) -> BoolArray:
-    """Return which closed manoeuvres certainly touch an obstacle; see `touching`."""
-    touches = np.zeros(len(many.first), dtype=np.bool_)
-    pieces, turns = np.zeros((PIECES, 3)), np.zeros((9, 3))
-    path = Path(np.empty((0, 3)), np.empty(0))
-    for row in range(len(touches)):
-        entry, leaving = many.entries[:, row].copy(), many.exits[:, row].copy()
-        goal = End(many.goals[0, row], many.goals[1, row], many.goals[2, row])
-        first, last = many.first[row], many.last[row]
-        duration = speed_pieces(pieces, first, last, many.distance[row], entry, leaving, bounds)
-        turn_pieces(turns, pieces, first, last, entry, leaving, bounds)
-        most = int(duration / DT) + 3
-        if most > len(path.times):
-            path = Path(np.empty((2 * most, 3)), np.empty(2 * most))
-        touches[row] = _touches(path, pieces, turns, duration, start, goal, shape, ball)
-    return touches
 
 
 @compiled
@@ -246,8 +270,8 @@ def _touches(
     pieces: FloatArray,
     turns: FloatArray,
     duration: float,
-    start: End,
-    goal: End,
+    start: Pose,
+    goal: Pose,
     shape: Outline,
     ball: BallObstacle,
 ) -> bool:
@@ -266,8 +290,10 @@ def _touches(
         seen -= 1
     for index in range(0, seen + 1, STRIDE):
         x, y = abs(poses[index, 0]), abs(poses[index, 1])
-        if x > shape.line - shape.reach and _wall_distance(x, y, shape) < shape.reach - DOUBT:
-            return True
+        if x > shape.line - shape.reach:
+            distance = wall_distance(x, y, shape.line, shape.half, shape.depth)
+            if distance < shape.reach - DOUBT:
+                return True
     if math.isnan(ball.x):
         return False
     if ball.run > 0.0:
@@ -283,7 +309,7 @@ def _touches(
         dx, dy = ball.x - poses[index, 0], ball.y - poses[index, 1]
         if abs(dx) < near and abs(dy) < near:
             yaw = poses[index, 2] + times[index] * off_yaw
-            if _ball_distance(dx, dy, yaw, shape) - ball.radius < ball.margin - DOUBT:
+            if _outline_distance(dx, dy, yaw, shape) - ball.radius < ball.margin - DOUBT:
                 return True
     return False
 
@@ -295,7 +321,7 @@ def _sample(
     pieces: FloatArray,
     turns: FloatArray,
     duration: float,
-    start: End,
+    start: Pose,
 ) -> int:
     """Write the samples of a `Trajectory` before its correction; return how many there are."""
     poses[0, 0], poses[0, 1], poses[0, 2], times[0] = start.x, start.y, start.yaw, 0.0
@@ -308,7 +334,7 @@ def _sample(
         index += 1
         after = min(DT * index, duration)
         step, time = after - time, after
-        while time > piece_end and piece < PIECES - 1:
+        while time > piece_end and piece < SPEED_PIECES - 1:
             piece += 1
             piece_end += pieces[piece, 0]
         while time > turn_end and turn < len(turns) - 1:
@@ -332,25 +358,6 @@ def _value(pieces: FloatArray, piece: int, end: float, time: float) -> float:
     if duration <= 0.0 or time >= end:
         return float(pieces[piece, 2])
     return float(pieces[piece, 2] + (pieces[piece, 1] - pieces[piece, 2]) * ((end - time) / duration))
-
-
-@compiled
-def _wall_distance(x: float, y: float, shape: Outline) -> float:
-    """Return the distance to a goal's walls, mirrored to x > 0 and y > 0."""
-    line, half, depth = shape.line, shape.half, shape.depth
-    side = math.hypot(max(line - x, x - line - depth, 0.0), max(half - y, y - half - WALL_THICKNESS, 0.0))
-    back = math.hypot(max(line + depth - x, x - line - depth - WALL_THICKNESS, 0.0), max(-y, y - half, 0.0))
-    return min(side, back)
-
-
-@compiled
-def _ball_distance(dx: float, dy: float, yaw: float, shape: Outline) -> float:
-    """Return the distance from the robot's outline to a point that lies (dx, dy) m from its axle."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    ahead, left = c * dx + s * dy, abs(c * dy - s * dx)
-    body = math.hypot(max(-shape.rear - ahead, ahead - shape.front, 0.0), max(left - shape.half_width, 0.0))
-    fins = math.hypot(max(shape.front - ahead, ahead - shape.fin_tip, 0.0), max(left - shape.fin_side, 0.0))
-    return min(body, fins)
 
 
 _SAMPLES = 32_000  # of trajectories, in a batch of work
@@ -378,69 +385,3 @@ def check_points(duration: float) -> int:
 def screening_points(durations: FloatArray) -> int:
     """Return the cost of screening manoeuvres of some `durations` (s), shape (n,)."""
     return int(4.0 + 0.2 * len(durations) + 0.02 * float(durations.sum()))
-
-
-def screened(
-    bundle: Bundle, longest: FloatArray, obstacles: Obstacles, robot: Robot, *, forward_only: bool
-) -> NDArray[np.int8]:
-    """Judge manoeuvres before they are closed.
-
-    Parameters
-    ----------
-    bundle : Bundle
-        n manoeuvres.
-    longest : ndarray, shape (n,)
-        Greatest duration in s, once closed.
-
-    Returns
-    -------
-    ndarray of int8, shape (n,)
-        `IMPOSSIBLE`, `TOUCHES` or `OPEN`.
-    """
-    bundle, obstacles = _from_centre(bundle, obstacles, robot)
-    return judge(
-        *_scalars(bundle), *_surroundings(obstacles, robot), np.ascontiguousarray(longest), forward_only
-    )
-
-
-def touching(bundle: Bundle, obstacles: Obstacles, robot: Robot) -> BoolArray:
-    """Return which closed manoeuvres certainly touch an obstacle; see `is_clear`."""
-    bundle, obstacles = _from_centre(bundle, obstacles, robot)
-    return touch(*_scalars(bundle), *_surroundings(obstacles, robot))
-
-
-def _from_centre(bundle: Bundle, obstacles: Obstacles, robot: Robot) -> tuple[Bundle, Obstacles]:
-    """Return manoeuvres and obstacles with places relative to the centre of the area."""
-    area, ball, start = robot.scene.area, obstacles.ball, bundle.start
-    if area.x == area.y == 0.0:
-        return bundle, obstacles
-    moved = dataclasses.replace(
-        bundle,
-        start=start._replace(x=start.x - area.x, y=start.y - area.y),
-        goals=bundle.goals - np.array([[area.x], [area.y], [0.0]]),
-    )
-    if ball is not None:
-        ball = dataclasses.replace(ball, x=ball.x - area.x, y=ball.y - area.y)
-    return moved, dataclasses.replace(obstacles, ball=ball)
-
-
-def _scalars(bundle: Bundle) -> tuple[End, BundleArrays, Rates]:
-    limits = bundle.limits
-    columns = (bundle.goals, bundle.entries, bundle.exits, bundle.first, bundle.last, bundle.distance)
-    return (
-        End(*map(float, bundle.start)),
-        BundleArrays(*(np.ascontiguousarray(column, dtype=float) for column in columns)),
-        rates_of(limits),
-    )
-
-
-def _surroundings(obstacles: Obstacles, robot: Robot) -> tuple[Outline, BallObstacle]:
-    field, ball = field_of(robot), obstacles.ball
-    lengths = (
-        robot.front, robot.rear, robot.half_width, robot.tip,
-        robot.tip_half_width, robot.reach,
-        field.walls_begin, field.goal_width / 2, field.goal_depth,
-    )  # fmt: skip
-    x, y = (np.nan, np.nan) if ball is None else (ball.x, ball.y)
-    in_the_way = (x, y, robot.scene.radius(BALL), obstacles.ball_margin, obstacles.run)
-    return Outline(*map(float, lengths)), BallObstacle(*map(float, in_the_way))

@@ -98,8 +98,15 @@ def fastest(
         verdicts = np.full(len(which), OPEN, dtype=np.int8)
         if len(which) > 1:
             yield screening_points(bounds)
-            bundle = candidates.bundle(which)
-            verdicts = screened(bundle, bounds, obstacles, robot, forward_only=forward_only)
+            verdicts = screened(
+                start,
+                candidates.bundle(which),
+                tables.limits,
+                obstacles,
+                robot,
+                bounds,
+                forward_only=forward_only,
+            )
         touching, counted = np.cumsum(verdicts == TOUCHES), 0
         for at in np.flatnonzero(verdicts == OPEN):
             tries, counted = tries - int(touching[at]) + counted, int(touching[at])

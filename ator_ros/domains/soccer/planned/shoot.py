@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +13,13 @@ from numpy.typing import NDArray
 from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of, is_in_goal
 from ator_ros.domains.soccer.planned.clearance import (
+    TOUCHES,
     Obstacles,
     batches,
     check_points,
     is_clear,
+    screened,
     screening_points,
-    touching,
 )
 from ator_ros.domains.soccer.planned.dribble_ball import HoldingAction
 from ator_ros.domains.soccer.planned.holding import release_sides, run_up_sides
@@ -70,7 +69,7 @@ def run_up(
         touches = np.zeros(len(which), dtype=bool)
         if len(which) > 1:
             yield screening_points(found.times[which])
-            touches = touching(found.bundle(which), obstacles, robot)
+            touches = screened(start, found.bundle(which), limits, obstacles, robot) == TOUCHES
         for index in which[~touches]:
             yield check_points(found.times[index])
             manoeuvre = found.manoeuvre(int(index))
@@ -117,9 +116,7 @@ class _RunUps:
         goals = np.stack((mouth.x + c * x - s * y, mouth.y + s * x + c * y, mouth.yaw + heading))
         nothing = np.zeros(len(which))
         exits = np.stack((nothing, released, released, nothing, np.full(len(which), self.limits.w)))
-        return Bundle(
-            self.start, goals, self.sides[:, which], exits, self.turns[which], nothing, distance, self.limits
-        )
+        return Bundle(goals, self.sides[:, which], exits, self.turns[which], nothing, distance)
 
     def manoeuvre(self, index: int) -> Manoeuvre:
         """Return one of them."""
@@ -145,7 +142,8 @@ def _run_ups(
     yield _TABLE_POINTS
     seen = mouth.relative(start)
     kept = np.flatnonzero(np.abs(wrap_angles(seen.yaw + _TURNS)) <= SLANT)
-    table, sides = _turns_table(entries, limits, kept), side_table(entries)
+    table = displacement_table(_TURNS, [side.turn for side in entries], limits)[:, :, kept]
+    sides = side_table(entries)
     points = 1 + _BLOCK * len(_LEADS) * len(kept) // _RUN_UPS_A_POINT
     columns, latest = np.zeros((12, 0)), math.inf
     for first in range(0, len(entries), _BLOCK):
@@ -158,23 +156,6 @@ def _run_ups(
             columns = columns[:, columns[-1] <= latest]
     columns = columns[:, np.argsort(columns[-1], kind="stable")[:_GRID_TRIES]]
     return _RunUps(start, mouth, limits, columns[:5], columns[5:8], *columns[8:])
-
-
-def _turns_table(entries: Sequence[Side], limits: Limits, kept: NDArray[np.intp]) -> FloatArray:
-    """Return where turns end, shape (entries, 2, kept); tables at the start's own speed are not stored."""
-    tables = []
-    for speed, group in itertools.groupby(entries, key=lambda side: side.turn.speed):
-        ways = tuple(side.turn for side in group)
-        own = speed == entries[0].outer_speed
-        tables.append(
-            displacement_table(_TURNS, ways, limits, kept) if own else _kept_table(ways, limits)[:, :, kept]
-        )
-    return np.concatenate(tables)
-
-
-@lru_cache(maxsize=64)
-def _kept_table(ways: tuple[TurnDriving, ...], limits: Limits) -> FloatArray:
-    return displacement_table(_TURNS, ways, limits)
 
 
 def _of_sides(
