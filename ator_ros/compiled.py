@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -38,7 +39,8 @@ if not numba.config.CACHE_DIR:
     numba.config.CACHE_DIR = _cache_folder()
 
 
-def _compiled(function: Function, **options: bool) -> Function:
+def compiled(function: Function, **options: bool) -> Function:
+    """Compile `function` at its first call."""
     try:
         made: Function = numba.njit(error_model="numpy", cache=True, **options)(function)
     except RuntimeError:  # no folder can be written
@@ -46,19 +48,14 @@ def _compiled(function: Function, **options: bool) -> Function:
     return made
 
 
-def compiled(function: Function) -> Function:
-    """Compile `function` at its first call."""
-    return _compiled(function)
-
-
 def inlined(function: Function) -> Function:
     """Compile `function` into its callers: passing many arguments would take longer than the function."""
-    return _compiled(function, forceinline=True)
+    return compiled(function, forceinline=True)
 
 
 def unlocked(function: Function) -> Function:
     """Compile `function` to run without the GIL, in parallel with other threads."""
-    return _compiled(function, nogil=True)
+    return compiled(function, nogil=True)
 
 
 def elementwise(function: Function) -> Function:
@@ -71,11 +68,9 @@ def elementwise(function: Function) -> Function:
     return made
 
 
-class _Cores:
-    """The worker threads of `parallel_for`."""
-
-    count = 1
-    pool: ThreadPoolExecutor | None = None
+_pools: list[ThreadPoolExecutor] = []
+"""The worker threads of `parallel_for`, if there are any."""
+_CHUNKS = 16  # greatest number: a core that is done takes the next one
 
 
 def use_cores(most: int) -> int:
@@ -83,9 +78,9 @@ def use_cores(most: int) -> int:
 
     The default is one core, because tools start a process for each core.
     """
-    _Cores.count = max(1, min(most, len(os.sched_getaffinity(0))))
-    _Cores.pool = ThreadPoolExecutor(_Cores.count - 1) if _Cores.count > 1 else None
-    return _Cores.count
+    count = max(1, min(most, len(os.sched_getaffinity(0))))
+    _pools[:] = [ThreadPoolExecutor(count)] if count > 1 else []
+    return count
 
 
 def parallel_for(run: Callable[[int, int], None], count: int, least: int) -> None:
@@ -95,28 +90,14 @@ def parallel_for(run: Callable[[int, int], None], count: int, least: int) -> Non
     ----------
     run : callable
         Computes the items from `first` to `end`; compiled with `unlocked`, otherwise nothing runs in
-        parallel.
+        parallel. Items are independent, so results do not depend on the chunks.
     count, least : int
         Number of items, and least number per chunk. Fewer than three chunks run on one core, since waking a
         thread takes longer.
-
-    Notes
-    -----
-    Items are independent, so results do not depend on the chunks. Each core takes the next chunk when it is
-    free.
     """
-    if _Cores.pool is None or count < 3 * least:
+    if not _pools or count < 3 * least:
         run(0, count)
         return
-    size = max(least, -(-count // (4 * (_Cores.count - 1))))
-    starts = iter(range(0, count, size))  # next() is atomic
-
-    def work() -> None:
-        for first in starts:
-            run(first, min(first + size, count))
-
-    others = [_Cores.pool.submit(work) for _ in range(_Cores.count - 1)]
-    work()
-    for other in others:
-        if not other.cancel():
-            other.result()
+    size = max(least, -(-count // _CHUNKS))
+    starts = range(0, count, size)
+    deque(_pools[0].map(run, starts, (min(first + size, count) for first in starts)), maxlen=0)

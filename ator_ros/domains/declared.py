@@ -10,7 +10,7 @@ from typing import Literal
 
 from ator_ros.actions import DEFAULT_SET, TIME_LIMIT
 from ator_ros.actions.base import Goal, Point
-from ator_ros.actions.goal_variables import GOAL_VARIABLES, GoalVariable
+from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.remote import LONGEST, RemoteCall
 from ator_ros.domains.declared_situations import DeclaredChain, DeclaredDrives
 from ator_ros.files import is_name
@@ -21,8 +21,8 @@ from ator_ros.tops.conditions import Condition, Statement, Term
 from ator_ros.tops.ranges import USUAL_RANGES, Range
 from ator_ros.world.messages import ObjectSource
 
-_ROBOT = (*(f"robot.{name}" for name in ("x", "y", "yaw", "v", "w")), "hold.x", "hold.y")
-_GOAL = tuple(f"goal.{name}" for name in GOAL_VARIABLES)
+STATE_VARIABLES = (*(f"robot.{name}" for name in ("x", "y", "yaw", "v", "w")), "hold.x", "hold.y")
+"""The variables of the robot's state that conditions may name."""
 
 
 def _check_name(name: str, field: str = "name") -> None:
@@ -46,37 +46,14 @@ class DeclaredTop:
         require(bool(self.post), "post", "at least one term: success is the post-condition", list(self.post))
         # A robot that has stopped oscillates for seconds; a longer wait is an action of its own.
         require(0.0 <= self.settles <= 60.0, "settles", "a time in s from 0 to 60", self.settles)
-
-    def check(self, objects: tuple[str, ...], action: DeclaredAction | None) -> None:
-        """Check that all terms name known variables, those of goals of `action` too; ValueError otherwise.
-
-        Where there is no such action, nobody knows the variables of its goals, and the TOP is left out.
-        """
-        variables = (*_ROBOT, *(f"{name}.{axis}" for name in objects for axis in ("x", "y", "vx", "vy")))
-        for part in ("pre", "post"):
-            for number, term in enumerate(getattr(self, part)):
-                where, target = f"{part}[{number}]", term.target
-                _check_variable(f"{where}.variable", term.variable, variables)
-                if isinstance(target, str) and not _is_unknown(target, action):
-                    known = () if action is None else action.targets
-                    _check_variable(f"{where}.target", target, (*variables, *_GOAL, *known))
-                if isinstance(term, Term):
-                    good, least = term.tolerance >= 0.0, "a number that is not negative"
-                    require(good, f"{where}.tolerance", least, term.tolerance)
+        terms = (term for term in (*self.pre, *self.post) if isinstance(term, Term))
+        least = min((term.tolerance for term in terms), default=0.0)
+        require(least >= 0.0, "tolerance", "a number that is not negative", least)
 
     def top(self) -> Top:
         """Return the TOP."""
         pre, post = Condition(self.pre), Condition(self.post)
         return Top(self.name, self.action, pre, post, Point(self.point), self.settles)
-
-
-def _is_unknown(target: str, action: DeclaredAction | None) -> bool:
-    """Return whether a target is a variable of goals that nobody here can know."""
-    return target.startswith("goal.") if action is None else action.may_have(target)
-
-
-def _check_variable(field: str, name: str, known: tuple[str, ...]) -> None:
-    require(name in known, field, f"one of {', '.join(known)}", name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,26 +91,13 @@ class DeclaredAction:
     drives: DeclaredDrives | None = None
 
     def __post_init__(self) -> None:
-        """Check that exactly one of `local` and `remote` is given."""
+        """Check that either `local` or `remote` is given, and nothing else with `local`."""
         _check_name(self.name)
         given = [kind for kind in ("local", "remote") if getattr(self, kind) is not None]
         require(len(given) == 1, "local, remote", "one of the two", given)
-        self._check_local()
-
-    def _check_local(self) -> None:
-        """Check that a local action declares nothing that its domain says of it."""
         for part in ("goal_variables", "stand_in", "drives"):
             alone = not getattr(self, part) or self.remote is not None
             require(alone, part, "none without `remote`: a local action has its own", getattr(self, part))
-
-    @property
-    def targets(self) -> tuple[str, ...]:
-        """The declared goal variables as conditions name them."""
-        return tuple(f"goal.{variable.name}" for variable in self.goal_variables)
-
-    def may_have(self, target: str) -> bool:
-        """Return whether only the domain of a local action knows if there is this variable of its goals."""
-        return self.local is not None and target.startswith("goal.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +192,7 @@ class DeclaredDomain:
     time_limit: float = TIME_LIMIT
 
     def __post_init__(self) -> None:
-        """Check that names come once, and that TOPs name objects that there are."""
+        """Check that names come once, and that chains name TOPs that there are."""
         _check_name(self.name)
         longest = f"a time in s above 0, at most {LONGEST:g}"
         require(0.0 < self.time_limit <= LONGEST, "time_limit", longest, self.time_limit)
@@ -237,16 +201,8 @@ class DeclaredDomain:
             twice = sorted({name for name in names if names.count(name) > 1})
             require(not twice, part, "each name once", ", ".join(twice))
         require(bool(self.tops), "tops", "at least one", list(self.tops))
-        actions = {action.name: action for action in self.actions}
-        objects = tuple(item.name for item in self.objects)
-        for number, top in enumerate(self.tops):
-            where = f"tops[{number}]"
-            try:
-                top.check(objects, actions.get(top.action))
-            except ValueError as error:
-                raise ValueError(f"{where}.{error}") from error
+        tops = [top.name for top in self.tops]
         for number, chain in enumerate(self.chains):
-            try:
-                chain.check(tuple(top.name for top in self.tops))
-            except ValueError as error:
-                raise ValueError(f"chains[{number}].{error}") from error
+            for at, step in enumerate(chain.steps):
+                place = f"chains[{number}].steps[{at}].top"
+                require(step.top in tops, place, f"one of {', '.join(tops)}", step.top)

@@ -11,7 +11,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.situation import NoPlaceError, Situation, drawn_until, short_goal
@@ -143,55 +142,46 @@ class DeclaredDrives:
 
     def drawn(self, rng: np.random.Generator) -> tuple[Pose, Pose]:
         """Draw start and destination of a drive; raises NoPlaceError."""
-        return _drawn_again(lambda: self._drawn_once(rng))
+        start = _drawn(self.start, rng)
+        return start, _drawn(self.goal, rng, apart=self.apart, before=start)
 
     def contains(self, pose: Pose) -> bool:
         """Return whether a position lies in one of the places."""
         return any(place.contains(pose) for place in (*self.start, *self.goal))
 
-    def _drawn_once(self, rng: np.random.Generator) -> tuple[Pose, Pose]:
-        start = _drawn(self.start, rng)
-        return start, _drawn(self.goal, rng, apart=self.apart, before=start)
 
+def drawn_drive(
+    action: str,
+    drives: DeclaredDrives,
+    point: Point,
+    variables: tuple[GoalVariable, ...],
+    robot: Robot,
+    rng: np.random.Generator,
+    *,
+    time_limit: float,
+) -> Situation:
+    """Draw a drive of an action, in one of seven cases with a goal near its start; see `ActionSpec.sample`.
 
-@dataclass(frozen=True, slots=True)
-class DriveSampler:
-    """The sampler of an action's drives, see `ActionSpec.sample`.
+    None is drawn that takes longer than `time_limit` (s) straight ahead at full speed. Goal variables that
+    the action declares are drawn evenly from their ranges.
 
-    Attributes
-    ----------
-    action : str
-        Name of the action.
-    drives : DeclaredDrives
-        Where they begin and lead.
-    point : Point
-        Reference point of the robot that comes to the destination.
-    variables : tuple of GoalVariable
-        Goal variables that the action declares; each is drawn evenly from its range.
-    time_limit : float
-        Time in s that a drive may take: none is drawn that takes longer straight ahead at full speed.
+    Raises
+    ------
+    NoPlaceError
+        There is no such drive.
     """
-
-    action: str
-    drives: DeclaredDrives
-    point: Point = Point.AXLE
-    variables: tuple[GoalVariable, ...] = ()
-    time_limit: float = TIME_LIMIT
-
-    def __call__(self, robot: Robot, rng: np.random.Generator) -> Situation:
-        """Draw a drive, in one of seven cases with a goal near its start; raises NoPlaceError."""
-        most = robot.limits.v * self.time_limit
-        with _naming(f"drives of {self.action}"):
-            start, destination = drawn_until(
-                lambda: self.drives.drawn(rng),
-                lambda way: way[0].distance(way[1]) <= most,
-                lambda: _too_far(robot, self.time_limit),
-            )
-        short = short_goal(start, rng)
-        if short is not None and self.drives.contains(short):
-            destination = short
-        values = {item.name: float(rng.uniform(item.low, item.high)) for item in self.variables}
-        return Situation(self.action, RobotState(start), {}, Goal(destination, 0.0, self.point, values))
+    most = robot.limits.v * time_limit
+    with _naming(f"drives of {action}"):
+        start, destination = drawn_until(
+            lambda: _drawn_again(lambda: drives.drawn(rng)),
+            lambda way: way[0].distance(way[1]) <= most,
+            lambda: _too_far(robot, time_limit),
+        )
+    short = short_goal(start, rng)
+    if short is not None and drives.contains(short):
+        destination = short
+    values = {item.name: float(rng.uniform(item.low, item.high)) for item in variables}
+    return Situation(action, RobotState(start), {}, Goal(destination, 0.0, point, values))
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,16 +233,8 @@ class DeclaredChain:
         least, most = (sum(step.times[end] for step in self.steps) for end in (0, -1))
         require(least >= 1 and most <= _MOST_STEPS, "steps", f"1 to {_MOST_STEPS} of them", (least, most))
 
-    def check(self, tops: tuple[str, ...]) -> None:
-        """Make sure that the steps name TOPs that there are; raises ValueError."""
-        for number, step in enumerate(self.steps):
-            require(step.top in tops, f"steps[{number}].top", f"one of {', '.join(tops)}", step.top)
-
     def drawn(self, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
         """Draw a situation and a chain; raises NoPlaceError."""
-        return _drawn_again(lambda: self._drawn_once(library, rng))
-
-    def _drawn_once(self, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
         before = start = _drawn(self.start, rng)
         was_fixed = _is_fixed(self.start)
         calls: list[TopCall] = []
@@ -266,30 +248,27 @@ class DeclaredChain:
         return World(0.0, RobotState(start)), TopChain(tuple(calls))
 
 
-@dataclass(frozen=True, slots=True)
-class DeclaredChainSampler:
-    """The sampler of a declared chain, a `ChainSampler`.
+def drawn_chain(
+    chain: DeclaredChain,
+    robot: Robot,
+    library: TopLibrary,
+    rng: np.random.Generator,
+    *,
+    time_limit: float,
+) -> tuple[World, TopChain]:
+    """Draw a situation and a chain whose straight ways take at most `time_limit` (s) at full speed.
 
-    Attributes
-    ----------
-    chain : DeclaredChain
-        What is drawn.
-    time_limit : float
-        Time in s that a chain may take: none is drawn whose straight ways take longer at full speed.
+    Raises
+    ------
+    NoPlaceError
+        There is none.
     """
-
-    chain: DeclaredChain
-    time_limit: float = TIME_LIMIT
-
-    def __call__(self, robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
-        """Draw a situation and a chain; raises NoPlaceError."""
-        most = robot.limits.v * self.time_limit
-        with _naming(f"chain {self.chain.name}"):
-            return drawn_until(
-                lambda: self.chain.drawn(library, rng),
-                lambda drawn: _length(*drawn) <= most,
-                lambda: _too_far(robot, self.time_limit),
-            )
+    with _naming(f"chain {chain.name}"):
+        return drawn_until(
+            lambda: _drawn_again(lambda: chain.drawn(library, rng)),
+            lambda drawn: _length(*drawn) <= robot.limits.v * time_limit,
+            lambda: _too_far(robot, time_limit),
+        )
 
 
 def _length(world: World, chain: TopChain) -> float:

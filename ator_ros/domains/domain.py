@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -23,17 +25,16 @@ from ator_ros.actions.goal_variables import (
 )
 from ator_ros.actions.remote import UnreachableAction
 from ator_ros.actions.situation import Situation
-from ator_ros.actions.specification import ActionFactory, ActionSpec
+from ator_ros.actions.specification import ActionFactory, ActionSpec, Sampler
 from ator_ros.domains import DEFAULT, DRIVE
-from ator_ros.domains.declared import DeclaredAction, DeclaredDomain, DeclaredServer
-from ator_ros.domains.declared_situations import DeclaredChainSampler, DriveSampler
+from ator_ros.domains.declared import STATE_VARIABLES, DeclaredAction, DeclaredDomain, DeclaredServer
+from ator_ros.domains.declared_situations import drawn_chain, drawn_drive
 from ator_ros.files import FileError, content_with_optional_header, read_yaml
-from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.features import CANDIDATES, GENERAL, OBSERVED, Feature, goal_feature, names_of
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot, load_robot
-from ator_ros.schema import SchemaError, structured
+from ator_ros.schema import SchemaError, require, structured
 from ator_ros.tops.chain import Top, TopChain
 from ator_ros.tops.conditions import Condition
 from ator_ros.tops.library import TopLibrary
@@ -125,8 +126,8 @@ class Domain:
     ------
     DomainError
         There is no default set of actions, a condition or a source names an object that `objects` lacks, a
-        condition names a goal variable that the TOP's action lacks, an action names an unknown feature, or
-        two actions declare one goal variable differently.
+        condition names a goal variable that the TOP's action lacks, an action names an unknown feature, two
+        features have one name, or two actions declare one goal variable differently.
     """
 
     name: str
@@ -148,8 +149,55 @@ class Domain:
 
     def __post_init__(self) -> None:
         """Check that the parts agree."""
-        for problem in _inconsistencies(self):
-            raise DomainError(f"domain {self.name}: {problem}")
+        try:
+            self._check_objects_and_features()
+            for top in self.tops:
+                for part, condition in (("pre", top.pre), ("post", top.post)):
+                    self._check_condition(f"tops.{top.name}.{part}", condition, top.action)
+        except ValueError as error:
+            raise DomainError(f"domain {self.name}: {error}") from error
+
+    def _check_objects_and_features(self) -> None:
+        sets, objects = self.action_sets, {name for top in self.tops for name in objects_in(top)}
+        require(DEFAULT_SET in sets, "action sets", f"{DEFAULT_SET!r} among them", sorted(sets))
+        unknown = objects.union(source.name for source in self.sources).difference(self.objects)
+        require(not unknown, "objects", "all that conditions and sources name", sorted(self.objects))
+        own = (direct_name(name) for name in self.goal_variables)
+        features = Counter((*GENERAL, *(feature.name for feature in self.features), *own))
+        twice = [name for name, count in features.items() if count > 1]
+        require(not twice, "features", "each name once", twice)
+        for action_set, specs in sets.items():
+            for spec in specs:
+                place = f"action set {action_set!r}: {spec.name}"
+                strange = [name for name in spec.features if name not in features]
+                require(not strange, f"{place}: features", f"some of {', '.join(features)}", strange)
+                names = [variable.name for variable in spec.goal_variables]
+                few = len(names) <= MOST_GOAL_VARIABLES
+                require(few, f"{place}: goal_variables", f"at most {MOST_GOAL_VARIABLES}", names)
+                for variable in spec.goal_variables:
+                    same = self.goal_variables[variable.name] == variable
+                    expected = f"the same {variable.name} in all actions"
+                    require(same, f"{place}: goal_variables", expected, variable)
+                for filling in spec.remote.goal if spec.remote else ():
+                    name, known = filling.goal_variable, (*GOAL_VARIABLES, *names)
+                    require(name in (None, *known), f"{place}: goal", f"one of {', '.join(known)}", name)
+
+    def _check_condition(self, place: str, condition: Condition, action: str) -> None:
+        axes = itertools.product(self.objects, ("x", "y", "vx", "vy"))
+        state = (*STATE_VARIABLES, *(".".join(axis) for axis in axes))
+        known = [
+            {*GOAL_VARIABLES, *(variable.name for variable in spec.goal_variables)}
+            for specs in self.action_sets.values()
+            for spec in specs
+            if spec.name == action  # without any the TOP is left out
+        ]
+        goal = [f"goal.{name}" for name in sorted(set.intersection(*known))] if known else []
+        for number, term in enumerate(condition.terms):
+            where, target = f"{place}[{number}]", term.target
+            require(term.variable in state, f"{where}.variable", f"one of {', '.join(state)}", term.variable)
+            if isinstance(target, str) and (known or not target.startswith("goal.")):
+                good = target in state or target in goal
+                require(good, f"{where}.target", f"one of {', '.join((*state, *goal))}", target)
 
     @cached_property
     def goal_variables(self) -> Mapping[str, GoalVariable]:
@@ -317,23 +365,24 @@ def find_domain(name: str = DEFAULT) -> Domain:
                 f"got {domain.name!r}"
             )
         return domain
-    found = installed_domains()
+    domain = _loaded(GROUP, name, "domain")
+    if not isinstance(domain, Domain):
+        raise DomainError(f"domain {name}: expected a Domain, got {type(domain).__name__}")
+    return domain
+
+
+def _loaded(group: str, name: str, place: str) -> Any:
+    """Return what the entry point of this name refers to; raise DomainError if there is none."""
+    found = {entry.name: entry for entry in entry_points(group=group)}
     if name not in found:
         raise DomainError(
-            f"domain: expected an entry point of {GROUP}, one of {sorted(found)}, got {quoted(name)}"
+            f"{place}: expected an entry point of {group}, one of {sorted(found)}, got {quoted(name)}"
         )
     try:
-        domain = found[name].load()
+        return found[name].load()
     except Exception as error:  # a module from outside raises anything
-        raise DomainError(
-            f"domain {name}: expected to import {found[name].value}, got {type(error).__name__}: "
-            f"{printable(str(error), _LONGEST_REASON)}"
-        ) from error
-    if not isinstance(domain, Domain):
-        raise DomainError(
-            f"domain {name}: expected {found[name].value} to be a Domain, got {type(domain).__name__}"
-        )
-    return domain
+        why = printable(f"{type(error).__name__}: {error}", _LONGEST_REASON)
+        raise DomainError(f"{place} {name}: expected to import {found[name].value}, got {why}") from error
 
 
 def declared_domain(path: Path) -> Domain:
@@ -346,26 +395,45 @@ def declared_domain(path: Path) -> Domain:
     """
     try:
         data = content_with_optional_header(read_yaml(path, largest=_LARGEST_FILE), "domain")
-        declared = structured(data, DeclaredDomain, closed=True)
+        return _made(structured(data, DeclaredDomain, closed=True), path)
     except FileError as error:
         raise DomainError(str(error)) from error
-    except SchemaError as error:
+    except (SchemaError, DomainError) as error:
         raise DomainError(f"{path}: {error}") from error
-    variables = declared.variables
+
+
+def _made(declared: DeclaredDomain, path: Path) -> Domain:
     points = {top.action: Point(top.point) for top in reversed(declared.tops)}
-    actions = [
-        _spec(action, points.get(action.name, Point.AXLE), declared.time_limit, f"{path}: actions[{number}]")
-        for number, action in enumerate(declared.actions)
-    ]
+    specs, features = list[ActionSpec](), dict[str, Feature]()
+    for number, action in enumerate(declared.actions):
+        where = f"actions[{number}]"
+        if action.local is None:
+            specs.append(
+                _remote_spec(action, points.get(action.name, Point.AXLE), declared.time_limit, where)
+            )
+            continue
+        try:
+            domain = find_domain(action.local.domain)
+            found = domain.actions(action.local.action_set)
+        except DomainError as error:
+            raise DomainError(f"{where}.local: {error}") from error
+        if action.name not in found:
+            raise DomainError(f"{where}.name: expected one of {', '.join(found)}, got {action.name!r}")
+        specs.append(found[action.name])
+        features |= {item.name: item for item in domain.features if item.name in specs[-1].features}
+    variables = declared.variables
     return Domain(
         declared.name,
         tops=tuple(top.top() for top in declared.tops),
-        action_sets={DEFAULT_SET: tuple(spec for spec, _ in actions)},
+        action_sets={DEFAULT_SET: tuple(specs)},
         objects=tuple(item.name for item in declared.objects),
-        chains={chain.name: DeclaredChainSampler(chain, declared.time_limit) for chain in declared.chains},
+        chains={
+            chain.name: partial(drawn_chain, chain, time_limit=declared.time_limit)
+            for chain in declared.chains
+        },
         sources=declared.objects,
         variables=USUAL_RANGES if variables is None else {item.name: item.range for item in variables},
-        features=tuple(dict.fromkeys(feature for _, features in actions for feature in features)),
+        features=tuple(features.values()),
         bays=_described_bays if declared.bays else no_bays,
         description=None if declared.robot is None else path.parent / declared.robot,
         servers=tuple(_with_folder(path, server) for server in declared.servers),
@@ -384,33 +452,15 @@ def _described_bays(scene: Scene) -> tuple[Bay, ...]:
     return scene.bays
 
 
-def _spec(
-    action: DeclaredAction, point: Point, time_limit: float, where: str
-) -> tuple[ActionSpec, tuple[Feature, ...]]:
-    """Return the specification of an action, and the features that its domain adds."""
-    if action.local is None:
-        return _remote_spec(action, point, time_limit, where), ()
-    try:
-        domain = find_domain(action.local.domain)
-        found = domain.actions(action.local.action_set)
-    except DomainError as error:
-        raise DomainError(f"{where}.local: {error}") from error
-    if action.name not in found:
-        raise DomainError(f"{where}.name: expected one of {', '.join(found)}, got {action.name!r}")
-    spec = found[action.name]
-    return spec, tuple(feature for feature in domain.features if feature.name in spec.features)
-
-
 def _remote_spec(action: DeclaredAction, point: Point, time_limit: float, where: str) -> ActionSpec:
-    try:
-        factory = UnreachableAction if action.stand_in is None else _stand_in(action.stand_in)
-    except LookupError as error:
-        raise DomainError(f"{where}.stand_in: {error.args[0]}") from error
-    sample = (
-        _no_sampler
-        if action.drives is None
-        else DriveSampler(action.name, action.drives, point, action.goal_variables, time_limit)
-    )
+    factory: ActionFactory = UnreachableAction
+    if action.stand_in is not None:
+        factory = _loaded(STAND_INS, action.stand_in, f"{where}.stand_in")
+    sample: Sampler = _no_sampler
+    if action.drives is not None:
+        sample = partial(
+            drawn_drive, action.name, action.drives, point, action.goal_variables, time_limit=time_limit
+        )
     return ActionSpec(
         action.name,
         factory,
@@ -426,79 +476,3 @@ def _no_sampler(_robot: Robot, _rng: np.random.Generator) -> Situation:
         "an action on a server is recorded by the executor: expected `drives` in the domain's file to "
         "collect it, got none"
     )
-
-
-def _stand_in(name: str) -> ActionFactory:
-    """Return the factory of the stand-in of this name; raise LookupError if it cannot be imported."""
-    found = {entry.name: entry for entry in entry_points(group=STAND_INS)}
-    if name not in found:
-        raise LookupError(
-            f"expected an entry point of {STAND_INS}, one of {sorted(found)}, got {quoted(name)}"
-        )
-    try:
-        factory: ActionFactory = found[name].load()
-    except Exception as error:  # a module from outside raises anything
-        why = printable(f"{type(error).__name__}: {error}", 200)
-        raise LookupError(f"{name}: expected to import {found[name].value}, got {why}") from error
-    return factory
-
-
-def _inconsistencies(domain: Domain) -> Iterator[str]:
-    """Yield the contradictions between the parts of a domain, one sentence each."""
-    if DEFAULT_SET not in domain.action_sets:
-        yield f"expected an action set {DEFAULT_SET!r}, got {sorted(domain.action_sets)}"
-    yield from _object_problems(domain)
-    declared: dict[str, GoalVariable] = {}
-    features = [*GENERAL, *(feature.name for feature in domain.features)]
-    yield from _feature_problems(domain, features)
-    for action_set, specs in domain.action_sets.items():
-        where = f"action set {action_set!r}"
-        for spec in specs:
-            own = [direct_name(variable.name) for variable in spec.goal_variables]
-            if unknown := [name for name in spec.features if name not in (*features, *own)]:
-                yield f"{where}: {spec.name}: features: expected some of {features}, got {unknown}"
-            for problem in (*_goal_problems(domain, spec), *_declaration_problems(spec, declared)):
-                yield f"{where}: {spec.name}: goal_variables: {problem}"
-
-
-def _object_problems(domain: Domain) -> Iterator[str]:
-    if strange := sorted(set(domain.bodies) - set(domain.objects)):
-        yield f"bodies: expected some of the objects, got {strange}"
-    named = {name for top in domain.tops for name in objects_in(top)}
-    unknown = sorted((named | {source.name for source in domain.sources}) - set(domain.objects))
-    if unknown:
-        yield f"objects: expected all that conditions name, {unknown} are missing"
-
-
-def _feature_problems(domain: Domain, names: list[str]) -> Iterator[str]:
-    """Yield problems with feature names: duplicates, and features derived from unknown variables."""
-    variables = [direct_name(name) for name in domain.goal_variables]
-    everything = [*names, *variables]
-    if twice := sorted({name for name in everything if everything.count(name) > 1}):
-        yield f"features: expected each name once, {twice} are repeated"
-    for feature in domain.features:
-        if unknown := sorted(feature.derives - {*DIRECT_VARIABLES, *variables}):
-            yield f"features: {feature.name}: expected to derive from direct variables, got {unknown}"
-
-
-def _goal_problems(domain: Domain, spec: ActionSpec) -> Iterator[str]:
-    """Yield goal variables that conditions or the server's goal name and the action lacks."""
-    known = {*GOAL_VARIABLES, *(variable.name for variable in spec.goal_variables)}
-    fillings = () if spec.remote is None else spec.remote.goal
-    names = {filling.goal_variable for filling in fillings} - {None}
-    if unknown := sorted(str(name) for name in names - known):
-        yield f"expected all that its server's goal is filled from, {unknown} are missing"
-    for top in domain.tops:
-        unknown = sorted((top.pre.goal_names() | top.post.goal_names()) - known)
-        if top.action == spec.name and unknown:
-            yield f"expected all that the conditions of {top.name} name, {unknown} are missing"
-
-
-def _declaration_problems(spec: ActionSpec, declared: dict[str, GoalVariable]) -> Iterator[str]:
-    """Yield declarations that contradict earlier ones; earlier ones are in `declared`."""
-    names = [variable.name for variable in spec.goal_variables]
-    if len(names) > MOST_GOAL_VARIABLES or len(set(names)) != len(names):
-        yield f"expected at most {MOST_GOAL_VARIABLES}, each name once, got {names}"
-    for variable in spec.goal_variables:
-        if declared.setdefault(variable.name, variable) != variable:
-            yield f"expected the same {variable.name} in all actions, got {variable}"

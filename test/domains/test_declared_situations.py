@@ -5,18 +5,20 @@ from __future__ import annotations
 import itertools
 import pickle
 from collections import Counter
+from functools import partial
 
 import numpy as np
 import pytest
 
+from ator_ros.actions.base import Point
 from ator_ros.actions.situation import SHORT, NoPlaceError, Situation
 from ator_ros.domains.declared_situations import (
     DeclaredChain,
-    DeclaredChainSampler,
     DeclaredDrives,
     DeclaredPlace,
     DeclaredStep,
-    DriveSampler,
+    drawn_chain,
+    drawn_drive,
 )
 from ator_ros.domains.domain import find_domain
 
@@ -25,6 +27,10 @@ ROBOT = TOUR.robot()
 LIBRARY = TOUR.library(ROBOT)
 HALL = (DeclaredPlace((-2.0, 2.0), (-1.0, 1.0)),)
 DOCK = DeclaredPlace((3.0,), (0.5,), (1.5,))
+
+
+def drives(places: DeclaredDrives, time_limit: float = 30.0) -> partial[Situation]:
+    return partial(drawn_drive, "drive_to", places, Point.AXLE, (), time_limit=time_limit)
 
 
 def long_ones(drives: list[Situation]) -> list[float]:
@@ -36,7 +42,7 @@ def long_ones(drives: list[Situation]) -> list[float]:
 
 
 def test_drives_keep_their_distance_and_are_the_same_for_the_same_seed() -> None:
-    sample = DriveSampler("drive_to", DeclaredDrives(HALL, HALL, apart=1.5))
+    sample = drives(DeclaredDrives(HALL, HALL, apart=1.5))
     first = [sample(ROBOT, np.random.default_rng(seed)) for seed in range(50)]
     copied = pickle.loads(pickle.dumps(sample))  # noqa: S301 (as a worker process gets it)
     again = [copied(ROBOT, np.random.default_rng(seed)) for seed in range(50)]
@@ -46,7 +52,7 @@ def test_drives_keep_their_distance_and_are_the_same_for_the_same_seed() -> None
 
 
 def test_places_that_are_too_near_are_told() -> None:
-    sample = DriveSampler("drive_to", DeclaredDrives((DOCK,), (DOCK,), apart=0.1))
+    sample = drives(DeclaredDrives((DOCK,), (DOCK,), apart=0.1))
     with pytest.raises(
         NoPlaceError, match=r"^drives of drive_to: apart: expected places 0.1 m from the one before"
     ):
@@ -56,12 +62,13 @@ def test_places_that_are_too_near_are_told() -> None:
 def test_no_way_is_drawn_that_takes_longer_than_the_time_limit() -> None:
     most = 4.0 * ROBOT.limits.v
     rng = np.random.default_rng(0)
-    drive = DriveSampler("drive_to", DeclaredDrives(HALL, HALL), time_limit=4.0)
+    drive = drives(DeclaredDrives(HALL, HALL), 4.0)
     drawn = [drive(ROBOT, rng) for _ in range(200)]
     assert max(one.robot.pose.distance(one.goal.pose) for one in drawn) <= most
     steps = (DeclaredStep("visit", HALL, times=(2,)),)
     for _ in range(50):
-        world, chain = DeclaredChainSampler(DeclaredChain("legs", HALL, steps), 4.0)(ROBOT, LIBRARY, rng)
+        legs = DeclaredChain("legs", HALL, steps)
+        world, chain = drawn_chain(legs, ROBOT, LIBRARY, rng, time_limit=4.0)
         places = [world.robot.pose, *(call.goal.pose for call in chain.calls)]
         assert sum(a.distance(b) for a, b in itertools.pairwise(places)) <= most
 

@@ -134,7 +134,7 @@ def test_a_top_whose_action_is_not_declared_is_left_out(tmp_path: Path) -> None:
         ("colour", 1, r"expected the fields actions, .*variables\]; unknown colour"),
         ("objects.0.type", "Pose", r"objects\[0\].type: expected one of Odometry, PoseStamped.*got 'Pose'"),
         ("tops.1.name", "visit", "tops: expected each name once; got 'visit'"),
-        ("tops.0.post.1.target", "goal.z", r"tops\[0\].post\[1\].target: expected one of .*got 'goal.z'"),
+        ("tops.0.post.1.target", "goal.z", r"tops.visit.post\[1\].target: expected one of .*got 'goal.z'"),
         ("tops.0.post.1.tolerance", math.nan, r"post\[1\].tolerance: expected a finite number; got nan"),
         ("tops.0.pre.1.high", 0.1, r"tops\[0\].pre\[1\]: range of robot.x: expected low <= high"),
         ("tops.0.settles", -1, r"tops\[0\]: settles: expected a time in s from 0 to 60; got -1"),

@@ -43,7 +43,7 @@ def test_a_domain_of_another_package_is_found(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize(
     ("value", "expected"),
     [
-        ("ator_ros.domains.soccer.tops:TOPS", "to be a Domain, got tuple"),
+        ("ator_ros.domains.soccer.tops:TOPS", "expected a Domain, got tuple"),
         ("no_such_package.domain:DOMAIN", "ModuleNotFoundError"),
         ("ator_ros.domains.soccer.domain:CHESS", "AttributeError"),
     ],
@@ -102,5 +102,5 @@ def test_collect_takes_the_actions_that_the_set_has(monkeypatch: pytest.MonkeyPa
 def test_features_that_there_are_not_and_names_that_are_taken_are_refused() -> None:
     with pytest.raises(DomainError, match=r"'default': goToPose: features: expected .*got \['drive_time'"):
         dataclasses.replace(SOCCER, features=())
-    with pytest.raises(DomainError, match=r"features: expected each name once, \['dist'\] are repeated"):
+    with pytest.raises(DomainError, match=r"features: expected each name once; got \['dist'\]"):
         dataclasses.replace(SOCCER, features=(*SOCCER.features, GENERAL["dist"]))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Sequence
 from functools import lru_cache, partial
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from ator_ros.domains.soccer.run_up_times import run_up_times
 from ator_ros.domains.soccer.thresholds import approach_run, passing_distance
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.motion.displacements import TurnDriving
-from ator_ros.motion.families import MOST, Family, FreeTurns, Kind, Motions, free_kinds, needed_kinds
+from ator_ros.motion.families import Family, FreeTurns, Kind, Motions, free_kinds, needed_kinds
 from ator_ros.motion.motion_search import TurnProfile
 from ator_ros.performance.derived import Geometry, hold_angle, hold_bearing, hold_dist
 from ator_ros.performance.features import Feature, Kinds, MotionFeatures, variables
@@ -161,12 +161,6 @@ _AFTER = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.75, 0.95)
 _BEGINS = [(AT_ONCE, least) for least in _LEAST] + [(lead, 0.0) for lead in _LEADS]
 _ENDS = [(NO_RUN, least) for least in _LEAST[1:]] + [(after, 0.0) for after in _AFTER]
 
-_MAY_LACK = ("entry", "after", "rate")
-"""Fields of kinds that are kept as null where they are NaN."""
-_TYPES = {"backward": bool, "slower": int}
-"""Of fields that are no shares of the limits."""
-_MOST_DIFFERENT = 10
-"""Values of a field: more of them than a grid has cost memory."""
 Turns = TypeVar("Turns", FreeTurns, PushedTurns)
 
 
@@ -229,45 +223,21 @@ def _stored(grid: Sequence[FreeTurns | PushedTurns], which: Iterable[int]) -> li
     return [[None if np.isnan(number) else number for number in grid[at]] for at in which]
 
 
-def turns_of(kinds: Kinds, family: str, kind: type[Turns], *, least: int = 1) -> tuple[Turns, ...]:
-    """Return the kinds of a family, `least` of them or more.
+def turns_of(kinds: Kinds, family: str, kind: type[Turns]) -> tuple[Turns, ...]:
+    """Return the kinds of a family.
 
     Raises
     ------
     ValueError
-        There are too few or too many, they are not shares of the limits as expected, or more different ones
-        than of a grid: each has tables of its own.
+        One has too few values or too many.
     """
-    rows, fields = kinds.get(family), kind._fields
-    if not isinstance(rows, Sequence) or isinstance(rows, str) or not least <= len(rows) <= MOST:
-        raise ValueError(f"{family}: expected {least} to {MOST} kinds of motion, got {short(rows)}")
+    rows, fields = kinds.get(family, ()), kind._fields
     for number, row in enumerate(rows):
-        whole = isinstance(row, Sequence) and len(row) == len(fields)
-        if not whole or not all(map(_is_value, fields, row)):
+        if len(row) != len(fields):
             raise ValueError(
-                f"{family}.{number}: expected {len(fields)} values from -1 to 1 ({', '.join(fields)}), "
-                f"got {short(row)}"
+                f"{family}.{number}: expected {len(fields)} values ({', '.join(fields)}), got {short(row)}"
             )
-    for field, *values in zip(fields, *rows, strict=True):
-        if (count := len(set(values))) > _MOST_DIFFERENT:
-            raise ValueError(
-                f"{family}: expected at most {_MOST_DIFFERENT} different values of {field}, got {count}"
-            )
-    return tuple(kind(*_filled(row)) for row in rows)
-
-
-def _is_value(field: str, value: object) -> bool:
-    if value is None:
-        return field in _MAY_LACK
-    if field in _TYPES:
-        return type(value) is _TYPES[field]
-    if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > 1.0:
-        return False
-    return field != "rate" or value > 0.0
-
-
-def _filled(row: Iterable[Any]) -> list[Any]:
-    return [np.nan if value is None else value for value in row]
+    return tuple(kind(*(np.nan if value is None else value for value in row)) for row in rows)
 
 
 _SHORT = 1.0  # m
@@ -368,11 +338,11 @@ _TO_MOUTH = variables("x y yaw xg yg")
 
 
 def _drives_of(kinds: Kinds) -> dict[str, Feature]:
-    """Return the features of drives; a robot that holds nothing has an empty list of approaches."""
-    if not kinds.keys() & {DRIVE, APPROACH}:
+    """Return the features of drives; a robot that holds nothing has no approaches."""
+    if DRIVE not in kinds:
         return {}
-    drives = turns_of(kinds, DRIVE, FreeTurns), turns_of(kinds, APPROACH, FreeTurns, least=0)
-    return _drive_features(Drives(*drives), {name: kinds[name] for name in (DRIVE, APPROACH)})
+    drives = turns_of(kinds, DRIVE, FreeTurns), turns_of(kinds, APPROACH, FreeTurns)
+    return _drive_features(Drives(*drives), {name: kinds.get(name, ()) for name in (DRIVE, APPROACH)})
 
 
 def _dribbles_of(kinds: Kinds) -> dict[str, Feature]:
