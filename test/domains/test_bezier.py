@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 from action_runs import KINDS, Task, execute, execute_situation, tasks
 
@@ -48,12 +46,10 @@ def test_ball_must_be_held_at_the_start(robot: Robot, name: str) -> None:
         SOCCER.actions("bezier")[name].factory(robot).start(world, goal)
 
 
-@pytest.mark.parametrize("goal", [Goal(Pose(math.nan, 0.0, 0.0)), Goal(Pose(0.0, 0.0, 0.0), speed=9.0)])
-def test_impossible_goal_is_refused(robot: Robot, goal: Goal) -> None:
-    with pytest.raises(ActionError, match="expected a"):
-        SOCCER.actions("bezier")["goToPose"].factory(robot).start(
-            World(0.0, RobotState(Pose(0.0, 0.0, 0.0))), goal
-        )
+def test_impossible_arrival_speed_is_refused(robot: Robot) -> None:
+    world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)))
+    with pytest.raises(ActionError, match="expected an arrival speed"):
+        SOCCER.actions("bezier")["goToPose"].factory(robot).start(world, Goal(Pose(1.0, 0.0, 0.0), speed=9.0))
 
 
 def test_shot_at_a_place_without_a_goal_is_refused(robot: Robot) -> None:

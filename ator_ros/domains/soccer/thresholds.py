@@ -8,6 +8,7 @@ import math
 from types import MappingProxyType
 
 from ator_ros.actions import TIME_LIMIT
+from ator_ros.actions.base import ActionError, Goal
 from ator_ros.actions.situation import NoPlaceError
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.robot.description import Limits, Robot
@@ -26,6 +27,12 @@ _BODY_ROOM = 0.1  # m between a robot and what it must not touch
 _LEAST_END_MARGIN = 0.9
 _LEAST_SIDE_MARGIN = 0.4
 _LEAST_CLEARANCE = 0.6
+
+
+def check_arrival(goal: Goal, most: float, action: str) -> None:
+    """Raise ActionError unless the goal's arrival speed is from 0 to `most` m/s."""
+    if not 0.0 <= goal.speed <= most:
+        raise ActionError(f"{action}: expected an arrival speed from 0 to {most:g} m/s, got {goal.speed:g}")
 
 
 def approach_run(robot: Robot) -> float:

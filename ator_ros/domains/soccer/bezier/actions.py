@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step, finished
-from ator_ros.domains.soccer.bezier.driving import CurveShape, Driver, Style, check_goal, reached, straightens
+from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
+from ator_ros.domains.soccer.bezier.driving import CurveShape, Driver, Style, reached, straightens
 from ator_ros.domains.soccer.field import BALL, ball_of, behind_line, field_of, is_in_goal
-from ator_ros.domains.soccer.thresholds import ball_clearance, gone_beyond
+from ator_ros.domains.soccer.thresholds import ball_clearance, check_arrival, gone_beyond
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import is_at_front
@@ -23,7 +23,17 @@ _BACKING = 0.3
 _STRAIGHTENING = 0.5  # rad that a robot may turn on the spot with the ball between its fins
 
 
-class BezierGoToPose(Action):
+class _BezierAction(Action):
+    """An action that follows a curve."""
+
+    _driver: Driver
+
+    def path(self) -> FloatArray | None:
+        """Return the curve of the last tick; see `Action.path`."""
+        return self._driver.path()
+
+
+class BezierGoToPose(_BezierAction):
     """Drive to a pose; where the goal is a ball, come from behind it and leave it in its place.
 
     Forward only, except to back off from a ball in front that is not at the goal. A goal with a speed is
@@ -32,13 +42,9 @@ class BezierGoToPose(Action):
 
     name: ClassVar[str] = "goToPose"
 
-    def __init__(self, robot: Robot) -> None:
-        super().__init__(robot)
-        self._goal = Goal(Pose(0.0, 0.0, 0.0))
-
     def start(self, world: World, goal: Goal) -> None:
         """Commit to `goal`; see `Action.start`."""
-        check_goal(goal, self.robot.limits.v, self.name)
+        check_arrival(goal, self.robot.limits.v, self.name)
         self._goal = goal
         self._target = goal.robot_pose(self.robot)
         ball = ball_of(world)
@@ -46,12 +52,8 @@ class BezierGoToPose(Action):
         self._is_backing_off = not self._to_ball and is_at_front(world, self.robot, BALL)
         style = TO_BALL if self._to_ball else TO_POSE
         beside = ball if self._to_ball or self._is_backing_off else None
-        self._driver = Driver(self.robot.limits, style, self.robot, beside)
-        self._driver.reset(Command(world.robot.v, world.robot.w))
-
-    def path(self) -> FloatArray | None:
-        """Return the curve of the last tick; see `Action.path`."""
-        return self._driver.path()
+        last = Command(world.robot.v, world.robot.w)
+        self._driver = Driver(self.robot.limits, style, last, self.robot, beside)
 
     def step(self, world: World) -> Step:
         """Return the next command; see `Action.step`."""
@@ -103,13 +105,7 @@ def dribbling(handle: float = HANDLE, rotation: float = ROTATION) -> Style:
 
 
 def check_held(world: World, robot: Robot, name: str) -> None:
-    """Check that the ball lies in the robot's front.
-
-    Raises
-    ------
-    ActionError
-        It doesn't.
-    """
+    """Raise ActionError unless the ball lies in the robot's front."""
     distance, most = robot.hold_offset(world, BALL), gone_beyond(robot)
     if distance > most:
         raise ActionError(
@@ -117,7 +113,7 @@ def check_held(world: World, robot: Robot, name: str) -> None:
         )
 
 
-class BezierDribbleBall(Action):
+class BezierDribbleBall(_BezierAction):
     """Push the ball to a pose: turning slowly, and never braking harder than the ball.
 
     A ball that lies loosely between the tips of the fins is taken in first, straight ahead.
@@ -129,21 +125,15 @@ class BezierDribbleBall(Action):
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
         self._limits = robot.holder_for(self.name).limits
-        self._driver = Driver(self._limits, dribbling())
-        self._goal = Goal(Pose(0.0, 0.0, 0.0), point=Point.HOLD)
 
     def start(self, world: World, goal: Goal) -> None:
         """Commit to `goal`; see `Action.start`."""
-        check_goal(goal, self._limits.v, self.name)
+        check_arrival(goal, self._limits.v, self.name)
         check_held(world, self.robot, self.name)
         self._goal = goal
         self._target = goal.robot_pose(self.robot)
-        self._driver.reset(Command(world.robot.v, world.robot.w))
+        self._driver = Driver(self._limits, dribbling(), Command(world.robot.v, world.robot.w))
         self._is_taking_in = self._gap(world) > _LOOSE
-
-    def path(self) -> FloatArray | None:
-        """Return the curve of the last tick; see `Action.path`."""
-        return self._driver.path()
 
     def step(self, world: World) -> Step:
         """Return the next command; see `Action.step`."""
@@ -183,7 +173,7 @@ _SHOT_OVER = Standstill(0.05)
 """A ball and a robot too slow to score any more, before either has come to rest."""
 
 
-class BezierShoot(Action):
+class BezierShoot(_BezierAction):
     """Send the ball into a goal by motion alone.
 
     The goal's position lies in the mouth of one of the field's goals; its heading and speed do not matter.
@@ -194,14 +184,10 @@ class BezierShoot(Action):
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
         self._limits = robot.holder_for(self.name).limits
-        self._driver = Driver(self._limits, dribbling(_HANDLE, _ROTATION))
-        self._side = 1
-        self._middle = 0.0
-        self._released = False
 
     def start(self, world: World, goal: Goal) -> None:
         """Commit to the goal mouth that `goal` lies in; see `Action.start`."""
-        check_goal(goal, self.robot.limits.v, self.name)
+        check_arrival(goal, self.robot.limits.v, self.name)
         check_held(world, self.robot, self.name)
         field = field_of(self.robot)
         x, y = goal.pose.x, goal.pose.y
@@ -213,16 +199,13 @@ class BezierShoot(Action):
             raise ActionError(f"shoot: expected a position in a goal's mouth, got ({x:.2f}, {y:.2f}) m")
         self._side = side
         self._middle = max(-1.0, min(1.0, (y - middle) / (field.goal_width / 2))) * self._half_mouth()
-        self._driver.reset(Command(world.robot.v, world.robot.w))
+        last = Command(world.robot.v, world.robot.w)
+        self._driver = Driver(self._limits, dribbling(_HANDLE, _ROTATION), last)
         self._released = False
 
     def _half_mouth(self) -> float:
         """Return half the width in m in which the ball's centre passes clear of the posts."""
         return field_of(self.robot).goal_width / 2 - self.robot.scene.radius(BALL) - _POST_ROOM
-
-    def path(self) -> FloatArray | None:
-        """Return the curve of the last tick; see `Action.path`."""
-        return self._driver.path()
 
     def step(self, world: World) -> Step:
         """Return the next command; see `Action.step`."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ator_ros.actions.base import ActionError, Goal
 from ator_ros.domains.soccer.field import BALL, depth_in_goals, nearest_to_goals
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.robot.description import Limits, Robot
@@ -233,6 +232,8 @@ class Driver:
         Speeds and accelerations to keep.
     style : Style
         The curve and how it is driven.
+    last : Command
+        What the robot executes now.
     robot : Robot, optional
         Whose scene has walls to keep clear of; by default there are none.
     ball : ObjectState, optional
@@ -240,17 +241,17 @@ class Driver:
     """
 
     def __init__(
-        self, limits: Limits, style: Style, robot: Robot | None = None, ball: ObjectState | None = None
+        self,
+        limits: Limits,
+        style: Style,
+        last: Command,
+        robot: Robot | None = None,
+        ball: ObjectState | None = None,
     ) -> None:
         self._limits, self._style, self._robot, self._ball = limits, style, robot, ball
         self._rotation = min(style.rotation, limits.w, _TO_ROTATE * limits.aw)  # rad/s
         self._braking = min(style.braking, limits.brake / _RESERVE)  # m/s^2
-        self.reset(Command())
-
-    def reset(self, last: Command) -> None:
-        """Start over, with `last` as the command that the robot executes."""
-        self._last = last
-        self._shape = self._style.shape
+        self._last, self._shape = last, style.shape
         self._side = 0.0
         self._laid: tuple[Curve, Pose] | None = None
 
@@ -258,7 +259,7 @@ class Driver:
         """Return the curve of the last tick as poses; see `Action.path`."""
         return None if self._laid is None else sampled(*self._laid)
 
-    def curve(self, pose: Pose, target: Pose, v: float) -> Curve:
+    def _curve(self, pose: Pose, target: Pose, v: float) -> Curve:
         """Return the curve to `target` for a robot at `pose` that drives at v (m/s).
 
         Of the two that lead round the goal by the left and by the right it is the quicker; so durations are
@@ -313,7 +314,7 @@ class Driver:
 
     def follow(self, state: RobotState, target: Pose, end_speed: float) -> Command:
         """Return the command for the next tick to `target`, to be passed at `end_speed` (m/s)."""
-        curve = self.curve(state.pose, target, state.v)
+        curve = self._curve(state.pose, target, state.v)
         self._laid = curve, target
         bend = max(-self._style.sharpest, min(self._style.sharpest, curve.bend))
         v = self._speed(curve, bend, state.v, end_speed)
@@ -372,17 +373,3 @@ def standing_place(rel: Pose) -> bool:
 def straightens(rel: Pose, end_speed: float, most: float) -> bool:
     """Return whether a robot at `rel` has only to turn, by at most `most` rad, to stand in the goal."""
     return end_speed == 0.0 and standing_place(rel) and abs(rel.yaw) <= most
-
-
-def check_goal(goal: Goal, most: float, name: str) -> None:
-    """Check a goal.
-
-    Raises
-    ------
-    ActionError
-        The goal is not finite, or its speed is not in [0, most] m/s.
-    """
-    if not all(math.isfinite(value) for value in (*goal.pose, goal.speed)):
-        raise ActionError(f"{name}: expected a finite goal, got {goal}")
-    if not 0.0 <= goal.speed <= most:
-        raise ActionError(f"{name}: expected a goal speed from 0 to {most:g} m/s, got {goal.speed:g} m/s")

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.domains.soccer.planned.tracker import DISTURBED_DISTANCE, StrengthEstimator, Tracker
-from ator_ros.domains.soccer.thresholds import gripping
+from ator_ros.domains.soccer.thresholds import check_arrival, gripping
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.motion.planning import Planning, Search
@@ -21,15 +21,7 @@ _SETTLING = 0.3  # s after which a base counts as standing whatever its odometry
 
 
 class Pause:
-    """Brings a robot to rest.
-
-    Parameters
-    ----------
-    world : World
-        The state in which it begins.
-    limits : Limits
-        How hard it may brake.
-    """
+    """Brings a robot to rest from the state of `world`, as hard as `limits` allow."""
 
     def __init__(self, world: World, limits: Limits) -> None:
         self._from: RobotState = world.robot
@@ -89,10 +81,7 @@ class PlannedAction(Action):
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the way to `goal`; see `Action.start`."""
-        if not 0.0 <= goal.speed <= self.limits.v:
-            raise ActionError(
-                f"{self.name}: expected an arrival speed from 0 to {self.limits.v} m/s, got {goal.speed}"
-            )
+        check_arrival(goal, self.limits.v, self.name)
         self.goal = goal
         self._arrival_speed = goal.speed
         self._replans = 0
@@ -198,17 +187,7 @@ class PlannedAction(Action):
         return Step(tracker.command(world), Status.RUNNING, f"{self.verb}, {tracker.left(world):.1f} s to go")
 
     def replan(self, world: World, why: str, *, counts: bool = True) -> Step:
-        """Plan again from here, or fail if that cannot help any more.
-
-        Parameters
-        ----------
-        world : World
-            The present state.
-        why : str
-            A sentence on why.
-        counts : bool
-            Whether the new plan is one of those after which it gives up.
-        """
+        """Plan again from here, or fail after too many plans of those that `counts` is true for."""
         if world.time == self._deferred:
             return self._following(world, f"{why}; planning in the next tick")
         self._replans += counts

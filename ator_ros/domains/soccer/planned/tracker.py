@@ -37,36 +37,6 @@ class Reaction:
     now: RobotState
 
 
-class ReactionObserver:
-    """Tells the reactions of a base to the commands that it is sent.
-
-    Parameters
-    ----------
-    robot : Robot
-        Limits within which the base should follow commands.
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-        self._last: World | None = None
-        self._command, self._set = STOP, STOP
-
-    def commanded(self, command: Command) -> None:
-        """Take in the command for the state that was seen last."""
-        self._command = command
-
-    def update(self, world: World) -> Reaction | None:
-        """Return the reaction since the state that was seen last; None where this is the first one."""
-        last, before = self._last, self._set
-        self._last = world
-        if last is None or world.time <= last.time:
-            self._set = Command(world.robot.v, world.robot.w)
-            return None
-        passed = world.time - last.time
-        self._set = ramped(before, self._command, passed, self._robot.limits, self._robot.stop)
-        return Reaction(passed, before, self._set, last.robot, world.robot)
-
-
 _LEAST_LAG_SHARE = 0.8  # of the described acceleration: with less of it a lag hardly shows
 _FOLLOWS = 0.8  # share of the set speed's change with which a base follows that lags, and is not weak
 _LEAST = 3  # ticks
@@ -77,12 +47,7 @@ _MOST = 0.2  # s
 class LagEstimator:
     """Estimates a first-order lag by least squares, from speeds that fall short of set speeds that rise.
 
-    A base that gains speed more slowly than it should is weak; only one that keeps up tells of its lag.
-
-    Parameters
-    ----------
-    robot : Robot
-        The acceleration that the base should have, and the lag that is expected.
+    A base that gains speed more slowly than it should is weak; only one that keeps up shows its lag.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -121,14 +86,8 @@ class StrengthEstimator:
     """Estimates the acceleration of a base as a share of the described one, for driving and for turning.
 
     Where motors lag, a base gains less at first, then more from tick to tick. A weak one keeps gaining less.
-    Of a base whose motors lag long as described nothing is estimated.
-
-    Parameters
-    ----------
-    robot : Robot
-        The accelerations that the base should have.
-    limits : Limits
-        What plans use of a base as described.
+    Of a base whose motors lag long as described nothing is estimated. `limits` is what plans use of a base as
+    described.
     """
 
     def __init__(self, robot: Robot, limits: Limits) -> None:
@@ -198,20 +157,6 @@ _RARE = 1.5  # control periods; states that are farther apart, three times in a 
 _LEAST_RATE = 0.3  # s of the plan in 1 s
 
 
-@dataclass(frozen=True, slots=True)
-class Deviation:
-    """The planned pose seen from the robot: m ahead, m to the left, rad counter-clockwise."""
-
-    along: float
-    across: float
-    heading: float
-
-    @property
-    def distance(self) -> float:
-        """Distance from the plan in m."""
-        return math.hypot(self.along, self.across)
-
-
 class Tracker:
     """Steers a robot along a trajectory.
 
@@ -221,10 +166,6 @@ class Tracker:
 
     Parameters
     ----------
-    robot : Robot
-        Lag of the base, and the bounds of the commands.
-    trajectory : Trajectory
-        What to follow.
     start_time : float
         When the trajectory starts, in s of the world's time.
     strength : StrengthEstimator
@@ -257,7 +198,7 @@ class Tracker:
         waits: bool = False,
         reserve: float = math.inf,
     ) -> None:
-        self._limits, self._lever, self._reserve = robot.limits, robot.track / 2.0, reserve
+        self._reserve = reserve
         self.trajectory = trajectory
         self._start = self._created = self._last_time = start_time
         self._rate = 1.0
@@ -265,7 +206,9 @@ class Tracker:
         still = RobotState(first.pose, first.v, first.w).is_still
         self._waits = waits and still and trajectory.duration > _SHORT
         self._weak = math.sqrt(robot.limits.aw / self.BRISK_TURNING)
-        self._reactions, self._lag, self._strength = ReactionObserver(robot), LagEstimator(robot), strength
+        self._robot, self._lag, self._strength = robot, LagEstimator(robot), strength
+        self._last: World | None = None
+        self._command, self._set = STOP, STOP
         self._slowed_for = strength.described
         self._gaps = deque([0.0] * 3, maxlen=3)  # between the last states, s
         self._period = CONTROL_PERIOD
@@ -288,13 +231,24 @@ class Tracker:
         self._wait_for_start(world)
         self._rate = 1.0 if self._waits else self._rate_for(world)
         self._start += (1.0 - self._rate) * passed
-        reaction = self._reactions.update(world)
+        reaction = self._reaction(world)
         if reaction is not None:
             self._strength.update(reaction)
             if not self._strength.weak:  # else its speed is behind since it gains less
                 self._lag.update(reaction)
         self._set_preview(self._lag.seconds)
         self._slow_down(world.time)
+
+    def _reaction(self, world: World) -> Reaction | None:
+        """Return what the base did since the last state; None at the first one."""
+        last, before = self._last, self._set
+        self._last = world
+        if last is None or world.time <= last.time:
+            self._set = Command(world.robot.v, world.robot.w)
+            return None
+        passed = world.time - last.time
+        self._set = ramped(before, self._command, passed, self._robot.limits, self._robot.stop)
+        return Reaction(passed, before, self._set, last.robot, world.robot)
 
     def _slow_down(self, time: float) -> None:
         """Follow the rest of the plan only as fast as the base has shown that it can, from `time` (s) on."""
@@ -306,8 +260,8 @@ class Tracker:
     def _rate_for(self, world: World) -> float:
         """Return how fast the plan's time passes: 1, or less for a robot that falls behind."""
         error, planned = self.deviation(world), self.trajectory.at(self.elapsed(world))
-        behind = error.along * float(np.sign(planned.v)) - _BEHIND * self._usual**2
-        turned_off = abs(error.heading) - _TURNED_OFF * self._usual**2
+        behind = error.x * float(np.sign(planned.v)) - _BEHIND * self._usual**2
+        turned_off = abs(error.yaw) - _TURNED_OFF * self._usual**2
         return max(_LEAST_RATE, 1.0 - max(0.0, behind / _STRETCH, turned_off / _TURN_STRETCH))
 
     def _wait_for_start(self, world: World) -> None:
@@ -329,7 +283,7 @@ class Tracker:
 
         def error(ticks: int) -> float:
             planned = self.trajectory.at(ticks * CONTROL_PERIOD - _SEEN_LATE)
-            change = abs(planned.v - world.robot.v) + self._lever * abs(planned.w - world.robot.w)
+            change = abs(planned.v - world.robot.v) + self._robot.track / 2.0 * abs(planned.w - world.robot.w)
             # Just after a start the speed tells most; a metre counts as much as a metre per second.
             return change + planned.pose.distance(world.robot.pose)
 
@@ -342,30 +296,28 @@ class Tracker:
     def disturbed(self, world: World) -> bool:
         """Return whether the robot is too far from the plan to follow it."""
         deviation = self.deviation(world)
-        return deviation.distance > DISTURBED_DISTANCE or abs(deviation.heading) > DISTURBED_HEADING
+        far = math.hypot(deviation.x, deviation.y) > DISTURBED_DISTANCE
+        return far or abs(deviation.yaw) > DISTURBED_HEADING
 
     def elapsed(self, world: World) -> float:
         """Return the time in s since the trajectory started."""
         return world.time - self._start
 
-    def deviation(self, world: World) -> Deviation:
-        """Return the robot's present deviation from the plan."""
-        planned = self.trajectory.at(self.elapsed(world)).pose
-        seen: Pose = world.robot.pose.relative(planned)
-        return Deviation(seen.x, seen.y, seen.yaw)
+    def deviation(self, world: World) -> Pose:
+        """Return the planned pose relative to the robot."""
+        return world.robot.pose.relative(self.trajectory.at(self.elapsed(world)).pose)
 
     def command(self, world: World) -> Command:
         """Return the next velocity command."""
         error = self.deviation(world)
         ahead = self.trajectory.at(self.elapsed(world) + self._rate * self._preview)
         planned_v, planned_w = self._rate * ahead.v, self._rate * ahead.w
-        v = planned_v * math.cos(error.heading) + self._catching_up(error.along, forward=planned_v >= 0.0)
-        turning = self._pace * self.GAIN_HEADING * math.sin(error.heading)
-        w = planned_w + self._across(planned_v) * error.across + turning
-        bound = self._limits
-        command = Command(max(-bound.v, min(bound.v, v)), max(-bound.w, min(bound.w, w)))
-        self._reactions.commanded(command)
-        return command
+        v = planned_v * math.cos(error.yaw) + self._catching_up(error.x, forward=planned_v >= 0.0)
+        turning = self._pace * self.GAIN_HEADING * math.sin(error.yaw)
+        w = planned_w + self._across(planned_v) * error.y + turning
+        bound = self._robot.limits
+        self._command = Command(max(-bound.v, min(bound.v, v)), max(-bound.w, min(bound.w, w)))
+        return self._command
 
     def _catching_up(self, along: float, *, forward: bool) -> float:
         """Return the speed in m/s that is added to catch up: the reserve loses it again on the way."""
