@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.durations import turn_progress, turn_time
+from ator_ros.motion.durations import turn_parts, turn_time
 from ator_ros.robot.description import Limits
 
 _POINTS, _OVER_TWO = np.polynomial.legendre.leggauss(16)
@@ -81,7 +81,16 @@ class _Headings(NamedTuple):
 
 def _headings(angles: FloatArray, turn_rate: float, aw: float) -> _Headings:
     times = turn_time(angles[:, None], turn_rate, aw)
-    headings = angles[:, None] * turn_progress(NODES, angles, turn_rate, aw)
+    size = np.maximum(np.abs(angles), 1e-12)[:, None]
+    ramp, steady = turn_parts(size, turn_rate, aw)
+    now = NODES * (2.0 * ramp + steady)
+    rest = 2.0 * ramp + steady - now
+    done = np.where(
+        now < ramp,
+        0.5 * aw * now * now,
+        np.where(rest < ramp, size - 0.5 * aw * rest * rest, aw * ramp * (now - 0.5 * ramp)),
+    )
+    headings = angles[:, None] * (done / size)
     return _Headings(times, times * NODES, np.cos(headings), np.sin(headings))
 
 

@@ -133,34 +133,3 @@ def forward_parts(distance: Real, before: Any, after: Any, rates: Bounds) -> tup
     cruise = distance - (square - square1) * (0.5 / up) - (square - square2) * (0.5 / down)
     steady = np.maximum(cruise, 0.0) * (1.0 / rates.v)
     return (peak - before) * (1.0 / up), steady, (peak - after) * (1.0 / down), peak
-
-
-def turn_progress(fractions: FloatArray, angles: FloatArray, w: Any, aw: float) -> FloatArray:
-    """Return the share of each turn that is done after each fraction of its time.
-
-    Parameters
-    ----------
-    fractions : ndarray, shape (q,)
-        Fractions of the turn's duration in [0, 1].
-    angles : ndarray, shape (n,)
-        Signed angles in rad.
-    w : float or ndarray of shape (n, 1)
-        Greatest turn rates in rad/s.
-    aw : float
-        Greatest turn acceleration in rad/s^2.
-
-    Returns
-    -------
-    ndarray, shape (n, q)
-        Shares in [0, 1], from rest to rest.
-    """
-    size = np.maximum(np.abs(angles), 1e-12)[:, None]
-    ramp, steady = turn_parts(size, w, aw)
-    t = fractions * (2.0 * ramp + steady)
-    rest = 2.0 * ramp + steady - t
-    done = np.where(
-        t < ramp,
-        0.5 * aw * t * t,
-        np.where(rest < ramp, size - 0.5 * aw * rest * rest, aw * ramp * (t - 0.5 * ramp)),
-    )
-    return np.asarray(done / size)

@@ -48,19 +48,19 @@ class Kind(NamedTuple):
         reach its end speed, or a share of the limit if the run is as long as needed; NaN without a run.
     entry : float
         Speed in m/s to reach in a straight lead before the first turn; NaN where that begins at once.
-    backward : bool
-        Whether the drive between the turns goes backward.
     least_start, least_arrival : float
         Least speeds in m/s at the start and at the goal of such motions.
+    direction : float
+        1 if the drive between the turns goes forward, -1 if backward.
     """
 
     first: TurnProfile
     last: TurnProfile
     share: float = 0.0
     entry: float = np.nan
-    backward: bool = False
     least_start: float = -np.inf
     least_arrival: float = -np.inf
+    direction: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -99,21 +99,9 @@ class Family:
     @cached_property
     def rows(self) -> Rows:
         """The kinds as rows."""
+        number = self._profiles.index
         rows = [
-            (
-                self._profiles.index(kind.first),
-                self._profiles.index(kind.last),
-                kind.first.change,
-                kind.last.change,
-                kind.first.rate,
-                kind.last.rate,
-                kind.share,
-                kind.entry,
-                kind.least_start,
-                kind.least_arrival,
-                -1.0 if kind.backward else 1.0,
-            )
-            for kind in self.kinds
+            (number(kind.first), number(kind.last), *kind.first, *kind.last, *kind[2:]) for kind in self.kinds
         ]
         return np.array(rows, dtype=KIND)
 
@@ -156,7 +144,7 @@ def free_kinds(limits: Limits, rows: Iterable[FreeTurns]) -> tuple[Kind, ...]:
             TurnProfile(row.first * limits.a, limits.w),
             TurnProfile(row.last * limits.a, limits.w),
             row.share,
-            backward=row.backward,
+            direction=-1.0 if row.backward else 1.0,
         )
         for row in rows
     )

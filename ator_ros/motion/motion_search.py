@@ -147,7 +147,7 @@ def _displacements(
 
 KIND = np.dtype(
     [("first_profile", np.intp), ("last_profile", np.intp)]
-    + [(f"{turn}_{what}", float) for what in ("change", "rate") for turn in ("first", "last")]
+    + [(f"{turn}_{what}", float) for turn in ("first", "last") for what in TurnProfile._fields]
     + [(name, float) for name in ("share", "entry", "least_start", "least_arrival")]
     + [("direction", np.float32)],
     align=True,

@@ -51,27 +51,9 @@ def opening_of(start: RobotState, aw: float, least: float = 0.0) -> Opening:
 
 
 _HALVINGS = 20
-
-
-@dataclass(frozen=True, slots=True)
-class _Bound:
-    """An acceleration in a segment: `before` and `after` times the squared rates, from `least` to `most`."""
-
-    before: float
-    after: float
-    least: float
-    most: float
-
-    def span(self, square: float) -> tuple[float, float]:
-        """Return from where to where the squared rate after the segment may be, given the one before."""
-        rest = self.before * square
-        if self.after == 0.0:
-            return (0.0, math.inf) if self.least <= rest <= self.most else (math.inf, 0.0)
-        ends = (self.least - rest) / self.after, (self.most - rest) / self.after
-        return min(ends), max(ends)
-
-
-_Segment = tuple[_Bound, ...]
+_Bound = tuple[float, float, float, float]
+"""An acceleration in a segment: what the squared rates before and after it are multiplied with, and the least
+and greatest sum."""
 
 
 def greatest_rates(v: FloatArray, w: FloatArray, steps: FloatArray, limits: Limits) -> FloatArray:
@@ -86,12 +68,10 @@ def greatest_rates(v: FloatArray, w: FloatArray, steps: FloatArray, limits: Limi
     limits : Limits
         Accelerations that the base has.
     """
-    segments = [
-        (*_driving(*drives, step, limits), *_bounds(*turns, step, -limits.aw, limits.aw))
-        for drives, turns, step in zip(
-            pairwise(v.tolist()), pairwise(w.tolist()), steps.tolist(), strict=True
-        )
-    ]
+    segments = []
+    for drives, turns, step in zip(pairwise(v.tolist()), pairwise(w.tolist()), steps.tolist(), strict=True):
+        driving = (-limits.brake, limits.a) if sum(drives) >= 0.0 else (-limits.a, limits.brake)
+        segments.append((*_bounds(*drives, step, *driving), *_bounds(*turns, step, -limits.aw, limits.aw)))
     most = [1.0]
     for segment in reversed(segments):
         most.append(_most_before(segment, most[-1]))
@@ -102,40 +82,35 @@ def greatest_rates(v: FloatArray, w: FloatArray, steps: FloatArray, limits: Limi
     return np.sqrt(squares)
 
 
-def _driving(start: float, end: float, step: float, limits: Limits) -> _Segment:
-    forward = start + end >= 0.0
-    least, most = (-limits.brake, limits.a) if forward else (-limits.a, limits.brake)
-    return _bounds(start, end, step, least, most)
-
-
-def _bounds(start: float, end: float, step: float, least: float, most: float) -> _Segment:
+def _bounds(start: float, end: float, step: float, least: float, most: float) -> tuple[_Bound, _Bound]:
     """Bound the acceleration at both ends of a segment in which a velocity goes from `start` to `end`."""
     # It is the squared rate times what is planned, and half of its change in time times the velocity.
     planned = (end - start) / step
     first, last = 0.5 * start / step, 0.5 * end / step
-    return _Bound(planned - first, first, least, most), _Bound(-last, planned + last, least, most)
+    return (planned - first, first, least, most), (-last, planned + last, least, most)
 
 
-def _most_before(segment: _Segment, after: float) -> float:
+def _most_before(segment: tuple[_Bound, ...], after: float) -> float:
     """Return the greatest squared rate from which one of up to `after` can follow."""
-    low, high = 0.0, 1.0
-    if _leads_to(segment, high, after):
-        return high
-    for _ in range(_HALVINGS):
+    low, high, middle = 0.0, 1.0, 1.0
+    for _ in range(_HALVINGS + 1):
+        least, most = _span(segment, middle)
+        low, high = (middle, high) if max(0.0, least) <= min(after, most) else (low, middle)
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if _leads_to(segment, middle, after) else (low, middle)
     return low
 
 
-def _leads_to(segment: _Segment, square: float, after: float) -> bool:
-    least, most = _span(segment, square)
-    return max(0.0, least) <= min(after, most)
-
-
-def _span(segment: _Segment, square: float) -> tuple[float, float]:
-    """Return from where to where the squared rate after a segment may be by all bounds."""
-    spans = [bound.span(square) for bound in segment]
-    return max(least for least, _ in spans), min(most for _, most in spans)
+def _span(segment: tuple[_Bound, ...], square: float) -> tuple[float, float]:
+    """Return from where to where the squared rate after a segment may be, given the one before."""
+    lowest, highest = -math.inf, math.inf
+    for before, after, least, most in segment:
+        rest = before * square
+        if after != 0.0:
+            ends = (least - rest) / after, (most - rest) / after
+            lowest, highest = max(lowest, min(ends)), min(highest, max(ends))
+        elif not least <= rest <= most:
+            return math.inf, 0.0
+    return lowest, highest
 
 
 DT = 0.01

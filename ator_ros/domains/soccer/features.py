@@ -8,9 +8,9 @@ The few kinds of motion here were chosen for the Pioneer. For other robots they 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache, partial
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -207,9 +207,11 @@ def pushed_grid(robot: Robot) -> list[PushedTurns]:
 def _first_rate(robot: Robot, begin: float, gain: float) -> float:
     """Return the greatest planned rate of a first turn that keeps the ball, as a share; 0 where none does."""
     limits = pushing_limits(robot)
-    turns = (TurnDriving(begin * limits.v, gain * limits.a, rate * limits.w) for rate in ENTRY_RATES)
-    kept = (rate for rate, turn in zip(ENTRY_RATES, turns, strict=True) if keeps_ball(robot, turn, limits.v))
-    return next(kept, 0.0)
+    for rate in ENTRY_RATES:
+        turn = TurnDriving(begin * limits.v, gain * limits.a, rate * limits.w)
+        if keeps_ball(robot, turn, limits.v):
+            return rate
+    return 0.0
 
 
 def _holds_last(robot: Robot, kind: Kind) -> bool:
@@ -237,34 +239,40 @@ def turns_of(kinds: Kinds, family: str, kind: type[Turns]) -> tuple[Turns, ...]:
             raise ValueError(
                 f"{family}.{number}: expected {len(fields)} values ({', '.join(fields)}), got {short(row)}"
             )
-    return tuple(kind(*(np.nan if value is None else value for value in row)) for row in rows)
+    values: list[list[Any]] = [[np.nan if value is None else value for value in row] for row in rows]
+    return tuple(kind(*row) for row in values)
 
 
+Fastest = Callable[[Geometry], Motions]
+"""Returns the fastest ideal motion in each situation."""
 _SHORT = 1.0  # m
 # The nine ideal shots to fixed places: share of the mouth's width from its middle, and direction (rad).
 _AIMS, _SHOTS = np.array(list(itertools.product((-0.2, 0.0, 0.2), (-0.6, 0.0, 0.6)))).T[:, :, None]
 
 
-class Drives:
-    """The fastest ideal motions without the ball, or up to it where a goal is to hold it, of some kinds."""
+def drives(plain: tuple[FreeTurns, ...] = DRIVES, approaches: tuple[FreeTurns, ...] = APPROACHES) -> Fastest:
+    """Return the search for drives of these kinds, and for approaches where a goal is to hold the ball."""
+    # What is cached here ends with the model that it belongs to: its tables are large.
+    plain_family = lru_cache(maxsize=8)(partial(drive_family, rows=plain))
+    approach = lru_cache(maxsize=8)(partial(approach_family, rows=approaches))
 
-    def __init__(
-        self, plain: tuple[FreeTurns, ...] = DRIVES, approaches: tuple[FreeTurns, ...] = APPROACHES
-    ) -> None:
-        # What is kept here ends with the model that it belongs to: its tables are large.
-        self._plain = lru_cache(maxsize=8)(partial(drive_family, rows=plain))
-        self._approaches = lru_cache(maxsize=8)(partial(approach_family, rows=approaches))
-
-    def __call__(self, geometry: Geometry) -> Motions:
-        """Return the fastest motion in each situation."""
+    def fastest(geometry: Geometry) -> Motions:
         holding = geometry.direct["hold"] > 0.5
         if holding.all():
-            return _to_goal(geometry, self._approaches(geometry.robot))
-        plain = _not_slower(_to_goal(geometry, self._plain(geometry.robot.limits)), geometry)
+            return _to_goal(geometry, approach(geometry.robot))
+        found = _not_slower(_to_goal(geometry, plain_family(geometry.robot.limits)), geometry)
         if not holding.any():
-            return plain
-        held = _to_goal(geometry, self._approaches(geometry.robot))
-        return Motions(np.where(holding, held.time, plain.time), np.where(holding, held.turn, plain.turn))
+            return found
+        held = _to_goal(geometry, approach(geometry.robot))
+        return Motions(np.where(holding, held.time, found.time), np.where(holding, held.turn, found.turn))
+
+    return fastest
+
+
+def dribbles(rows: tuple[PushedTurns, ...] = DRIBBLES) -> Fastest:
+    """Return the search for dribbles of these kinds."""
+    family = lru_cache(maxsize=8)(partial(dribble_family, rows=rows))
+    return lambda geometry: _to_goal(geometry, family(geometry.robot))
 
 
 def _not_slower(motions: Motions, geometry: Geometry) -> Motions:
@@ -283,17 +291,6 @@ def _not_slower(motions: Motions, geometry: Geometry) -> Motions:
         faster = short & (stopping < time)
         time, turn = np.where(faster, stopping, time), np.where(faster, turned, turn)
     return Motions(time, turn)
-
-
-class Dribbles:
-    """The fastest ideal motions with the ball, of some kinds."""
-
-    def __init__(self, rows: tuple[PushedTurns, ...] = DRIBBLES) -> None:
-        self._family = lru_cache(maxsize=8)(partial(dribble_family, rows=rows))
-
-    def __call__(self, geometry: Geometry) -> Motions:
-        """Return the fastest motion in each situation."""
-        return _to_goal(geometry, self._family(geometry.robot))
 
 
 def _to_goal(geometry: Geometry, family: Family) -> Motions:
@@ -341,38 +338,37 @@ def _drives_of(kinds: Kinds) -> dict[str, Feature]:
     """Return the features of drives; a robot that holds nothing has no approaches."""
     if DRIVE not in kinds:
         return {}
-    drives = turns_of(kinds, DRIVE, FreeTurns), turns_of(kinds, APPROACH, FreeTurns)
-    return _drive_features(Drives(*drives), {name: kinds.get(name, ()) for name in (DRIVE, APPROACH)})
+    search = drives(turns_of(kinds, DRIVE, FreeTurns), turns_of(kinds, APPROACH, FreeTurns))
+    return _features("drive", search, _CHOSEN_DRIVES, {n: kinds.get(n, ()) for n in (DRIVE, APPROACH)})
 
 
 def _dribbles_of(kinds: Kinds) -> dict[str, Feature]:
-    """Return the features of dribbles."""
     if DRIBBLE not in kinds:
         return {}
-    return _dribble_features(Dribbles(turns_of(kinds, DRIBBLE, PushedTurns)), {DRIBBLE: kinds[DRIBBLE]})
+    search = dribbles(turns_of(kinds, DRIBBLE, PushedTurns))
+    return _features("dribble", search, _CHOSEN_DRIBBLES, {DRIBBLE: kinds[DRIBBLE]})
 
 
 _CHOSEN_DRIVES = MotionFeatures(chosen_drives, _drives_of)
 _CHOSEN_DRIBBLES = MotionFeatures(chosen_dribbles, _dribbles_of)
 
 
-def _drive_features(drives: Drives, kinds: Kinds | None = None) -> dict[str, Feature]:
-    made = partial(Feature, derives=_TO_POSE, motions=_CHOSEN_DRIVES, kinds=kinds)
+def _features(
+    name: str, search: Fastest, chosen: MotionFeatures, kinds: Kinds | None = None
+) -> dict[str, Feature]:
+    """Return the ideal time and the angle turned on the way, as features."""
+    made = partial(Feature, derives=_TO_POSE, motions=chosen, kinds=kinds)
+    time, turn = f"{name}_time", f"{name}_turn"
     return {
-        "drive_time": made("drive_time", "s", compute=lambda g: g.once(drives).time, ideal=True),
-        "drive_turn": made("drive_turn", "rad", compute=lambda g: g.once(drives).turn, described=True),
+        time: made(time, "s", compute=lambda g: g.once(search).time, ideal=True),
+        turn: made(turn, "rad", compute=lambda g: g.once(search).turn, described=True),
     }
 
 
-def _dribble_features(dribbles: Dribbles, kinds: Kinds | None = None) -> dict[str, Feature]:
-    made = partial(Feature, derives=_TO_POSE, motions=_CHOSEN_DRIBBLES, kinds=kinds)
-    return {
-        "dribble_time": made("dribble_time", "s", compute=lambda g: g.once(dribbles).time, ideal=True),
-        "dribble_turn": made("dribble_turn", "rad", compute=lambda g: g.once(dribbles).turn, described=True),
-    }
-
-
-MOTIONS = (*_drive_features(Drives()).values(), *_dribble_features(Dribbles()).values())
+MOTIONS = (
+    *_features("drive", drives(), _CHOSEN_DRIVES).values(),
+    *_features("dribble", dribbles(), _CHOSEN_DRIBBLES).values(),
+)
 """Ideal times at the robot's limits, and the angles turned on the way."""
 
 SHOT = (

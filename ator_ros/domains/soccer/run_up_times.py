@@ -19,9 +19,9 @@ from ator_ros.domains.soccer.planned.holding import (
     LARGEST_TURN,
     MOST_GAINED,
     RUN_UP_RATES,
+    fastest_turn,
     gain_of,
     held_limits,
-    keeps_ball,
 )
 from ator_ros.domains.soccer.planned.planned_action import planned_limits
 from ator_ros.domains.soccer.planned.release import ROOM, SLANT, roll_of
@@ -61,8 +61,7 @@ class HeldTurns(NamedTuple):
 class ShotSetting(NamedTuple):
     """What counts of robot, ball and goal for a shot: lengths in m, decelerations in m/s^2.
 
-    `roll` is how far the ball is sent before it is let go, in m per (m/s)^2; `room` is kept from posts and
-    walls.
+    `roll` is as in `roll_of`.
     """
 
     hold: float
@@ -73,7 +72,6 @@ class ShotSetting(NamedTuple):
     half_width: float
     depth: float
     roll: float
-    room: float
 
 
 @unlocked
@@ -151,15 +149,16 @@ def _fastest_turn(
         size, side = abs(angle), math.copysign(1.0, angle)
         if not size < LARGEST_TURN:
             continue
-        widest = setting.half_width - (setting.reach + setting.room) / cos
+        widest = setting.half_width - (setting.reach + ROOM) / cos
         aim = y + setting.hold * sin - (x + setting.hold * cos) * tan
         # By how much farther to the left the ball crosses the line for each m of a displacement.
         forward_aim, left_aim = aside - ahead * tan, side * (ahead + aside * tan)
         place = size * ((ANGLES - 1) / LARGEST_TURN)
         low = min(int(place), ANGLES - 2)
         for gain in range(len(turns.gains)):
-            forward = _between(turns.table, row, low, gain, 0, place - low)
-            left = _between(turns.table, row, low, gain, 1, place - low)
+            before, after = turns.table[row, low, gain], turns.table[row, low + 1, gain]
+            forward = before[0] + (place - low) * (after[0] - before[0])
+            left = before[1] + (place - low) * (after[1] - before[1])
             if abs(aim + forward_aim * forward + left_aim * left) > widest:
                 continue
             turning = turn_time(size, turns.rates[row, gain], rates.aw)
@@ -167,17 +166,9 @@ def _fastest_turn(
                 continue
             to_x = x + ahead * forward - aside * side * left
             to_y = y + aside * forward + ahead * side * left
-            after = min(speed + turns.gains[gain] * turning, rates.v)
-            best = min(best, turning + _shot(to_x, to_y, cos, sin, after, best - turning, setting, rates))
+            reached = min(speed + turns.gains[gain] * turning, rates.v)
+            best = min(best, turning + _shot(to_x, to_y, cos, sin, reached, best - turning, setting, rates))
     return best if best < most else math.inf
-
-
-@inlined
-def _between(table: FloatArray, row: int, low: int, gain: int, axis: int, share: float) -> float:
-    """Return a displacement in m, forward (axis 0) or to the left (1), `share` beyond the entry `low`."""
-    before = table[row, low, gain, axis]
-    result: float = before + share * (table[row, low + 1, gain, axis] - before)
-    return result
 
 
 @inlined
@@ -197,7 +188,7 @@ def _shot(
     released = min(math.sqrt(speed * speed + 2.0 * rates.a * pushed), rates.v)
     stop = pushed + released * released / (2.0 * setting.braking)
     inside = setting.depth - setting.reach - (x + stop * cos)
-    if min(inside, setting.half_width - setting.reach - abs(y + stop * sin)) < setting.room:
+    if min(inside, setting.half_width - setting.reach - abs(y + stop * sin)) < ROOM:
         return math.inf
     left = math.sqrt(max(released * released - 2.0 * setting.rolling * (way - pushed), 0.0))
     time: float = forward_time(pushed, speed, released, rates) + (released - left) / setting.rolling
@@ -214,22 +205,15 @@ _CHUNK = 12
 
 
 def run_up_times(robot: Robot, starts: FloatArray) -> FloatArray:
-    """Return how long run-ups with one turn take until the ball is in the goal.
+    """Return how long run-ups with one turn take until the ball is in the goal, shape (n,), in s.
 
-    Two turns, which the action also tries where the one is large, are not considered.
+    Two turns, which the action also tries where the one is large, are not considered. It is infinite where no
+    run-up leads into the goal.
 
     Parameters
     ----------
-    robot : Robot
-        Holds the ball.
     starts : ndarray, shape (4, n)
-        Pose of the axle in the frame of the goal's mouth (m, m, rad), x out of the field, and speed in m/s;
-        the robot does not turn.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In s; infinite where no run-up leads into the goal.
+        See `fastest_run_ups`; the robot does not turn.
 
     Raises
     ------
@@ -252,24 +236,18 @@ def _tables(robot: Robot) -> tuple[Limits, HeldTurns, ShotSetting]:
     gains = np.array([share * gain_of(robot) for share in _GAIN_SHARES])
     speeds: FloatArray = np.linspace(0.0, limits.v, _SPEEDS)
     angles: FloatArray = np.linspace(0.0, LARGEST_TURN, ANGLES)
-    rates = np.array([[_rate(robot, limits, v, change) for change in gains] for v in speeds])
     ways = [
-        TurnDriving(float(v), float(change), float(rate))
-        for v, row in zip(speeds, rates, strict=True)
-        for change, rate in zip(gains, row, strict=True)
+        fastest_turn(robot, limits, float(v), float(change))
+        or TurnDriving(float(v), float(change), RUN_UP_RATES[-1] * limits.w)  # loses the ball last
+        for v in speeds
+        for change in gains
     ]
+    rates = np.array([way.turn_rate for way in ways]).reshape(_SPEEDS, len(gains))
     table = displacement_table(angles, ways, limits).reshape(_SPEEDS, len(gains), 2, ANGLES)
     turns = HeldTurns(np.ascontiguousarray(table.transpose(0, 3, 1, 2)), rates, gains, float(speeds[1]))
     field, ball = field_of(robot), robot.scene.objects[BALL]
     setting = ShotSetting(
         robot.hold, robot.reach, ball.radius, ball.rolling_deceleration, robot.limits.brake,
-        field.goal_width / 2.0, field.goal_depth, roll_of(robot), ROOM,
+        field.goal_width / 2.0, field.goal_depth, roll_of(robot),
     )  # fmt: skip
     return limits, turns, setting
-
-
-def _rate(robot: Robot, limits: Limits, v: float, change: float) -> float:
-    """Return the greatest turn rate in rad/s that keeps the ball from `v` (m/s) on; the least if none."""
-    rates = [share * limits.w for share in RUN_UP_RATES]
-    kept = (rate for rate in rates if keeps_ball(robot, TurnDriving(v, change, rate), limits.v))
-    return next(kept, rates[-1])

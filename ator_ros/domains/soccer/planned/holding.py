@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Sequence
 from functools import lru_cache
@@ -85,10 +84,15 @@ def run_up_sides(robot: Robot, limits: Limits, speed: float) -> tuple[Side, ...]
     for v in sorted({*_shares(_RUN_UP_SPEEDS, limits.v), speed}):
         lead = _straight(limits, speed, v)
         for change in _shares(_RUN_UP_GAINS, gain_of(robot)):
-            turns = (TurnDriving(v, change, rate * limits.w) for rate in RUN_UP_RATES)
-            kept = (turn for turn in turns if keeps_ball(robot, turn, limits.v))
-            sides += [Side(lead, speed, turn) for turn in itertools.islice(kept, 1)]
+            turn = fastest_turn(robot, limits, v, change)
+            sides += [Side(lead, speed, turn)] if turn else []
     return tuple(sides)
+
+
+def fastest_turn(robot: Robot, limits: Limits, v: float, change: float) -> TurnDriving | None:
+    """Return the fastest turn from `v` (m/s) with a change of speed (m/s^2) that keeps the ball, if any."""
+    turns = (TurnDriving(v, change, rate * limits.w) for rate in RUN_UP_RATES)
+    return next((turn for turn in turns if keeps_ball(robot, turn, limits.v)), None)
 
 
 @lru_cache(maxsize=256)
