@@ -58,10 +58,8 @@ class Search:
         self._good: Manoeuvre | None = None
         self._due: int | None = None  # points of the batch that comes next
 
-    def advance(self, time: float, paid: list[int] | None = None) -> Manoeuvre | None:
+    def advance(self, time: float) -> Manoeuvre | None:
         """Search for one slice, at most once per `time` (s); return the manoeuvre, None if not found yet.
-
-        The points of each batch are appended to `paid`.
 
         Raises
         ------
@@ -71,12 +69,12 @@ class Search:
         if time == self._advanced:
             return None
         self._advanced = time
-        paid = [] if paid is None else paid
+        paid = 0
         try:
             if self._due is None:
                 self._due = self._cost_of_next()
-            while not paid or sum(paid) + self._due <= SLICE:
-                paid.append(self._due)
+            while paid == 0 or paid + self._due <= SLICE:
+                paid += self._due
                 self._due = self._cost_of_next()
         except StopIteration as done:
             found: Manoeuvre = done.value

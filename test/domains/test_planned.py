@@ -6,7 +6,6 @@ import math
 
 import pytest
 from action_runs import KINDS, Task, execute, execute_situation
-from planned import slices_of
 
 from ator_ros.actions.base import ActionError, Goal, Point, Status
 from ator_ros.actions.situation import Situation
@@ -16,12 +15,10 @@ from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
-from ator_ros.motion import planning
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import STOP, RobotState, World
-from benchmarks.speed import hard_situations
 
 ROBOT = load_robot()
 AT_ORIGIN = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)))
@@ -141,19 +138,6 @@ def test_a_robot_that_never_starts_does_not_make_the_plan_wait_for_ever() -> Non
             simulation.tick()
         assert step.status is Status.FAILED
         assert "gave up after 20 new plans" in step.message
-
-
-LARGEST_PORTION = 100  # points of planning: less than a third of a slice
-
-
-def test_no_tick_plans_for_more_than_a_slice() -> None:
-    long = 0
-    for name, world, goal in hard_situations(ROBOT, 40, seed=3):
-        slices = slices_of(SOCCER.actions()[name].factory(ROBOT), world, goal)
-        assert max(map(sum, slices)) <= planning.SLICE
-        assert max(map(max, filter(None, slices)), default=0) <= LARGEST_PORTION
-        long += len(slices) > 1
-    assert long > 4, "expected plans that take several ticks"
 
 
 def test_a_tick_begins_one_action_at_most() -> None:

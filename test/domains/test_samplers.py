@@ -5,20 +5,16 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from robots import HEAVY, PIONEER, PLAIN
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.situation import NoPlaceError
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
-from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot
-from ator_ros.tools import collect
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 
@@ -90,16 +86,3 @@ def test_no_chain_of_a_slow_robot_exceeds_the_time_limit(name: str) -> None:
         places = [world.robot.pose, *(goal.robot_pose(robot) for goal in goals)]
         way = sum(one.distance(other) for one, other in itertools.pairwise(places))
         assert way <= TIME_LIMIT * robot.limits.v
-
-
-def test_collect_tells_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    described = yaml.safe_load(resource_path("config", "pioneer.yaml").read_text(encoding="utf-8"))
-    described["scene"]["area"] |= {"length": 2.0, "width": 1.0}
-    for bay in described["scene"]["bays"]:
-        bay["x"] /= 4.0
-    robot = tmp_path / "small.yaml"
-    robot.write_text(yaml.safe_dump(described), encoding="utf-8")
-    words = ["--robot", str(robot), "--episodes", "1", "--jobs", "1", "--actions", "goToPose"]
-    assert collect.main([*words, "--out", str(tmp_path / "table.parquet")]) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("collect: scene.area: got 2 x 1 m")
