@@ -27,20 +27,14 @@ def share_folder() -> Path:
     checkout = Path(__file__).resolve().parents[1]
     if (checkout / "package.xml").is_file() and (checkout / "config").is_dir():
         return checkout
-    return _installed_share(checkout)
-
-
-def _installed_share(checkout: Path) -> Path:
-    """Return the folder from the ament index; `checkout` is named in the message."""
-    advice = f"{PACKAGE}'s files are not found: {checkout} is no checkout, and"
     try:
-        from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
-    except ImportError as error:
-        raise ResourceError(f"{advice} ament_index_python is missing: source your ROS 2") from error
-    try:
+        from ament_index_python.packages import get_package_share_directory
+
         return Path(get_package_share_directory(PACKAGE))
-    except (PackageNotFoundError, LookupError) as error:
-        raise ResourceError(f"{advice} AMENT_PREFIX_PATH lacks it: source your workspace") from error
+    except (ImportError, LookupError) as error:
+        raise ResourceError(
+            f"expected {PACKAGE}'s files in {checkout} or in a sourced ROS 2 workspace, got {error}"
+        ) from error
 
 
 def resource_path(*parts: str) -> Path:

@@ -27,8 +27,14 @@ from ator_ros.actions.remote import UnreachableAction
 from ator_ros.actions.situation import Situation
 from ator_ros.actions.specification import ActionFactory, ActionSpec, Sampler
 from ator_ros.domains import DEFAULT, DRIVE
-from ator_ros.domains.declared import STATE_VARIABLES, DeclaredAction, DeclaredDomain, DeclaredServer
-from ator_ros.domains.declared_situations import drawn_chain, drawn_drive
+from ator_ros.domains.declared import (
+    STATE_VARIABLES,
+    DeclaredAction,
+    DeclaredDomain,
+    DeclaredServer,
+    drawn_chain,
+    drawn_drive,
+)
 from ator_ros.files import FileError, content_with_optional_header, read_yaml
 from ator_ros.performance.features import CANDIDATES, GENERAL, OBSERVED, Feature, goal_feature, names_of
 from ator_ros.printable import printable, quoted
@@ -57,21 +63,6 @@ _NONE: Mapping[str, ActionFactory] = MappingProxyType({})
 ChainSampler = Callable[[Robot, TopLibrary, np.random.Generator], tuple[World, TopChain]]
 Line = Sequence[tuple[float, float]]
 """The corners of a line on the floor, x and y in m."""
-
-
-def no_goals(_: Robot) -> Mapping[str, Condition]:
-    """Return no goals, the default."""
-    return {}
-
-
-def no_bays(_: Scene) -> tuple[Bay, ...]:
-    """Return no bays, the default."""
-    return ()
-
-
-def no_lines(_: Robot) -> Sequence[Line]:
-    """Return no lines, the default."""
-    return ()
 
 
 class DomainError(ValueError):
@@ -137,14 +128,14 @@ class Domain:
     chains: Mapping[str, ChainSampler] = field(default_factory=dict)
     variables: Ranges = field(default_factory=lambda: USUAL_RANGES)
     bodies: Mapping[str, RoundObject] = field(default_factory=dict)
-    bays: Callable[[Scene], tuple[Bay, ...]] = no_bays
+    bays: Callable[[Scene], tuple[Bay, ...]] = lambda _: ()
     sources: tuple[ObjectSource, ...] = ()
     features: tuple[Feature, ...] = ()
     description: Path | None = None
-    lines: Callable[[Robot], Sequence[Line]] = no_lines
+    lines: Callable[[Robot], Sequence[Line]] = lambda _: ()
     servers: tuple[DeclaredServer, ...] = ()
     time_limit: float = TIME_LIMIT
-    goals: Callable[[Robot], Mapping[str, Condition]] = no_goals
+    goals: Callable[[Robot], Mapping[str, Condition]] = lambda _: {}
     fitted: Callable[[Robot], tuple[Top, ...]] | None = None
 
     def __post_init__(self) -> None:
@@ -248,13 +239,7 @@ class Domain:
         return dataclasses.replace(robot, scene=scene)
 
     def actions(self, action_set: str = DEFAULT_SET) -> dict[str, ActionSpec]:
-        """Return the specifications of a set by the names of the actions.
-
-        Raises
-        ------
-        DomainError
-            There is no such set.
-        """
+        """Return the specifications of a set by name; raises DomainError if there is no such set."""
         if action_set not in self.action_sets:
             raise DomainError(
                 f"action set of {self.name}: expected one of {sorted(self.action_sets)}, got {action_set!r}"
@@ -295,19 +280,8 @@ class Domain:
     ) -> TopLibrary:
         """Return the TOPs of the domain with the actions of one set; those without are left out.
 
-        Parameters
-        ----------
-        robot : Robot
-            The robot that executes.
-        action_set : str
-            Name of the set.
-        factories : mapping of str to callable
-            Replace the factories of the specifications, by the names of the actions.
-
-        Raises
-        ------
-        DomainError
-            There is no such set.
+        `factories` replace those of the specifications, by the names of the actions. Raises DomainError if
+        there is no such set.
         """
         specs = self.actions(action_set)
         return TopLibrary(
@@ -434,22 +408,11 @@ def _made(declared: DeclaredDomain, path: Path) -> Domain:
         sources=declared.objects,
         variables=USUAL_RANGES if variables is None else {item.name: item.range for item in variables},
         features=tuple(features.values()),
-        bays=_described_bays if declared.bays else no_bays,
+        bays=lambda scene: scene.bays if declared.bays else (),
         description=None if declared.robot is None else path.parent / declared.robot,
-        servers=tuple(_with_folder(path, server) for server in declared.servers),
+        servers=tuple(server.beside(path) for server in declared.servers),
         time_limit=declared.time_limit,
     )
-
-
-def _with_folder(path: Path, server: DeclaredServer) -> DeclaredServer:
-    """Return a server whose command runs in its folder relative to the file, which may be a link."""
-    if not server.command:
-        return server
-    return dataclasses.replace(server, folder=str((path.resolve().parent / server.folder).resolve()))
-
-
-def _described_bays(scene: Scene) -> tuple[Bay, ...]:
-    return scene.bays
 
 
 def _remote_spec(action: DeclaredAction, point: Point, time_limit: float, where: str) -> ActionSpec:

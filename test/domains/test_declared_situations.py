@@ -12,7 +12,7 @@ import pytest
 
 from ator_ros.actions.base import Point
 from ator_ros.actions.situation import SHORT, NoPlaceError, Situation
-from ator_ros.domains.declared_situations import (
+from ator_ros.domains.declared import (
     DeclaredChain,
     DeclaredDrives,
     DeclaredPlace,

@@ -11,8 +11,8 @@ from ator_ros.actions.base import ActionError, Goal, Point, Status
 from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of
-from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
+from ator_ros.domains.soccer.planned.holding import DribbleBall
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot

@@ -12,7 +12,7 @@ from refined_along import Along, RefinedAlong
 from ator_ros.actions.base import ActionError
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
-from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
+from ator_ros.domains.soccer.planned.holding import DribbleBall
 from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, make_library, make_toolset

@@ -14,8 +14,8 @@ from ator_ros.domains.soccer.bezier.actions import BezierDribbleBall, BezierGoTo
 from ator_ros.domains.soccer.chains import CHAINS
 from ator_ros.domains.soccer.features import MOTIONS, SHOT
 from ator_ros.domains.soccer.field import BALL, field_in, field_lines, field_of
-from ator_ros.domains.soccer.planned.dribble_ball import DribbleBall
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
+from ator_ros.domains.soccer.planned.holding import DribbleBall
 from ator_ros.domains.soccer.planned.shoot import Shoot
 from ator_ros.domains.soccer.thresholds import RANGES
 from ator_ros.domains.soccer.tops import TOPS, tops_for

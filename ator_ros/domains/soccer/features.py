@@ -16,7 +16,7 @@ import numpy as np
 
 from ator_ros.domains.soccer.field import field_of
 from ator_ros.domains.soccer.planned.holding import ENTRY_RATES, MARGIN, fastest_rate, keeps_ball, push
-from ator_ros.domains.soccer.planned.release import usual_release
+from ator_ros.domains.soccer.planned.shoot import usual_release
 from ator_ros.domains.soccer.run_up_times import run_up_times
 from ator_ros.domains.soccer.thresholds import approach_run, passing_distance
 from ator_ros.geometry import FloatArray, wrap_angles

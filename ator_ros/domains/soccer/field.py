@@ -88,20 +88,9 @@ def behind_line(ball: ObjectState, mouth: Pose, field: Field) -> float:
 
 
 def is_in_goal(ball: ObjectState, mouth: Pose, field: Field, beyond: float) -> bool:
-    """Return whether the ball lies in the goal: when an action that shoots may end.
+    """Return whether the ball lies more than `beyond` m behind the goal line of `mouth`, in the goal.
 
-    Whether it has succeeded is for the post-condition of `shoot` to say.
-
-    Parameters
-    ----------
-    ball : ObjectState
-        The ball.
-    mouth : Pose
-        Middle of the goal's mouth; its heading does not matter.
-    field : Field
-        Its centre, and the width of the goals.
-    beyond : float
-        How far in m the ball's centre must lie behind the line; its radius, if the whole ball must.
+    Then an action that shoots may end; whether it has succeeded is for the post-condition of `shoot` to say.
     """
     return behind_line(ball, mouth, field) > beyond and abs(ball.y - mouth.y) < field.goal_width / 2
 
@@ -143,23 +132,14 @@ def field_lines(robot: Robot) -> Sequence[Line]:
 
 
 def touches_goals(poses: FloatArray, robot: Robot) -> bool:
-    """Return whether the robot, at any of the poses, may touch the wall of a goal.
-
-    Parameters
-    ----------
-    poses : ndarray, shape (n, 3)
-        x, y of the axle in m, yaw in rad.
-    """
+    """Return whether the robot, at any of the poses, shape (n, 3), may touch the wall of a goal."""
     return depth_in_goals(poses, robot) > 0.0
 
 
 def depth_in_goals(places: FloatArray, robot: Robot) -> float:
-    """Return by how much in m the robot, at the worst of the places, may reach into the wall of a goal.
+    """Return by how much in m the robot may reach into the wall of a goal, at the worst of the places.
 
-    Parameters
-    ----------
-    places : ndarray, shape (n, 2) or more columns
-        x, y of the axle in m.
+    `places` are of the axle in m, shape (n, 2) or more columns.
     """
     field = field_of(robot)
     x, y = np.abs(places[:, :2] - (field.x, field.y)).T

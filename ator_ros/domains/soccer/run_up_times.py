@@ -24,7 +24,7 @@ from ator_ros.domains.soccer.planned.holding import (
     held_limits,
 )
 from ator_ros.domains.soccer.planned.planned_action import planned_limits
-from ator_ros.domains.soccer.planned.release import ROOM, SLANT, roll_of
+from ator_ros.domains.soccer.planned.shoot import ROOM, SLANT, roll_of
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.displacements import TurnDriving, displacement_table
 from ator_ros.motion.durations import Rates, change_distance, forward_time, rates_of, turn_time

@@ -60,7 +60,7 @@ class BezierGoToPose(_BezierAction):
         state, speed = world.robot, self._goal.speed
         rel = self._target.relative(state.pose)
         if reached(rel, state.v, speed):
-            command = self._driver.send(speed, 0.0) if speed > 0.0 else Command()
+            command = self._driver.send(speed, 0.0) if speed > 0.0 else STOP
             return finished(Status.SUCCEEDED, "arrived at the goal", command)
         self._is_backing_off = self._is_backing_off and self._is_near_ball(world)
         if self._is_backing_off:

@@ -58,7 +58,7 @@ class GoToPose(PlannedAction):
         rest = self._rest(world)
         near = 2.0 * caught_within(self.robot)
         at_goal = rest is not None and math.hypot(rest.x - goal.pose.x, rest.y - goal.pose.y) < near
-        self._approach = goal.point is Point.HOLD and at_goal
+        self._approach = self.counts_moved_goals = goal.point is Point.HOLD and at_goal
         super().start(world, goal)
 
     def plan(self, world: World) -> Planning[Manoeuvre]:
@@ -126,10 +126,6 @@ class GoToPose(PlannedAction):
             return rest is not planned
         touching = is_at_front(world, self.robot, BALL)
         return not touching and math.hypot(rest.x - planned.x, rest.y - planned.y) > _MOVED
-
-    def counts_moved_goals(self) -> bool:
-        """Return whether the goal is the ball."""
-        return self._approach
 
     def missed(self, world: World) -> str | None:
         """Return why the robot is not at the goal; an approach gets there only if it has caught the ball."""

@@ -71,6 +71,8 @@ class PlannedAction(Action):
     verb: ClassVar[str]
     reserve = math.inf
     """Deceleration in m/s^2 that is left to lose what the robot is too fast; see `Tracker`."""
+    counts_moved_goals = True
+    """Whether a new plan for a moved goal is one of those after which it gives up."""
     plans_in_motion: ClassVar[bool] = True
     """Whether a robot in motion may drive straight on for a moment while it is planned what to do then."""
 
@@ -97,7 +99,8 @@ class PlannedAction(Action):
         self._search = self._searched(world, standing=standing)
         if not self._commit(world, self._search, waits=True) and not standing:
             self._search = None  # it is for the state of this tick
-            if self.plans_in_motion and self._stops_late(world):
+            stops_late = abs(world.robot.v) > _AHEAD * self.plan_limits.brake  # later than a plan in motion
+            if self.plans_in_motion and stops_late:
                 self._search = self._searched(world, standing=False, ahead=_AHEAD)
                 self._deferred = world.time  # this tick has planned enough
 
@@ -126,18 +129,19 @@ class PlannedAction(Action):
         """Return whether what was planned for has changed."""
         return False
 
-    def counts_moved_goals(self) -> bool:
-        """Return whether replanning for a moved goal counts toward the limit."""
-        return True
-
     def arrive(self, world: World) -> Step:
         """Return the step at the end of the plan."""
         why = self.missed(world)
         if why is None:
             return self._arrived(world, Command(self._arrival_speed, 0.0))
-        return (
-            self._following(world, f"{why}: driving on") if self._is_short(world) else self.replan(world, why)
-        )
+        ahead, beside, heading = world.robot.pose.relative(self.target())
+        straight = abs(beside) <= POSITION_TOLERANCE and abs(heading) <= HEADING_TOLERANCE
+        assert self._tracker is not None
+        nearly_there = straight and 0.0 < ahead <= DISTURBED_DISTANCE
+        passes = self._arrival_speed > 0.0 and world.robot.v > 0.0
+        if passes and nearly_there and self._tracker.left(world) >= -_LATE:
+            return self._following(world, f"{why}: driving on")
+        return self.replan(world, why)
 
     def missed(self, world: World) -> str | None:
         """Return why the robot is not at the goal, None if it is."""
@@ -146,14 +150,6 @@ class PlannedAction(Action):
         most = max(POSITION_TOLERANCE, self._arrival_speed * CONTROL_PERIOD)
         near = distance <= most and heading <= HEADING_TOLERANCE
         return None if near else f"missed: {_described(distance, heading)}"
-
-    def _is_short(self, world: World) -> bool:
-        """Return whether the robot, late at a goal that it passes, gets there if it just drives on."""
-        if self._arrival_speed == 0.0 or world.robot.v <= 0.0 or self.left(world) < -_LATE:
-            return False
-        ahead, beside, heading = world.robot.pose.relative(self.target())
-        straight = abs(beside) <= POSITION_TOLERANCE and abs(heading) <= HEADING_TOLERANCE
-        return straight and 0.0 < ahead <= DISTURBED_DISTANCE
 
     def _off(self, world: World) -> tuple[float, float]:
         """Return the distance to the goal in m, and the angle to its heading in rad."""
@@ -179,7 +175,7 @@ class PlannedAction(Action):
         if tracker.disturbed(world) and not (over and self.missed(world) is None):
             return self.replan(world, "disturbed")
         if self.outdated(world):
-            return self.replan(world, "the goal has moved", counts=self.counts_moved_goals())
+            return self.replan(world, "the goal has moved", counts=self.counts_moved_goals)
         if over:
             return self.arrive(world)
         if self._search is not None:
@@ -194,12 +190,20 @@ class PlannedAction(Action):
         if self._replans > _REPLANS:
             return finished(Status.FAILED, f"{why}; gave up after {_REPLANS} new plans")
         assert self._tracker is not None
-        self._search = self._searched(world, standing=False)
-        return self._replanned(world, self._tracker, self._search, why)
-
-    def left(self, world: World) -> float:
-        """Return the remaining duration of the plan in s; NaN before there is one."""
-        return math.nan if self._tracker is None else self._tracker.left(world)
+        search = self._search = self._searched(world, standing=False)
+        able = self._tracker.left(world) > 0.0 and not self._tracker.disturbed(world)
+        try:
+            if self._commit(world, search):
+                return self._following(world, f"{why}: planned again")
+        except ActionError as error:
+            self._search = None
+            if not able:
+                return finished(Status.FAILED, f"{why}; {error}")
+            # A noisy position of the ball may block every way for a moment.
+            return self._following(world, f"{why}; keeping to the plan: {error}")
+        if able:
+            return self._following(world, f"{why}; keeping to the plan while planning")
+        return self._paused(world, why)
 
     def target(self) -> Pose:
         """Return the pose of the axle at the goal."""
@@ -224,22 +228,6 @@ class PlannedAction(Action):
         )
         self._search = None
         return True
-
-    def _replanned(self, world: World, tracker: Tracker, search: Search, why: str) -> Step:
-        """Begin to plan while the robot follows `tracker`."""
-        able = tracker.left(world) > 0.0 and not tracker.disturbed(world)
-        try:
-            if self._commit(world, search):
-                return self._following(world, f"{why}: planned again")
-        except ActionError as error:
-            self._search = None
-            if not able:
-                return finished(Status.FAILED, f"{why}; {error}")
-            # A noisy position of the ball may block every way for a moment.
-            return self._following(world, f"{why}; keeping to the plan: {error}")
-        if able:
-            return self._following(world, f"{why}; keeping to the plan while planning")
-        return self._paused(world, why)
 
     def _search_while_following(self, world: World, search: Search) -> Step:
         """Search, while the robot follows its plan, for another one that is worth a stop."""
@@ -281,15 +269,9 @@ class PlannedAction(Action):
                 return self._arrived(world, STOP) if stands else finished(Status.FAILED, str(error))
         return Step(self._pause.command(world), Status.RUNNING, "planning")
 
-    def _stops_late(self, world: World) -> bool:
-        """Return whether to stop takes longer than to drive on while planning."""
-        return abs(world.robot.v) > _AHEAD * self.plan_limits.brake
-
     def _plan_in_motion(self, world: World, search: Search) -> Step:
-        """Plan for one slice for where the robot will be if it drives straight on; brake if that fails.
-
-        A weak robot that stops to plan loses seconds, and metres that it may not have.
-        """
+        """Plan for one slice for where the robot will be if it drives straight on; brake if that fails."""
+        # A weak robot that stops to plan loses seconds, and metres that it may not have.
         try:
             if world.time != self._deferred and self._commit(world, search):
                 return self._following(world, "planned in motion")

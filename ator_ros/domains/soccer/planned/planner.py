@@ -107,9 +107,11 @@ def fastest(
                 bounds,
                 forward_only=forward_only,
             )
-        touching, counted = np.cumsum(verdicts == TOUCHES), 0
-        for at in np.flatnonzero(verdicts == OPEN):
-            tries, counted = tries - int(touching[at]) + counted, int(touching[at])
+        for at, verdict in enumerate(verdicts):
+            if verdict == TOUCHES:
+                tries -= 1
+            if verdict != OPEN:
+                continue
             if tries <= 0:
                 break
             yield check_points(bounds[at])
@@ -118,7 +120,6 @@ def fastest(
                 if is_clear(manoeuvre, obstacles, robot):
                     return manoeuvre
                 tries -= 1
-        tries -= int(touching[-1]) - counted
         if tries <= 0:
             break
     raise ActionError(
