@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from ator_ros.evaluation.policies import UNGATED
 from ator_ros.evaluation.statistics import mean_interval
 from ator_ros.evaluation.toolset import Models, Toolset
 from ator_ros.evaluation.trials import EvaluationError, random_trial
-from ator_ros.geometry import FloatArray
 from ator_ros.refinement.calibration import (
     TERMS,
     Calibration,
@@ -32,13 +32,12 @@ LEAST_SITUATIONS = 20
 FOLDS = 10
 
 
-@dataclass(frozen=True)
-class StepExample:
+class StepExample(NamedTuple):
     """One executed action of a chain.
 
     Attributes
     ----------
-    chain, policy : str
+    group : str
         Names of the chain and of the policy that chose it.
     situation : (int, int)
         Seed and index of the situation; all chains of a situation share their start.
@@ -50,8 +49,7 @@ class StepExample:
         Actual duration in s.
     """
 
-    chain: str
-    policy: str
+    group: str
     situation: tuple[int, int]
     action: str
     step: PredictedStep
@@ -61,13 +59,7 @@ class StepExample:
 def step_examples(
     records: Iterable[Mapping[str, Any]], *, seed: int, chain: str, tools: Toolset, library: TopLibrary
 ) -> list[StepExample]:
-    """Return the actions of successful chains in records of `evaluate_trial`.
-
-    Raises
-    ------
-    EvaluationError
-        The records lack the durations of actions.
-    """
+    """Return the actions of successful chains in records of `evaluate_trial`."""
     examples: list[StepExample] = []
     models = tools.models
     for record in records:
@@ -76,16 +68,13 @@ def step_examples(
             row = record["policies"].get(policy)
             if row is None or not row["success"]:
                 continue
-            chosen = _as_chosen(trial.chain, row["chosen"])
-            actual = row.get("actions")
-            if not isinstance(actual, list):
-                raise EvaluationError("expected records with the durations of all actions: evaluate again")
+            chosen, actual = _as_chosen(trial.chain, row["chosen"]), row["actions"]
             if len(actual) != len(chosen.calls):
                 continue  # a lost object was fetched again by further actions
             prediction = predict_chain(trial.world, chosen, models, tools.robot)
             (steps,) = chain_steps([(chosen, prediction)], trial.world, models, tools.robot)
             examples += [
-                StepExample(chain, policy, (seed, record["index"]), call.top.action, step, float(took))
+                StepExample(f"{chain} {policy}", (seed, record["index"]), call.top.action, step, float(took))
                 for call, step, took in zip(chosen.calls, steps, actual, strict=True)
                 if step is not None
             ]
@@ -100,13 +89,21 @@ def _as_chosen(chain: TopChain, chosen: Sequence[Sequence[float]]) -> TopChain:
     return chain
 
 
-def fit_calibration(examples: Sequence[StepExample], models: Models) -> Calibration:
+def fit_calibration(
+    examples: Sequence[StepExample],
+    models: Models,
+    *,
+    actions: Sequence[str] | None = None,
+    kept: Mapping[str, Shortfall] = MappingProxyType({}),
+) -> Calibration:
     """Fit the shortfall of each action by least squares over all its executions.
+
+    With `actions` only theirs are fitted, and the shortfalls of others are those `kept`.
 
     Raises
     ------
     EvaluationError
-        Every action has too few examples.
+        Every action, or one of `actions`, has too few examples.
     """
     shortfalls: dict[str, Shortfall] = {}
     for action in sorted({example.action for example in examples}):
@@ -116,7 +113,13 @@ def fit_calibration(examples: Sequence[StepExample], models: Models) -> Calibrat
     if not shortfalls:
         got = len({example.situation for example in examples})
         raise EvaluationError(f"expected chains of at least {LEAST_SITUATIONS} situations, got {got}")
-    return Calibration(shortfalls)
+    if actions is None:
+        return Calibration(shortfalls)
+    if missing := set(actions) - shortfalls.keys():
+        raise EvaluationError(
+            f"--actions: {min(missing)}: expected chains of more situations, got too few"
+        )
+    return Calibration({**kept, **{name: shortfalls[name] for name in actions}})
 
 
 def _fit(examples: Sequence[StepExample], model: str) -> Shortfall:
@@ -137,18 +140,14 @@ def _fit(examples: Sequence[StepExample], model: str) -> Shortfall:
 
 
 def cross_validated(
-    examples: Sequence[StepExample],
-    models: Models,
-    finish: Callable[[Calibration], Calibration] = lambda fitted: fitted,
+    examples: Sequence[StepExample], models: Models, **others: Any
 ) -> dict[str, dict[str, Any]]:
     """Return the mean errors of predicted chain durations, cross-validated over situations.
 
     Parameters
     ----------
-    examples, models
+    examples, models, others
         See `fit_calibration`.
-    finish : callable, optional
-        Returns the calibration that is used, from a fitted one.
 
     Returns
     -------
@@ -159,38 +158,25 @@ def cross_validated(
     """
     situations = sorted({example.situation for example in examples})
     order = np.random.default_rng(0).permutation(len(situations))
-    raw: dict[tuple[str, str, tuple[int, int]], float] = {}
-    corrected: dict[tuple[str, str, tuple[int, int]], float] = {}
+    sums: dict[str, dict[tuple[int, int], tuple[float, float]]] = defaultdict(dict)
     for fold in range(FOLDS):
         held_out = {situations[number] for number in order[fold::FOLDS]}
         rest = [example for example in examples if example.situation not in held_out]
-        calibration = finish(fit_calibration(rest, models))
-        for example in examples:
-            if example.situation in held_out:
-                key = (example.chain, example.policy, example.situation)
-                error = example.step.predicted - example.actual
-                shortfall = calibration.shortfalls.get(example.action)
-                added = 0.0 if shortfall is None else shortfall.of(example.step)
-                raw[key] = raw.get(key, 0.0) + error
-                corrected[key] = corrected.get(key, 0.0) + error + added
-    groups = dict.fromkeys((chain, policy) for chain, policy, _ in raw)
-    return {
-        f"{chain} {policy}": _judged(_of(raw, chain, policy), _of(corrected, chain, policy))
-        for chain, policy in groups
-    }
-
-
-def _of(errors: Mapping[tuple[str, str, tuple[int, int]], float], chain: str, policy: str) -> FloatArray:
-    return np.array([error for key, error in errors.items() if key[:2] == (chain, policy)])
-
-
-def _judged(raw: FloatArray, corrected: FloatArray) -> dict[str, Any]:
-    return {
-        "chains": len(raw),
-        "raw_s": round(math.fsum(raw) / len(raw), 4),
-        "raw_ci95": mean_interval(raw),
-        "raw_mae_s": round(float(np.abs(raw).mean()), 4),
-        "corrected_s": round(math.fsum(corrected) / len(corrected), 4),
-        "corrected_ci95": mean_interval(corrected),
-        "corrected_mae_s": round(float(np.abs(corrected).mean()), 4),
-    }
+        calibration = fit_calibration(rest, models, **others)
+        for example in (example for example in examples if example.situation in held_out):
+            error = example.step.predicted - example.actual
+            shortfall = calibration.shortfalls.get(example.action)
+            added = 0.0 if shortfall is None else shortfall.of(example.step)
+            raw, corrected = sums[example.group].get(example.situation, (0.0, 0.0))
+            sums[example.group][example.situation] = raw + error, corrected + error + added
+    judged: dict[str, dict[str, Any]] = {}
+    for group, errors in sums.items():
+        judged[group] = {"chains": len(errors)}
+        for name, column in zip(("raw", "corrected"), zip(*errors.values(), strict=True), strict=True):
+            values = np.array(column)
+            judged[group] |= {
+                f"{name}_s": round(math.fsum(values) / len(values), 4),
+                f"{name}_ci95": mean_interval(values),
+                f"{name}_mae_s": round(float(np.abs(values).mean()), 4),
+            }
+    return judged

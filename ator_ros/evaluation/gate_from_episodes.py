@@ -14,6 +14,7 @@ import dataclasses
 import math
 from collections.abc import Iterator, Mapping
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -34,7 +35,6 @@ from ator_ros.refinement.search import Widths
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.ranges import USUAL_RANGES, Ranges
 from ator_ros.world.state import CONTROL_PERIOD
 
 DRAWS = 20
@@ -47,118 +47,12 @@ KEPT = 0.85
 Of the executed gain it then keeps 92 or 93 % (development seeds), since the models of all episodes are better
 than those of the halves.
 """
-Halves = tuple[Mapping[str, PerformanceModel], Mapping[str, PerformanceModel]]
-
-
-class CrossFit:
-    """Models of both halves of the episodes, and the errors of each on the other half.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    rows : mapping
-        Rows of an experience table by action.
-    features : mapping of str to tuple of Feature
-        Candidate features by action.
-    ranges : mapping, optional
-        Goal variable to its range.
-    failure_cost : float
-        Time in s that one failure costs.
-    """
-
-    def __init__(
-        self,
-        robot: Robot,
-        rows: Mapping[str, pd.DataFrame],
-        features: Mapping[str, tuple[Feature, ...]],
-        ranges: Ranges = USUAL_RANGES,
-        failure_cost: float = 0.0,
-    ) -> None:
-        self.robot, self.ranges, self.failure_cost = robot, ranges, failure_cost
-        parts = {action: _halves(table) for action, table in rows.items()}
-        first, second = (
-            {
-                action: observed_model(action, part[half], robot, features[action])
-                for action, part in parts.items()
-            }
-            for half in (0, 1)
-        )
-        self.models: Halves = (first, second)
-        self._errors = {
-            action: np.concatenate([_errors(first[action], part[1]), _errors(second[action], part[0])])
-            for action, part in parts.items()
-        }
-
-    def examples(self, trials: list[Trial], *, seed: int, widths: Widths | None = None) -> GateExamples:
-        """Return the expected gain of refinement in each of `trials`, with and without speeds.
-
-        Parameters
-        ----------
-        trials : list of Trial
-            The situations.
-        seed : int
-            Seed of the drawn errors.
-        widths : mapping, optional
-            Widths of averages of costs; by default none.
-        """
-        rng, gate = np.random.default_rng(seed), OpenGate(widths=widths or {})
-        rows = (row for trial in trials for row in self._of_trial(trial, gate, rng))
-        return GateExamples(*(np.array(column) for column in zip(*rows, strict=True)))
-
-    def _of_trial(
-        self, trial: Trial, gate: OpenGate, rng: np.random.Generator
-    ) -> Iterator[tuple[list[float], float, float, int, int]]:
-        for chooser, judge in (self.models, self.models[::-1]):
-            refiner = Refiner(self.robot, chooser, gate, ranges=self.ranges, failure_cost=self.failure_cost)
-            naive = refiner.naive(trial.world, open_speeds(trial.chain))
-            for kind, plan in enumerate((trial.chain, open_speeds(trial.chain))):
-                refinement = refiner.refine(trial.world, reopened(naive, plan))
-                values = [refinement.features.get(name, 0.0) for name in FEATURES]
-                before = self._judged(trial, naive, judge, rng)
-                after = self._judged(trial, refinement.chain, judge, rng)
-                for times in zip(before, after, strict=True):
-                    yield values, *times, trial.index, kind
-
-    def _judged(
-        self, trial: Trial, chain: TopChain, judge: Mapping[str, PerformanceModel], rng: np.random.Generator
-    ) -> list[float]:
-        """Return `DRAWS` costs of a chain: the judge's prediction and drawn errors."""
-        objective = expected_time(self.failure_cost)
-        prediction = predict_chain(trial.world, chain, judge, self.robot, objective)
-        late = np.zeros(DRAWS)
-        for call, action in zip(chain.calls, prediction.actions, strict=True):
-            late += rng.choice(self._errors[call.top.action], DRAWS) * action.get("spread", 0.0)
-        costs: list[float] = (prediction.cost + late).tolist()
-        return costs
+_Models = Mapping[str, PerformanceModel]
 
 
 def usual_widths(robot: Robot) -> dict[str, float]:
     """Return the widths of averages of observed models' costs, see `ator_ros.refinement.search`."""
     return {"yaw": round(_YAW, 4), "speed": round(_SPEED * robot.limits.v, 4)}
-
-
-def learn_from_episodes(
-    fitted: CrossFit, trials: list[Trial], *, seed: int, widths: Widths | None = None
-) -> tuple[ThresholdGate, LearnedGates]:
-    """Return the gate of models and its comparison; `widths` is as in `CrossFit.examples`.
-
-    The gate is always the threshold: it grows with the spread, so it also holds for models that are learned
-    later from more or fewer episodes. It is at least one `CONTROL_PERIOD`, the resolution of executed chains.
-    """
-    widths = usual_widths(fitted.robot) if widths is None else widths
-    examples = fitted.examples(trials, seed=seed, widths=widths)
-    learned = learn_gates(examples, partial(fit_threshold, keep=KEPT))
-    comparison = {kind: _per_chain(judged) for kind, judged in learned.comparison.items()}
-    gain = max(learned.threshold.gain, CONTROL_PERIOD)
-    gate = dataclasses.replace(learned.threshold, gain=gain, widths=widths)
-    return gate, learned._replace(comparison=comparison)
-
-
-def _per_chain(judged: Mapping[str, float]) -> dict[str, float]:
-    """Return the comparison of a gate with sums over chains instead of drawn errors."""
-    sums = {name: round(judged[name] / DRAWS) for name in ("higher", "equal", "lower")}
-    return {**judged, **sums, "utility": round(judged["utility"] / DRAWS, 3)}
 
 
 def gate_of_episodes(
@@ -171,7 +65,10 @@ def gate_of_episodes(
     situations: int,
     features: Mapping[str, tuple[Feature, ...]] | None = None,
 ) -> tuple[ThresholdGate, LearnedGates]:
-    """Learn the gate of models from tables of episodes, as `learn_from_episodes` says.
+    """Learn the gate of models from tables of episodes; return it and how it compares.
+
+    The gate is always the threshold: it grows with the spread, so it also holds for models that are learned
+    later from more or fewer episodes. It is at least one `CONTROL_PERIOD`, the resolution of executed chains.
 
     Parameters
     ----------
@@ -195,21 +92,90 @@ def gate_of_episodes(
     trials = [random_trial(domain, chain, library, seed=seed, index=index) for index in range(situations)]
     actions = {call.top.action for call in trials[0].chain.calls}
     used = {action: table for action, table in rows.items() if action in actions}
-    _require_enough(used)
-    known = {action: (features or {}).get(action, OBSERVED) for action in used}
-    fitted = CrossFit(library.robot, used, known, domain.ranges, domain.time_limit)
-    described = any(feature.ideal for names in known.values() for feature in names)
-    return learn_from_episodes(fitted, trials, seed=seed, widths={} if described else None)
-
-
-def _require_enough(rows: Mapping[str, pd.DataFrame]) -> None:
-    for action, table in rows.items():
+    for action, table in used.items():
         succeeded = table.loc[table["success"], "episode"].nunique()
         if succeeded < 2 * LEAST_EPISODES:
             raise TrainingError(
                 f"{action}: expected at least {2 * LEAST_EPISODES} episodes that succeeded, as models of "
                 f"each half judge those of the other, got {succeeded}"
             )
+    known = {action: (features or {}).get(action, OBSERVED) for action in used}
+    described = any(feature.ideal for names in known.values() for feature in names)
+    widths = {} if described else usual_widths(library.robot)
+    learned = learn_gates(
+        _CrossFit(domain, library.robot, used, known, widths).examples(trials, seed),
+        partial(fit_threshold, keep=KEPT),
+    )
+    gain = max(learned.threshold.gain, CONTROL_PERIOD)
+    comparison = {kind: _per_chain(judged) for kind, judged in learned.comparison.items()}
+    gate = dataclasses.replace(learned.threshold, gain=gain, widths=widths)
+    return gate, learned._replace(comparison=comparison)
+
+
+def _per_chain(judged: Mapping[str, float]) -> dict[str, float]:
+    """Return the comparison of a gate with sums over chains instead of drawn errors."""
+    sums = {name: round(judged[name] / DRAWS) for name in ("higher", "equal", "lower")}
+    return {**judged, **sums, "utility": round(judged["utility"] / DRAWS, 3)}
+
+
+class _CrossFit:
+    """Models of both halves of the episodes, and the errors of each on the other half."""
+
+    def __init__(
+        self,
+        domain: Domain,
+        robot: Robot,
+        rows: Mapping[str, pd.DataFrame],
+        features: Mapping[str, tuple[Feature, ...]],
+        widths: Widths,
+    ) -> None:
+        self._robot, self._failure_cost = robot, domain.time_limit
+        parts = {action: _halves(table) for action, table in rows.items()}
+        first, second = (
+            {
+                action: observed_model(action, part[half], robot, features[action])
+                for action, part in parts.items()
+            }
+            for half in (0, 1)
+        )
+        self._judges = (second, first)
+        self._refiners = [
+            Refiner(
+                robot, models, OpenGate(widths=widths), ranges=domain.ranges, failure_cost=domain.time_limit
+            )
+            for models in (first, second)
+        ]
+        self._errors = {
+            action: np.concatenate([_errors(first[action], part[1]), _errors(second[action], part[0])])
+            for action, part in parts.items()
+        }
+
+    def examples(self, trials: list[Trial], seed: int) -> GateExamples:
+        """Return the expected gain of refinement in each of `trials`, with and without speeds."""
+        rng = np.random.default_rng(seed)
+        return GateExamples.of(row for trial in trials for row in self._of_trial(trial, rng))
+
+    def _of_trial(self, trial: Trial, rng: np.random.Generator) -> Iterator[tuple[Any, ...]]:
+        for refiner, judge in zip(self._refiners, self._judges, strict=True):
+            naive = refiner.naive(trial.world, open_speeds(trial.chain))
+            for kind, plan in enumerate((trial.chain, open_speeds(trial.chain))):
+                refinement = refiner.refine(trial.world, reopened(naive, plan))
+                values = [refinement.features.get(name, 0.0) for name in FEATURES]
+                before = self._judged(trial, naive, judge, rng)
+                after = self._judged(trial, refinement.chain, judge, rng)
+                for times in zip(before, after, strict=True):
+                    yield values, *times, trial.index, kind, True
+
+    def _judged(
+        self, trial: Trial, chain: TopChain, judge: _Models, rng: np.random.Generator
+    ) -> list[float]:
+        """Return `DRAWS` costs of a chain: the judge's prediction and drawn errors."""
+        prediction = predict_chain(trial.world, chain, judge, self._robot, expected_time(self._failure_cost))
+        late = np.zeros(DRAWS)
+        for call, action in zip(chain.calls, prediction.actions, strict=True):
+            late += rng.choice(self._errors[call.top.action], DRAWS) * action.get("spread", 0.0)
+        costs: list[float] = (prediction.cost + late).tolist()
+        return costs
 
 
 def _halves(rows: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:

@@ -1,15 +1,13 @@
 """Learning two kinds of gate from executed situations, with cross-validation (paper, section 5).
 
 Of some hundred executed chains only a few become slower, and which ones is chance. The differences of gained
-and predicted time of all chains are a better estimate of that risk: `fit_to_drawn_errors` draws errors for
-each chain from those of similar chains.
+and predicted time of all chains are a better estimate of that risk: see `fit_to_drawn_errors`.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,8 +54,7 @@ two robots each, with this one 2 and 3.
 """
 
 
-@dataclass(frozen=True)
-class GateExamples:
+class GateExamples(NamedTuple):
     """Situations executed naive and refined.
 
     Attributes
@@ -70,8 +67,8 @@ class GateExamples:
         Index of the situation of each example.
     kind : ndarray of int, shape (n,)
         0: the heading was refined; 1: heading and arrival speed.
-    succeeded : ndarray of bool, shape (n,), or None
-        Whether both chains succeeded; None if all did. Durations of failed chains are not used.
+    succeeded : ndarray of bool, shape (n,)
+        Whether both chains succeeded. Errors are not drawn from failed chains.
     """
 
     features: FloatArray
@@ -79,33 +76,35 @@ class GateExamples:
     refined: FloatArray
     situation: NDArray[np.int64]
     kind: NDArray[np.int64]
-    succeeded: NDArray[np.bool_] | None = None
+    succeeded: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, rows: Iterable[tuple[Any, ...]]) -> GateExamples:
+        """Return the examples of rows with the values of one each."""
+        return cls(*(np.array(column) for column in zip(*rows, strict=True)))
 
     def part(self, rows: NDArray[Any]) -> GateExamples:
         """Return the examples that `rows` selects."""
-        succeeded = None if self.succeeded is None else self.succeeded[rows]
-        return GateExamples(
-            self.features[rows], self.naive[rows], self.refined[rows], self.situation[rows], self.kind[rows],
-            succeeded,
-        )  # fmt: skip
+        return GateExamples(*(column[rows] for column in self))
+
+    def column(self, name: str) -> FloatArray:
+        """Return the values of a feature, shape (n,)."""
+        values: FloatArray = self.features[:, list(FEATURES).index(name)]
+        return values
 
 
-def gate_examples(records: Sequence[Mapping[str, Any]]) -> GateExamples:
+def gate_examples(records: Iterable[Mapping[str, Any]]) -> GateExamples:
     """Return the examples in records of `evaluate_trial`, with and without refined arrival speed."""
-    rows, naive, refined, situation, kinds, succeeded = [], [], [], [], [], []
+    rows = []
     for record in records:
+        naive = record["policies"]["naive"]
         for kind, (policy, key) in enumerate(UNGATED.items()):
             if record.get(key):
-                rows.append([record[key][name] for name in FEATURES])
-                naive.append(record["policies"]["naive"]["duration"])
-                refined.append(record["policies"][policy]["duration"])
-                situation.append(record["index"])
-                kinds.append(kind)
-                succeeded.append(all(record["policies"][each]["success"] for each in ("naive", policy)))
-    durations = np.array(naive), np.array(refined)
-    return GateExamples(
-        np.array(rows, dtype=float), *durations, np.array(situation), np.array(kinds), np.array(succeeded)
-    )
+                features, refined = [record[key][name] for name in FEATURES], record["policies"][policy]
+                times = naive["duration"], refined["duration"]
+                succeeded = naive["success"] and refined["success"]
+                rows.append((features, *times, record["index"], kind, succeeded))
+    return GateExamples.of(rows)
 
 
 Fit = Callable[[GateExamples], ThresholdGate]
@@ -151,20 +150,11 @@ def fit_threshold(examples: GateExamples, *, keep: float = KEPT) -> ThresholdGat
     return gates[min(allowed, key=lambda index: (harm[index], -_gain(examples, refine[index])))]
 
 
-def most_useful_threshold(examples: GateExamples, least: ThresholdGate) -> ThresholdGate:
-    """Return the threshold that gains most, less a penalty of `HARM` for each run that becomes slower.
-
-    Neither of its numbers is below that of `least`.
-    """
-    gates, refine = _thresholds(examples, least)
-    return gates[max(range(len(gates)), key=lambda index: _utility(examples, refine[index]))]
-
-
 def _thresholds(
     examples: GateExamples, least: ThresholdGate
 ) -> tuple[list[ThresholdGate], list[NDArray[np.bool_]]]:
-    """Return all candidate thresholds, and which examples each of them refines."""
-    gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
+    """Return all candidate thresholds from `least` on, and which examples each of them refines."""
+    gain, spread = examples.column("gain"), examples.column("spread")
     gains = [each for each in GAINS if each >= least.gain]
     factors = [each for each in SPREAD_FACTORS if each >= least.spread_factor]
     gates = [ThresholdGate(each, factor) for each in gains for factor in factors]
@@ -187,15 +177,16 @@ def fit_tree(examples: GateExamples) -> TreeGate:
 
 
 def learn_gates(examples: GateExamples, fit: Fit = fit_threshold) -> LearnedGates:
-    """Learn and compare both kinds of gate; `fit` learns the threshold."""
-    comparison, tree = compare_gates(examples, fit), fit_tree(examples)
-    threshold = fit(examples)
-    return LearnedGates(threshold, tree, comparison, tree if better_kind(comparison) == "tree" else threshold)
+    """Learn and compare both kinds of gate; `fit` learns the threshold.
 
-
-def decisions(gate: LearnedGate, examples: GateExamples) -> NDArray[np.bool_]:
-    """Return whether the gate refines, for each example."""
-    return np.array([gate.decide(dict(zip(FEATURES, row, strict=True)))[0] for row in examples.features])
+    The better kind is the one with the greater utility among those with at most a share `MOST_SLOWER` of
+    slower runs that keep `KEPT` of the gain; if neither does, among both.
+    """
+    comparison, threshold, tree = compare_gates(examples, fit), fit(examples), fit_tree(examples)
+    kinds: dict[str, LearnedGate] = {"threshold": threshold, "tree": tree}
+    careful = [kind for kind in kinds if _is_careful(comparison[kind])]
+    better = max(careful or kinds, key=lambda kind: comparison[kind]["utility"])
+    return LearnedGates(threshold, tree, comparison, kinds[better])
 
 
 def _gain(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
@@ -232,40 +223,26 @@ def compare_gates(examples: GateExamples, fit: Fit = fit_threshold) -> dict[str,
         accuracy_percent.
     """
     situations = np.random.default_rng(0).permutation(np.unique(examples.situation))
-    refine = {"threshold": np.zeros(len(examples.naive), bool), "tree": np.zeros(len(examples.naive), bool)}
+    refine = {"open": np.ones(len(examples.naive), bool)}
+    refine |= {kind: np.zeros(len(examples.naive), bool) for kind in ("threshold", "tree")}
     correct = 0
     for fold in range(FOLDS):
         held_out = np.isin(examples.situation, situations[fold::FOLDS])
         rest, test = examples.part(~held_out), examples.part(held_out)
-        tree = fit_tree(rest)
-        refine["threshold"][held_out] = decisions(fit(rest), test)
-        refine["tree"][held_out] = decisions(tree, test)
-        correct += int(np.sum(predicted_labels(tree, test) == labels(test.refined, test.naive)))
-    everything = np.ones(len(examples.naive), bool)
-    results = {name: _judged(examples, rows) for name, rows in {"open": everything, **refine}.items()}
+        threshold, tree = fit(rest), fit_tree(rest)
+        rows = [dict(zip(FEATURES, row, strict=True)) for row in test.features]
+        refine["threshold"][held_out] = [threshold.decide(row)[0] for row in rows]
+        refine["tree"][held_out] = [tree.decide(row)[0] for row in rows]
+        predicted = np.array([tree.predicted(row) for row in rows])
+        correct += int(np.sum(predicted == labels(test.refined, test.naive)))
+    results = {name: _judged(examples, rows) for name, rows in refine.items()}
     results["tree"]["accuracy_percent"] = round(100.0 * correct / len(examples.naive), 1)
     return results
-
-
-def better_kind(comparison: Mapping[str, Mapping[str, float]]) -> str:
-    """Return the kind of gate to use, from what `compare_gates` returns.
-
-    It is the one with the greater utility among those with at most a share `MOST_SLOWER` of slower runs that
-    keep `KEPT` of the gain; if neither does, among both.
-    """
-    kinds = ("threshold", "tree")
-    careful = [kind for kind in kinds if _is_careful(comparison[kind])]
-    return max(careful or kinds, key=lambda kind: comparison[kind]["utility"])
 
 
 def _is_careful(judged: Mapping[str, float]) -> bool:
     runs = judged["higher"] + judged["equal"] + judged["lower"]
     return judged["lower"] <= MOST_SLOWER * runs and judged["kept_gain_percent"] >= 100.0 * KEPT
-
-
-def predicted_labels(gate: TreeGate, examples: GateExamples) -> NDArray[np.str_]:
-    """Return the tree's label of each example."""
-    return np.array([gate.predicted(dict(zip(FEATURES, row, strict=True))) for row in examples.features])
 
 
 def _judged(examples: GateExamples, refine: NDArray[np.bool_]) -> dict[str, float]:
@@ -285,38 +262,28 @@ def _judged(examples: GateExamples, refine: NDArray[np.bool_]) -> dict[str, floa
 
 
 def fit_to_drawn_errors(examples: GateExamples) -> ThresholdGate:
-    """Return the most useful threshold for drawn errors, see `with_drawn_errors`."""
-    return most_useful_threshold(with_drawn_errors(examples), LEAST)
+    """Return the threshold that gains most, less a penalty of `HARM` for each run that becomes slower.
 
-
-def with_drawn_errors(examples: GateExamples) -> GateExamples:
-    """Return each example `DRAWS` times, with errors drawn from those of chains like it.
-
-    An error is the gained less the predicted time (s) of a chain of the same kind. Errors are drawn at evenly
-    spaced ranks, not at random.
+    It is judged by `DRAWS` copies of each example, with errors drawn from those of chains like it. An error
+    is the gained less the predicted time (s) of a chain of the same kind. Errors are drawn at evenly spaced
+    ranks, not at random. Neither number of the threshold is below that of `LEAST`.
     """
-    gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
+    gain, spread = examples.column("gain"), examples.column("spread")
     actual = examples.naive - examples.refined
     saved = np.tile(actual, (DRAWS, 1))
     for kind in np.unique(examples.kind):
-        changed = (examples.kind == kind) & (gain > 0.0)
-        if examples.succeeded is not None:
-            changed &= examples.succeeded
-        rows = np.flatnonzero(changed)
+        rows = np.flatnonzero((examples.kind == kind) & (gain > 0.0) & examples.succeeded)
         errors, ranks = actual[rows] - gain[rows], rankdata([gain[rows], spread[rows]], axis=1)
         count = max(_FEWEST, round(_ALIKE * len(rows)))
         for place, row in enumerate(rows):
             apart = np.abs(ranks - ranks[:, place, None]).sum(axis=0)
-            alike = np.argsort(apart, kind="stable")[:count]
-            saved[:, row] = gain[row] + _evenly(np.sort(errors[alike]))
+            alike = np.sort(errors[np.argsort(apart, kind="stable")[:count]])
+            evenly = (np.arange(DRAWS) + 0.5) * (len(alike) / DRAWS)
+            saved[:, row] = gain[row] + alike[evenly.astype(np.intp)]
     many = examples.part(np.tile(np.arange(len(gain)), DRAWS))
-    return dataclasses.replace(many, refined=many.naive - saved.ravel())
-
-
-def _evenly(errors: FloatArray) -> FloatArray:
-    """Return `DRAWS` of sorted errors, evenly spaced by rank."""
-    ranks = (np.arange(DRAWS) + 0.5) * (len(errors) / DRAWS)
-    return errors[ranks.astype(np.intp)]
+    many = many._replace(refined=many.naive - saved.ravel())
+    gates, refine = _thresholds(many, LEAST)
+    return gates[max(range(len(gates)), key=lambda index: _utility(many, refine[index]))]
 
 
 def with_corrected_gains(

@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
@@ -15,8 +16,8 @@ from ator_ros.evaluation.trials import Trial, open_speeds, with_headings
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import PATHS
-from ator_ros.refinement.gate import GATE
-from ator_ros.refinement.refiner import Refinement, Refiner
+from ator_ros.refinement.gate import GATE, OpenGate
+from ator_ros.refinement.refiner import Refinement
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 
@@ -72,42 +73,34 @@ def reopened(chain: TopChain, plan: TopChain) -> TopChain:
     return TopChain(tuple(dataclasses.replace(call, open=planned.open) for call, planned in pairs))
 
 
-def _learned(tools: Toolset) -> Refiner:
-    return tools.refiner()
-
-
-def _gated(tools: Toolset) -> Refiner:
-    return tools.refiner(gated=True)
-
-
-def _analytic(tools: Toolset) -> Refiner:
-    """Return a refiner with path times, at the limits that learned models have observed, if any."""
+def analytic(tools: Toolset) -> Toolset:
+    """Return tools with path times, at the limits that learned models have observed, if any, as models."""
     driving = {action: getattr(model, "driving", None) for action, model in tools.models.items()}
-    return tools.analytic_refiner({action: PathTime(tools.robot, seen) for action, seen in driving.items()})
+    models = {action: PathTime(tools.robot, seen) for action, seen in driving.items()}
+    return dataclasses.replace(tools, models=models, gate=OpenGate())
 
 
-def _refining(refiner: Callable[[Toolset], Refiner], *, speeds: bool = False) -> Policy:
-    """Return the policy that refines the naive chain: headings, or headings and arrival speeds."""
-
-    def choose(tools: Toolset, trial: Trial) -> Choice:
-        plan = open_speeds(trial.chain) if speeds else trial.chain
-        start = naive(tools, trial).chain
-        refinement = refiner(tools).refine(trial.world, reopened(start, plan))
-        return Choice(refinement.chain, refinement)
-
-    return choose
+def refined(
+    tools: Toolset, trial: Trial, *, speeds: bool = False, gated: bool = False, learned: bool = True
+) -> Choice:
+    """Refine the naive chain: headings, or headings and arrival speeds."""
+    plan = open_speeds(trial.chain) if speeds else trial.chain
+    start = naive(tools, trial).chain
+    refiner = (tools if learned else analytic(tools)).refiner(gated=gated)
+    refinement = refiner.refine(trial.world, reopened(start, plan))
+    return Choice(refinement.chain, refinement)
 
 
 POLICIES: Mapping[str, Policy] = MappingProxyType(
     {
         "naive": naive,
         "face_goal": face_goal,
-        "analytic": _refining(_analytic),
-        "analytic_speed": _refining(_analytic, speeds=True),
-        "refined": _refining(_learned),
-        "gated": _refining(_gated),
-        "refined_speed": _refining(_learned, speeds=True),
-        "gated_speed": _refining(_gated, speeds=True),
+        "analytic": partial(refined, learned=False),
+        "analytic_speed": partial(refined, learned=False, speeds=True),
+        "refined": refined,
+        "gated": partial(refined, gated=True),
+        "refined_speed": partial(refined, speeds=True),
+        "gated_speed": partial(refined, speeds=True, gated=True),
     }
 )
 """By name; a new policy is a new row. The oracle is no policy, as it executes chains."""

@@ -61,7 +61,7 @@ def write_report(folder: Path, result: Mapping[str, Any]) -> Path:
         table_1(summary, PAPER_TABLE_1 if domain == DEFAULT else ()),
         ("h2", "All policies on the same starts"),
         policy_table(summary),
-        ("p", _NOTE + _oracle_note(settings)),
+        ("p", _NOTE),
         pd.DataFrame([(name, MEANING[name]) for name in _rows(summary)], columns=["policy", "chooses"]),
         ("h2", "Predictions"),
         prediction_table(summary),
@@ -175,22 +175,3 @@ def _rows(summary: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 def _interval(bounds: Sequence[float], digits: int = 2) -> str:
     return f"{bounds[0]:.{digits}f} to {bounds[1]:.{digits}f}"
-
-
-def _oracle_note(settings: Mapping[str, Any]) -> str:
-    """Return what the oracle executed, in sentences that each begin with a space."""
-    if not settings["oracle"]:
-        return ""
-    if settings["joint_oracle"]:
-        note = (
-            f" The oracle executed the legs between {settings['oracle']} headings, and those that the "
-            "policies chose, at every open step, and then the chain that takes least by them."
-        )
-    else:
-        note = f" The oracle executed {settings['oracle']} headings."
-    if settings["oracle_margin"] is not None:
-        note += f" It left out headings predicted {settings['oracle_margin']:g} s behind its best."
-    if settings["oracle_speeds"]:
-        speeds = ", ".join(f"{v:g}" for v in (0.0, *settings["oracle_speeds"]))
-        note += f" Its speeds at each heading: {speeds} m/s."
-    return note

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from ator_ros.evaluation.situation import Record, Settings, evaluate_trial
 from ator_ros.evaluation.statistics import outcomes, prediction_errors, summarise
 from ator_ros.evaluation.trials import EvaluationError
-from ator_ros.experience.parallel import PartialResults, cluster, progress, run_tasks
+from ator_ros.experience.json_lines import PartialResults
+from ator_ros.experience.parallel import cluster, progress, run_tasks
 from ator_ros.experience.table import library_versions
-from ator_ros.files import FileError, content_of, read_json, save
-from ator_ros.schema import SchemaError, structured
+from ator_ros.files import load, save
 
 PARTIAL = "situations.jsonl"
 RESULT = "evaluation.json"
@@ -53,16 +53,16 @@ def to_records(columns: Mapping[str, Any], count: int) -> list[Record]:
 
 
 @dataclass(frozen=True)
-class _ResultFile:
+class Result:
     """The fields of `evaluation.json` that are used again; runs: records by columns."""
 
     summary: dict[str, Any]
     settings: dict[str, Any]
     runs: dict[str, Any]
-    digests: dict[str, str] | None = None
+    digests: dict[str, str] = field(default_factory=dict)
 
 
-def read_result(path: Path) -> dict[str, Any]:
+def read_result(folder: Path) -> Result:
     """Read `evaluation.json`.
 
     Raises
@@ -70,14 +70,7 @@ def read_result(path: Path) -> dict[str, Any]:
     EvaluationError
         The file cannot be read, or is no finished evaluation.
     """
-    try:
-        data = content_of(read_json(path, largest=_LARGEST), KIND)
-        structured(data, _ResultFile)
-    except FileError as error:
-        raise EvaluationError(str(error)) from error
-    except SchemaError as error:
-        raise EvaluationError(f"{path}: {error}") from error
-    return data
+    return load(folder / RESULT, KIND, Result, largest=_LARGEST, error=EvaluationError)
 
 
 def run_situations(
@@ -108,18 +101,17 @@ def run_situations(
 
     Raises
     ------
-    EvaluationError
+    FileError
         The folder contains results of other settings, or another process writes there.
     OSError
         The folder cannot be written; finished situations are kept.
     BackendError
         The parallel backend cannot be used.
     """
-    digest = settings.source.digest(settings.policies, settings.chain)
-    identity = {"settings": asdict(settings), "digest": digest}
+    identity = {"settings": asdict(settings), "digest": settings.source.digest()}
     expected = "results of the same settings, models and gate"
-    with PartialResults(folder / PARTIAL, identity, expected, EvaluationError) as partial, cluster(scheduler):
-        records = {record.get("index"): record for record in partial.results}
+    with PartialResults(folder / PARTIAL, identity, expected) as partial, cluster(scheduler):
+        records = {record["index"]: record for record in partial.results}
         tasks = [(settings, index) for index in range(situations) if index not in records]
         results = run_tasks(evaluate_trial, tasks, jobs=jobs, backend=backend)
         for record in progress(results, done=situations - len(tasks), total=situations, unit="situation"):
@@ -136,21 +128,17 @@ def describe(settings: Settings, records: Sequence[Record], command: str) -> dic
         "command": command,
         **summarise(outcomes(records)),
     }
-    for name, row in summary.items():
-        if isinstance(row, dict) and "predicted" in records[0]["policies"].get(name, {}):
-            row["prediction"] = prediction_errors(records, name)
+    for name in settings.policies:
+        if "predicted" in records[0]["policies"][name]:
+            summary[name]["prediction"] = prediction_errors(records, name)
+    source = settings.source
+    portable = replace(source, robot=Path(source.robot).name, models=Path(source.models).name)
     return {
         "summary": summary,
-        "settings": portable(asdict(settings)),
+        "settings": asdict(replace(settings, source=portable)),
         "executed": sum(record["executed"] for record in records),
-        "digest": settings.source.digest(settings.policies, settings.chain),
-        "digests": settings.source.digests(settings.chain),
+        "digest": source.digest(),
+        "digests": source.digests(settings.chain),
         "versions": library_versions(),
         "machine": platform.platform(),
     }
-
-
-def portable(settings: dict[str, Any]) -> dict[str, Any]:
-    """Return settings without the folders of this machine."""
-    source = settings["source"]
-    return {**settings, "source": {**source, **{key: Path(source[key]).name for key in ("robot", "models")}}}

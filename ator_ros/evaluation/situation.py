@@ -10,24 +10,22 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.chain_run import ChainKey, ChainRun, key_of, run_chain
 from ator_ros.evaluation.policies import POLICIES, UNGATED, Choice, naive
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
 from ator_ros.geometry import BoolArray, FloatArray, wrap_angle, wrap_angles
-from ator_ros.refinement.chain_prediction import ChainModel, ChainPrediction, predict_chain
+from ator_ros.refinement.chain_prediction import ChainModel, predict_chain
 from ator_ros.refinement.free_variables import FreeVariable, names_of
 from ator_ros.refinement.objective import Objective
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.ranges import USUAL_RANGES
 from ator_ros.world.state import RobotState, World
@@ -150,50 +148,44 @@ def _start(trial: Trial) -> list[float]:
 
 
 def _policy_record(tools: Toolset, trial: Trial, choice: Choice, run: ChainRun) -> Record:
-    chosen = [_chosen(call.goal) for call in choice.chain.calls[:-1]]
-    record: Record = {"duration": round(run.duration, 3), "success": run.success, "chosen": chosen}
-    record["actions"] = [round(duration, 3) for duration in run.actions]
+    record: Record = {
+        "duration": round(run.duration, 3),
+        "success": run.success,
+        "chosen": [
+            [round(goal.pose.yaw, 4), round(goal.speed, 3), *(round(v, 4) for v in goal.values.values())]
+            for goal in (call.goal for call in choice.chain.calls[:-1])
+        ],
+        "actions": [round(duration, 3) for duration in run.actions],
+    }
     if not run.success:
         record["reason"] = run.reason
     elif not math.isnan(run.error):
         record["error"] = round(run.error, 4)
-    predicted = _predicted(tools, trial, choice)
+    predicted, refinement = None, choice.refinement
+    if refinement is not None:
+        predicted = refinement.after if refinement.refined else refinement.before
+    elif choice.by_models:
+        predicted = tools.predict(trial.world, choice.chain)
     if predicted is not None:
         record["predicted"] = round(predicted.duration, 3)
     return record
-
-
-def _chosen(goal: Goal) -> list[float]:
-    return [round(goal.pose.yaw, 4), round(goal.speed, 3), *(round(v, 4) for v in goal.values.values())]
-
-
-def _predicted(tools: Toolset, trial: Trial, choice: Choice) -> ChainPrediction | None:
-    """Return the prediction of the chosen chain; None if no model chose it."""
-    refinement = choice.refinement
-    if refinement is not None:
-        return refinement.after if refinement.refined else refinement.before
-    return tools.predict(trial.world, choice.chain) if choice.by_models else None
 
 
 def _joint_oracle(
     settings: Settings, tools: Toolset, trial: Trial, execute: Executions, chosen: Sequence[TopChain]
 ) -> dict[str, Record]:
     """Execute the chain with the best headings by executed legs; the policies' own chains count too."""
-    tried = [Tried(each, run.actions if run.success else ()) for each in chosen for run in [execute(each)]]
+    tried = [(each, run.actions if run.success else ()) for each in chosen for run in [execute(each)]]
     chain, legs = best_headings(
         tools, trial, tried, execute.leg, count=settings.oracle, margin=settings.oracle_margin
     )
     best = min((execute(each) for each in (chain, *chosen)), key=lambda run: run.duration)
     headings = [round(call.goal.pose.yaw, 3) for call in chain.calls]
-    return {
-        "oracle": {
-            "headings": headings,
-            "durations": [None],
-            "best": round(best.duration, 3),
-            "success": best.success,
-            "legs": legs,
-        }
-    }
+    return {"oracle": {"headings": headings, "durations": [None], **_best(best), "legs": legs}}
+
+
+def _best(run: ChainRun) -> Record:
+    return {"best": round(run.duration, 3), "success": run.success}
 
 
 def _oracle(
@@ -209,19 +201,17 @@ def _oracle(
         chains = [tools.refiner().refine(trial.world, plan).chain for plan in plans]
     runs = _executed(settings, tools, trial, execute, chains)
     best = min([run for run in runs if run is not None] + [execute(start)], key=lambda run: run.duration)
-    records: dict[str, Record] = {
-        "oracle": {
-            "headings": [round(yaw, 3) for yaw in headings],
-            "durations": [None if run is None else round(run.duration, 2) for run in runs],
-            "best": round(best.duration, 3),
-            "success": best.success,
-        }
-    }
+    durations = [None if run is None else round(run.duration, 2) for run in runs]
+    rounded = [round(yaw, 3) for yaw in headings]
+    records = {"oracle": {"headings": rounded, "durations": durations, **_best(best)}}
     if settings.oracle_speeds:
-        moving = [_with_speed(chain, v) for chain in chains for v in settings.oracle_speeds]
+        moving = [
+            chain.with_goal(0, dataclasses.replace(chain.calls[0].goal, speed=speed))
+            for chain in chains
+            for speed in settings.oracle_speeds
+        ]
         moving_runs = [run for run in _executed(settings, tools, trial, execute, moving) if run is not None]
-        best = min([best, *moving_runs], key=lambda run: run.duration)
-        records["oracle_speed"] = {"best": round(best.duration, 3), "success": best.success}
+        records["oracle_speed"] = _best(min([best, *moving_runs], key=lambda run: run.duration))
     return records
 
 
@@ -229,28 +219,10 @@ def _executed(
     settings: Settings, tools: Toolset, trial: Trial, execute: Executions, chains: Sequence[TopChain]
 ) -> list[ChainRun | None]:
     """Execute the chains whose predicted duration is within the oracle's margin of the least."""
-    costs = [predicted_cost(tools, trial, chain) for chain in chains]
+    costs = [predict_chain(trial.world, chain, tools.models, tools.robot).cost for chain in chains]
     margin = settings.oracle_margin
     bound = math.inf if margin is None else min(costs) + margin
     return [execute(chain) if cost <= bound else None for chain, cost in zip(chains, costs, strict=True)]
-
-
-def predicted_cost(tools: Toolset, trial: Trial, chain: TopChain) -> float:
-    """Return the cost that the learned models predict for a chain as it is: its duration in s."""
-    return predict_chain(trial.world, chain, tools.models, tools.robot).cost
-
-
-def _with_speed(chain: TopChain, speed: float) -> TopChain:
-    goal = dataclasses.replace(chain.calls[0].goal, speed=speed)
-    return chain.with_goal(0, goal)
-
-
-@dataclass(frozen=True, slots=True)
-class Tried:
-    """A chain that was executed, and the durations in s of its actions; fewer where it failed."""
-
-    chain: TopChain
-    actions: tuple[float, ...] = ()
 
 
 Drive = Callable[[World, TopChain], float]
@@ -272,16 +244,13 @@ def candidates(trial: Trial, chains: Sequence[TopChain], count: int) -> list[Flo
     """
     offered = []
     for index, call in enumerate(trial.chain.calls):
-        if "yaw" not in call.open:
-            offered.append(np.array([call.goal.pose.yaw]))
-            continue
-        chosen = [wrap_angle(chain.calls[index].goal.pose.yaw) for chain in chains]
-        even = [wrap_angle(2.0 * math.pi * k / count) for k in range(count)]
         distinct: list[float] = []
-        for yaw in (*chosen, *even):
-            if all(abs(wrap_angle(yaw - other)) > _SAME for other in distinct):
-                distinct.append(yaw)
-        offered.append(np.array(distinct))
+        if "yaw" in call.open:
+            chosen = [chain.calls[index].goal.pose.yaw for chain in chains]
+            for yaw in (*chosen, *(2.0 * math.pi * k / count for k in range(count))):
+                if all(abs(wrap_angle(yaw - other)) > _SAME for other in distinct):
+                    distinct.append(wrap_angle(yaw))
+        offered.append(np.array(distinct or [call.goal.pose.yaw]))
     return offered
 
 
@@ -319,23 +288,10 @@ def promising(legs: Sequence[FloatArray], margin: float | None) -> list[BoolArra
     return [before[:, None] + leg + after[None, :] <= bound for before, leg, after in parts]
 
 
-def least(legs: Sequence[FloatArray]) -> list[int]:
-    """Return the indices of the headings, one for each step, of the fastest chain."""
-    sums, origins = np.zeros(1), []
-    for leg in legs:
-        totals = sums[:, None] + leg
-        origins.append(np.argmin(totals, axis=0))
-        sums = totals.min(axis=0)
-    path = [int(np.argmin(sums))]
-    for origin in reversed(origins[1:]):
-        path.insert(0, int(origin[path[0]]))
-    return path
-
-
 def best_headings(
     tools: Toolset,
     trial: Trial,
-    tried: Iterable[Tried],
+    tried: Sequence[tuple[TopChain, tuple[float, ...]]],
     drive: Drive,
     *,
     count: int,
@@ -349,41 +305,50 @@ def best_headings(
         Learned models, which exclude slow legs.
     trial : Trial
         The situation.
-    tried : iterable of Tried
-        Executed choices of policies: their headings are tried, and their legs are not executed again.
+    tried : sequence of (TopChain, tuple of float)
+        Executed choices of policies, with the durations in s of their actions, fewer where they failed: their
+        headings are tried, and their legs are not executed again.
     drive : callable
         Executes a leg.
     count, margin
         Number of headings at each open step, and the margin of `promising`.
     """
-    runs = list(tried)
-    offered = candidates(trial, [run.chain for run in runs], count)
+    offered = candidates(trial, [chain for chain, _ in tried], count)
     wanted = promising(predicted_legs(tools, trial, offered), margin)
     poses = [trial.world.robot.pose, *(call.goal.pose for call in trial.chain.calls)]
     legs, executed = [], 0
-    for index, (here, _) in enumerate(pairwise(poses)):
+    for index, (here, call) in enumerate(zip(poses, trial.chain.calls, strict=False)):
         before = offered[index - 1] if index else np.array([here.yaw])
         times = np.full((len(before), len(offered[index])), math.nan)
-        for run in runs:
-            if len(run.actions) == len(trial.chain.calls):
-                row = _nearest(before, run.chain.calls[index - 1].goal.pose.yaw) if index else 0
-                column = _nearest(offered[index], run.chain.calls[index].goal.pose.yaw)
-                times[row, column] = run.actions[index]
+        for chain, actions in tried:
+            if len(actions) == len(trial.chain.calls):
+                row = _nearest(before, chain.calls[index - 1].goal.pose.yaw) if index else 0
+                column = _nearest(offered[index], chain.calls[index].goal.pose.yaw)
+                times[row, column] = actions[index]
         for row, column in np.argwhere(wanted[index] & np.isnan(times)):
             start = RobotState(here._replace(yaw=float(before[row])))
-            call = _at(trial.chain.calls[index], float(offered[index][column]))
-            times[row, column] = drive(World(0.0, start, trial.world.objects), TopChain((call,)))
+            leg = with_headings(TopChain((call,)), {0: float(offered[index][column])})
+            times[row, column] = drive(World(0.0, start, trial.world.objects), leg)
             executed += 1
         legs.append(np.where(np.isnan(times), math.inf, times))
-    path = least(legs)
+    path = _least(legs)
     opened = {i: float(offered[i][n]) for i, n in enumerate(path) if "yaw" in trial.chain.calls[i].open}
     return with_headings(trial.chain, opened), executed
+
+
+def _least(legs: Sequence[FloatArray]) -> list[int]:
+    """Return the indices of the headings, one for each step, of the fastest chain."""
+    sums, origins = np.zeros(1), []
+    for leg in legs:
+        totals = sums[:, None] + leg
+        origins.append(np.argmin(totals, axis=0))
+        sums = totals.min(axis=0)
+    path = [int(np.argmin(sums))]
+    for origin in reversed(origins[1:]):
+        path.insert(0, int(origin[path[0]]))
+    return path
 
 
 def _nearest(headings: FloatArray, yaw: float) -> int:
     """Return the index of the heading `yaw`."""
     return int(np.argmin(np.abs(wrap_angles(headings - yaw))))
-
-
-def _at(call: TopCall, yaw: float) -> TopCall:
-    return with_headings(TopChain((call,)), {0: yaw}).calls[0]

@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-
-import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains import DEFAULT
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.trials import EvaluationError, random_trial
-from ator_ros.experience.table import join, read_experience
 from ator_ros.performance.model_file import load_model, model_path
-from ator_ros.refinement.calibration import CALIBRATION, Calibration, load_calibration_if_any, model_digest
+from ator_ros.refinement.calibration import Calibration, load_calibration_if_any, model_digest
 from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain
-from ator_ros.refinement.gate import GATE, Gate, OpenGate, gate_in, opened
+from ator_ros.refinement.gate import Gate, gate_in, opened
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
@@ -56,18 +52,11 @@ class Toolset:
     calibration: Calibration = field(default_factory=Calibration)
 
     def refiner(self, *, gated: bool = False) -> Refiner:
-        """Return a refiner with the learned models."""
-        return self._refiner(self.models, self.gate if gated else opened(self.gate))
-
-    def analytic_refiner(self, models: Models) -> Refiner:
-        """Return a refiner with models that were not learned, without a gate."""
-        return self._refiner(models, OpenGate())
-
-    def _refiner(self, models: Models, gate: Gate) -> Refiner:
+        """Return a refiner with these models, and with the gate if it is wanted."""
         return Refiner(
             self.robot,
-            models,
-            gate,
+            self.models,
+            self.gate if gated else opened(self.gate),
             ranges=self.domain.ranges,
             calibration=self.calibration,
             failure_cost=self.domain.time_limit,
@@ -110,15 +99,11 @@ class ToolsetSource:
         top = Path(self.models) if self.models else find_domain(self.domain).shipped_models
         return top / model_path("gate", self.action_set).parent
 
-    def digest(self, policies: Iterable[str], chain: str) -> str:
-        """Return a digest of the robot's description and of all files that the choices depend on."""
-        robot = self.described()
-        sha = hashlib.sha256(robot.description_digest().encode())
-        names = [f"{action}.json" for action in self.actions_of(chain, robot)] + [CALIBRATION]
-        names += [GATE] if any(policy.startswith(("refined", "gated")) for policy in policies) else []
-        for name in names:
-            file = self.folder() / name
-            sha.update(file.read_bytes() if file.exists() else b"none")
+    def digest(self) -> str:
+        """Return a digest of the robot's description and of all files beside the models."""
+        sha = hashlib.sha256(self.described().description_digest().encode())
+        for file in sorted(self.folder().glob("*.json")):
+            sha.update(file.name.encode() + file.read_bytes())
         return sha.hexdigest()[:16]
 
     def digests(self, chain: str) -> dict[str, str]:
@@ -142,32 +127,10 @@ class ToolsetSource:
         if why is not None:
             raise EvaluationError(f"chain {chain}: {why}")
 
-    def stamps(self) -> tuple[tuple[str, int, int], ...]:
-        """Return name, modification time (ns) and size of the files that `make_toolset` reads."""
-        files = [*sorted(self.folder().glob("*.json")), *([Path(self.robot)] if self.robot else [])]
-        stamps = []
-        for file in files:
-            with suppress(FileNotFoundError):
-                stat = file.stat()
-                stamps.append((str(file), stat.st_mtime_ns, stat.st_size))
-        return tuple(stamps)
-
     def actions_of(self, chain: str, robot: Robot) -> list[str]:
         """Return the action of each step of a chain."""
         trial = random_trial(find_domain(self.domain), chain, make_library(robot, self), seed=0, index=0)
         return [call.top.action for call in trial.chain.calls]
-
-
-def read_rows(tables: Iterable[Path | str]) -> dict[str, pd.DataFrame]:
-    """Read tables of experience; return their rows by action.
-
-    Raises
-    ------
-    ExperienceError
-        A table cannot be used.
-    """
-    frame = join(read_experience(table).frame for table in tables)
-    return {str(action): rows for action, rows in frame.groupby("action", sort=False)}
 
 
 def make_library(robot: Robot, source: ToolsetSource) -> TopLibrary:
@@ -193,10 +156,10 @@ def make_toolset(source: ToolsetSource) -> Toolset:
 
 def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
     """Return toolset and library, cached until a file of the source changes."""
-    return _made(source, source.stamps())
+    return _made(source, source.digest())
 
 
 @lru_cache(maxsize=4)
-def _made(source: ToolsetSource, _stamps: tuple[tuple[str, int, int], ...]) -> tuple[Toolset, TopLibrary]:
+def _made(source: ToolsetSource, _digest: str) -> tuple[Toolset, TopLibrary]:
     tools = make_toolset(source)
     return tools, make_library(tools.robot, source)

@@ -1,24 +1,19 @@
-"""Long computations: spread over processes or a cluster by joblib, shown as they progress, and resumable."""
+"""Long computations: spread over processes or a cluster by joblib, and shown as they progress."""
 
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import signal
 import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
-from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 from tqdm import tqdm
-
-from ator_ros.files import read_text, try_lock
-from ator_ros.printable import short
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -29,8 +24,6 @@ _WORKERS_S = 60
 _WATCH_S = 1.0
 """Period in s with which a worker checks whether its parent is alive."""
 _watched: set[int] = set()
-_LARGEST = 2_000_000_000
-"""Bytes of a file of partial results: an episode takes about 10 kB, an evaluated situation 2 kB."""
 
 
 class BackendError(RuntimeError):
@@ -72,7 +65,7 @@ def run_tasks(
     # loky ends workers that were idle or have grown, and starts others; each task is still done.
     warnings.filterwarnings("ignore", message="A worker stopped while some jobs")
     # joblib 1.3's dask backend gives its results all at once only.
-    streams = backend == "loky" or _version_of(joblib) >= (1, 4)
+    streams = backend == "loky" or not joblib.__version__.startswith("1.3.")
     try:
         with joblib.parallel_config(backend=backend, n_jobs=jobs):
             results = joblib.Parallel(return_as="generator" if streams else "list", batch_size=1)(
@@ -86,11 +79,6 @@ def run_tasks(
             yield from results
         except BrokenExecutor as error:
             raise BackendError(f"a worker process was killed: {str(error).splitlines()[0]}") from error
-
-
-def _version_of(module: Any) -> tuple[int, int]:
-    major, minor = module.__version__.split(".")[:2]
-    return int(major), int(minor)
 
 
 def _in_worker(function: Callable[[Task], Result], task: Task, parent: int | None) -> Result:
@@ -131,88 +119,6 @@ def progress(results: Iterable[Result], *, done: int, total: int, unit: str) -> 
     return tqdm(results, initial=done, total=total, unit=unit, mininterval=period, delay=period - 0.1)
 
 
-class PartialResults:
-    """Results kept in a file, one JSON object a line, so that an interrupted computation can resume.
-
-    The first line holds what the results depend on. A last line that was cut off is dropped. The file is
-    locked against other processes until it is closed.
-
-    Parameters
-    ----------
-    path : Path
-        The file; made when missing, with its folder.
-    identity : mapping
-        What the results depend on, as JSON can hold it.
-    expected : str
-        What the file holds, for messages, as in "episodes of the same seed".
-    error : type
-        What is raised.
-
-    Attributes
-    ----------
-    results : list of dict
-        The results of earlier runs.
-
-    Raises
-    ------
-    ValueError
-        Of the type `error`: the file holds other results, is damaged, or is locked by another process.
-    OSError
-        The file cannot be written.
-    """
-
-    def __init__(
-        self, path: Path, identity: Mapping[str, Any], expected: str, error: type[ValueError]
-    ) -> None:
-        self.path = path
-        path.parent.mkdir(parents=True, exist_ok=True)
-        header = json.dumps(identity, sort_keys=True)
-        try:
-            lines = read_text(path, _LARGEST).split("\n")[:-1] if path.exists() else []
-            self.results = [_object(line) for line in lines[1:]]
-        except (ValueError, RecursionError) as problem:
-            raise error(f"{path}: expected {expected}, one a line: {problem}") from problem
-        if lines and lines[0] != header:
-            raise error(f"{path}: expected {expected}, got others: choose another --out, or delete that file")
-        self._file = path.open("ab")
-        if not try_lock(self._file.fileno()):
-            self._file.close()
-            raise error(f"{path}: expected a file of its own, another command is writing it")
-        self._size = sum(len(line.encode()) + 1 for line in lines)
-        os.truncate(path, self._size)
-        if not lines:
-            self._append(header)
-
-    def append(self, result: Mapping[str, Any]) -> None:
-        """Keep one more result, whole or, if OSError is raised, not at all."""
-        self._append(json.dumps(result, separators=(",", ":")))
-
-    def _append(self, line: str) -> None:
-        data = line.encode() + b"\n"
-        try:
-            self._file.write(data)
-            self._file.flush()
-        except OSError:
-            os.truncate(self.path, self._size)
-            raise
-        self._size += len(data)
-
-    def __enter__(self) -> Self:
-        """Return this object, whose file is closed when the block ends."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close the file."""
-        self._file.close()
-
-
-def _object(line: str) -> dict[str, Any]:
-    found = json.loads(line)
-    if not isinstance(found, dict):
-        raise ValueError(f"expected an object, got {short(line)}")
-    return found
-
-
 @contextlib.contextmanager
 def cluster(address: str | None) -> Iterator[None]:
     """Connect to the dask scheduler at `address`, as in ``tcp://host:8786``; None connects to nothing.
@@ -236,34 +142,21 @@ def cluster(address: str | None) -> Iterator[None]:
         raise BackendError(
             f"cluster: expected a dask scheduler as in tcp://host:8786, got {address!r}: {error}"
         ) from error
-    with client:
-        check_cluster(client)
-        yield
 
-
-def check_cluster(client: Any) -> None:
-    """Check that a `distributed.Client` has workers, and that all can run our tasks: else these never end.
-
-    Raises
-    ------
-    BackendError
-        They cannot.
-    """
-
-    def fault() -> str:  # sent as a whole, since it lies in no module
+    def import_fault() -> str:  # sent as a whole, since it lies in no module
         try:
             import ator_ros  # noqa: F401
         except ImportError as error:
             return str(error)
         return ""
 
-    try:
-        client.wait_for_workers(1, timeout=_WORKERS_S)
-    except TimeoutError as error:
-        raise BackendError(
-            f"the dask cluster: expected a worker within {_WORKERS_S} s, found none"
-        ) from error
-    faults = {"the scheduler": client.run_on_scheduler(fault), **client.run(fault)}
-    for place, words in faults.items():
-        if words:
-            raise BackendError(f"the dask cluster: {place} must be able to import ator_ros: {words}")
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=_WORKERS_S)
+        except TimeoutError as error:
+            raise BackendError(f"cluster: expected a worker within {_WORKERS_S} s, found none") from error
+        faults = {"the scheduler": client.run_on_scheduler(import_fault), **client.run(import_fault)}
+        for place, fault in faults.items():
+            if fault:
+                raise BackendError(f"cluster: {place} must be able to import ator_ros: {fault}")
+        yield

@@ -18,7 +18,7 @@ from ator_ros.files import is_name
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
-from ator_ros.tops.objects import held_first, held_last, objects_in
+from ator_ros.tops.objects import held_first, held_last
 from ator_ros.world.messages import MessageError, ObjectSource, object_from, pose_from, velocity
 from ator_ros.world.state import RobotState
 
@@ -41,40 +41,18 @@ class Vocabulary(Protocol):
     def tops(self) -> tuple[Top, ...]:
         """Its TOPs, for a usual robot."""
 
-    def tops_for(self, robot: Robot) -> tuple[Top, ...]:
-        """Return its TOPs with the tolerances and regions of a robot in its scene."""
-
     @property
     def goal_variables(self) -> Mapping[str, GoalVariable]:
         """The goal variables that its actions declare, by name."""
 
 
-def point_of(domain: Vocabulary, top: str) -> Point:
-    """Return the point that goals of a TOP are meant for; the axle if the domain has no such TOP."""
-    return next((known.point for known in domain.tops if known.name == top), Point.AXLE)
-
-
 def drive_between(domain: Vocabulary, first: str | None, last: str | None) -> Top | None:
-    """Return the TOP that drives with one object held at the start and another, or the same, at the end.
+    """Return the first TOP that drives with `first` held at the start and `last` at the end.
 
-    Parameters
-    ----------
-    domain : Vocabulary
-        Whose TOPs.
-    first, last : str or None
-        The objects held at the start and at the end; None: none.
-
-    Returns
-    -------
-    Top or None
-        The first with these roles, else the first that drives and holds nothing; None without any.
+    None as an object: none is held. Without such a TOP, the first that drives and holds nothing; or None.
     """
-    driving = [top for top in domain.tops if top.arrives]
-    roles = [(held_first(top), held_last(top)) for top in driving]
-    for wanted in ((first, last), (None, None)):
-        if wanted in roles:
-            return driving[roles.index(wanted)]
-    return None
+    driving = {(held_first(top), held_last(top)): top for top in reversed(domain.tops) if top.arrives}
+    return driving.get((first, last)) or driving.get((None, None))
 
 
 SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
@@ -91,7 +69,7 @@ _FASTEST = 4.0
 def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
     """Convert a record of any action to an episode; it has no samples but its start.
 
-    An action that no TOP of the domain calls is accepted under its name.
+    An action that no TOP of the domain calls is accepted under its name, with goals for the axle.
 
     Raises
     ------
@@ -109,9 +87,11 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
         velocity(start.w, "start.w", "rad/s"),
     )
     pose, speed = pose_from(call.goal.pose, "call.goal.pose"), velocity(call.speed, "call.speed")
-    goal = Goal(pose, speed, point_of(domain, call.top), _values(call, domain))
+    given = {item.name: item.value for item in call.values}
+    values = {name: given[name] for name in domain.goal_variables if name in given}
+    point = Point.AXLE if top is None else top.point
     episode = Episode(
-        situation=Situation(message.action, state, objects, goal),
+        situation=Situation(message.action, state, objects, Goal(pose, speed, point, values)),
         samples=np.empty((0, sample_width(objects))),
         duration=message.actual.duration,
         success=message.outcome.code == SUCCEEDED,
@@ -120,22 +100,15 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
         heading_error=message.heading_error,
         objects=tuple(objects),
     )
-    if fault := fault_of(episode, top, robot):
+    if fault := _fault(episode, top, robot):
         raise MessageError(fault)
     return episode
-
-
-def _values(call: Any, domain: Vocabulary) -> dict[str, float]:
-    """Return the values of the domain's goal variables; older recordings have none."""
-    given = {item.name: item.value for item in getattr(call, "values", ())}
-    return {name: given[name] for name in domain.goal_variables if name in given}
 
 
 def _called_top(message: Any, domain: Vocabulary) -> Top | None:
     """Return the TOP of a record, None for that of another domain; raises MessageError."""
     name, action = message.call.top, message.action
-    action_set = getattr(message, "action_set", "") or DEFAULT_SET  # older recordings have none
-    for field, value in (("action", action), ("action_set", action_set)):
+    for field, value in (("action", action), ("action_set", message.action_set or DEFAULT_SET)):
         if not is_name(value):
             raise MessageError(f"{field}: expected a name of letters, digits and _, got {quoted(value)}")
     top = next((top for top in domain.tops if top.name == name), None)
@@ -146,34 +119,19 @@ def _called_top(message: Any, domain: Vocabulary) -> Top | None:
     return top
 
 
-def fault_of(episode: Episode, top: Top | None, robot: Robot) -> str:
-    """Return why an episode of a TOP cannot be used; an empty text if it can.
-
-    The goal, and objects that the TOP is about, lie no farther than the robot drives in ten minutes, or in
-    the duration if that is longer. A robot that arrived has driven at most `_FASTEST` times as fast as
-    its limit.
-    """
-    if not _is_finite(episode):
-        return "expected finite numbers, and objects with names of letters, digits and _"
-    start, goal = episode.situation.robot.pose, episode.situation.goal.pose
-    reach = farthest = robot.limits.v * max(_LONGEST_DRIVE, episode.duration)
-    if episode.success and top is not None and top.arrives:
-        farthest = _SLACK + _FASTEST * robot.limits.v * episode.duration
-    if (distance := start.distance(goal)) > farthest:
-        return f"start: expected at most {farthest:.3g} m to the goal, got {distance:.3g} m"
-    for name in () if top is None else objects_in(top):
-        there = episode.situation.objects.get(name)
-        distance = 0.0 if there is None else math.hypot(there.x - start.x, there.y - start.y)
-        if distance > reach:
-            return f"start: expected at most {reach:.3g} m to {name}, got {distance:.3g} m"
-    return ""
-
-
-def _is_finite(episode: Episode) -> bool:
-    """Return whether the episode has finite values, and objects with valid names."""
+def _fault(episode: Episode, top: Top | None, robot: Robot) -> str:
+    """Return why an episode of a TOP cannot be used; an empty text if it can."""
     goal, objects = episode.situation.goal, episode.situation.objects
     if len(objects) > MOST_OBJECTS or not all(map(is_name, objects)):
-        return False
-    errors = (episode.position_error, episode.heading_error)
-    finite = all(abs(number) <= LARGEST for number in (episode.duration, *goal.values.values()))  # NaN is not
-    return finite and not min(episode.duration, goal.speed, *errors) < 0.0 and math.inf not in errors
+        return f"start.objects: expected at most {MOST_OBJECTS}, with names of letters, digits and _"
+    errors = (episode.position_error, episode.heading_error)  # may be NaN
+    finite = all(abs(number) <= LARGEST for number in (episode.duration, *goal.values.values()))
+    if not finite or min(episode.duration, goal.speed, *errors) < 0.0 or math.inf in errors:
+        return "expected finite numbers, and no negative speed, duration or error"
+    farthest = robot.limits.v * max(_LONGEST_DRIVE, episode.duration)
+    if episode.success and top is not None and top.arrives:
+        farthest = _SLACK + _FASTEST * robot.limits.v * episode.duration
+    distance = episode.situation.robot.pose.distance(goal.pose)
+    if distance > farthest:
+        return f"start: expected at most {farthest:.3g} m to the goal, got {distance:.3g} m"
+    return ""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.columns import ExperienceError
-from ator_ros.experience.recordings import USUAL, TopicNames, read_recording
+from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.records import Vocabulary
 from ator_ros.experience.store import is_store, read_store
 from ator_ros.experience.table import Experience, join, read_experience
@@ -20,7 +20,7 @@ def read_sources(
     robot: Robot,
     domain: Vocabulary,
     action_set: str | None = None,
-    topics: TopicNames = USUAL,
+    topics: Mapping[str, str] | None = None,
 ) -> Experience:
     """Read and join all sources; the metadata are those of the first one.
 
@@ -34,8 +34,8 @@ def read_sources(
         The domain that all sources must be of; a table without a domain must have objects of this one.
     action_set : str, optional
         Action set of sources that do not name one; all others must name this one.
-    topics : TopicNames, optional
-        The topics of odometry and commands in recordings.
+    topics : mapping, optional
+        Topics of odometry and commands in recordings, see `read_recording`.
 
     Raises
     ------
@@ -63,19 +63,28 @@ def read_sources(
 
 
 def _read(
-    path: Path, robot: Robot, domain: Vocabulary, action_set: str | None, topics: TopicNames
+    path: Path,
+    robot: Robot,
+    domain: Vocabulary,
+    action_set: str | None,
+    topics: Mapping[str, str] | None,
 ) -> Experience:
     if path.suffix == ".parquet":
         table = read_experience(path)
-        _check_domain(path, table, domain)
     elif is_store(path):
         table = read_store(path, action_set)
-        _check_domain(path, table, domain)
     elif path.suffix == ".mcap" or path.is_dir():
         table = read_recording(path, robot, domain, topics)
     else:
         raise ExperienceError(
             f"{path}: expected a table of collect (.parquet) or a recording (.mcap, or the folder it is in)"
+        )
+    found = table.metadata.get("domain")
+    foreign = [name for name in table.objects if found is None and name not in domain.objects]
+    if foreign or found not in (None, domain.name):
+        there = f"a table with the objects {', '.join(foreign)}" if foreign else quoted(found)
+        raise ExperienceError(
+            f"{path}: metadata.domain: expected {domain.name!r}, got {there}: name its domain with --domain"
         )
     digest = table.metadata.get("robot_digest", robot.digest())
     if digest != robot.digest():
@@ -84,15 +93,3 @@ def _read(
             "give its description with --robot, or collect again"
         )
     return table
-
-
-def _check_domain(path: Path, table: Experience, domain: Vocabulary) -> None:
-    """Refuse a table of another domain; without a domain, one with objects of another domain."""
-    found = table.metadata.get("domain")
-    foreign = [name for name in table.objects if name not in domain.objects]
-    if found == domain.name or (found is None and not foreign):
-        return
-    there = quoted(found) if found is not None else f"a table with the objects {', '.join(foreign)}"
-    raise ExperienceError(
-        f"{path}: metadata.domain: expected {domain.name!r}, got {there}: name its domain with --domain"
-    )

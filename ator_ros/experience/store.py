@@ -3,34 +3,25 @@
     FOLDER/store.json                      of which robot and domain
     FOLDER/default/000000.jsonl ...        parts of an action set: one episode a line
 
-Each line is written unbuffered, so that a killed process loses no appended episode; `sync` protects against
-a loss of power. A cut-off last line is dropped when the store is opened again.
+A killed process loses no appended episode, see `JsonLines`; `sync` protects against a loss of power.
 """
 
 from __future__ import annotations
 
-import errno
 import json
 import math
-import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.actions.goal_variables import MOST_GOAL_VARIABLES, direct_name
-from ator_ros.experience.columns import (
-    MOST_OBJECTS,
-    ExperienceError,
-    columns,
-    goal_variables_of_columns,
-    object_columns,
-    objects_of_columns,
-)
+from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.episode import Episode
+from ator_ros.experience.json_lines import JsonLines
 from ator_ros.experience.table import Experience, checked_rows, join, library_versions, start_row
 from ator_ros.files import is_name, load, save
 
@@ -87,72 +78,49 @@ class RecordStore:
             save(folder / STORE, KIND, info)
         elif (there := load(folder / STORE, KIND, StoreInfo, error=ExperienceError)) != info:
             raise ExperienceError(f"{folder / STORE}: expected {info}, got {there}: choose another folder")
-        places = [folder / name for name in action_sets_in(folder)]
-        self._parts = {place.name: _Part(place, max(_parts_of(place))) for place in places}
+        self._parts = {name: max(_parts_of(folder / name)) for name in action_sets_in(folder)}
+        self._files = {name: self._open(name, number) for name, number in self._parts.items()}
+        self._unsynced: set[str] = set()
 
     @property
     def ends(self) -> dict[str, int]:
         """The number that the next episode of each action set gets; numbers are never used twice."""
-        return {name: part.number * PART + part.lines for name, part in self._parts.items()}
+        return {name: self._parts[name] * PART + file.count for name, file in self._files.items()}
 
     def append(self, action_set: str, episode: Episode) -> None:
         """Append an episode; it is written whole or, when OSError is raised, not at all."""
-        place, part = self._folder / action_set, self._parts.get(action_set)
-        if part is None:
-            place.mkdir(exist_ok=True)
-            part = self._parts[action_set] = _Part(place, 0)
-        elif part.lines >= PART:
-            part.sync()
-            full, part = part, _Part(place, part.number + 1)
-            self._parts[action_set] = part
+        if action_set not in self._files:
+            self._begin_part(action_set, 0)
+        elif (full := self._files[action_set]).count >= PART:
+            full.sync()
+            self._begin_part(action_set, self._parts[action_set] + 1)
             full.close()
-            kept = math.ceil(self._most / PART)
-            for number, file in _parts_of(place).items():
-                if number < part.number - kept:
-                    file.unlink()
         row = {name: None if value != value else value for name, value in start_row(episode).items()}  # NaN
-        part.append(json.dumps(row, allow_nan=False, separators=(",", ":")).encode() + b"\n")
+        self._files[action_set].append(row)
+        self._unsynced.add(action_set)
+
+    def _begin_part(self, action_set: str, number: int) -> None:
+        """Begin a part; drop those that are too old."""
+        self._files[action_set] = self._open(action_set, number)
+        self._parts[action_set] = number
+        for older, file in _parts_of(self._folder / action_set).items():
+            if older < number - math.ceil(self._most / PART):
+                file.unlink()
+
+    def _open(self, action_set: str, number: int) -> JsonLines:
+        return JsonLines(self._folder / action_set / f"{number:06d}.jsonl")
 
     def sync(self) -> None:
         """Flush appended episodes to the disk."""
-        for part in self._parts.values():
-            part.sync()
+        for action_set in self._unsynced:
+            self._files[action_set].sync()
+        self._unsynced.clear()
 
     def close(self) -> None:
         """Close the files."""
-        for part in self._parts.values():
-            part.close()
-        self._parts.clear()
-
-
-class _Part:
-    """The newest part of an action set, open for appending."""
-
-    def __init__(self, place: Path, number: int) -> None:
-        self.number, self._dirty = number, False
-        file = place / f"{number:06d}.jsonl"
-        self._handle = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
-        lines = file.read_bytes().split(b"\n")
-        self.lines = len(lines) - 1
-        self._size = file.stat().st_size - len(lines[-1])
-        os.ftruncate(self._handle, self._size)  # drop a cut-off line
-
-    def append(self, line: bytes) -> None:
-        try:
-            if os.write(self._handle, line) < len(line):
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        except OSError:
-            os.ftruncate(self._handle, self._size)
-            raise
-        self._size, self.lines, self._dirty = self._size + len(line), self.lines + 1, True
-
-    def sync(self) -> None:
-        if self._dirty:
-            os.fsync(self._handle)
-            self._dirty = False
-
-    def close(self) -> None:
-        os.close(self._handle)
+        for file in self._files.values():
+            file.close()
+        self._files.clear()
 
 
 @dataclass(frozen=True)
@@ -228,13 +196,12 @@ def read_records(folder: Path, action_set: str) -> StoredRecords:
         except FileNotFoundError:  # dropped in the meantime
             continue
         rows = [row for n, line in enumerate(lines) if (row := _row(line, n)) is not None]
-        frame = _frame(file, rows, action_set)
+        frame = _checked(file, rows, action_set)
         if frame is None:  # leave out the lines that are no episodes
-            rows = [row for row in rows if _frame(file, [row], action_set) is not None]
-            frame = _frame(file, rows, action_set)
-        damaged += len(lines)
+            rows = [row for row in rows if _checked(file, [row], action_set) is not None]
+            frame = _checked(file, rows, action_set)
+        damaged += len(lines) - len(rows)
         if frame is not None:
-            damaged -= len(frame)
             frames.append(frame)
             numbers.append(number * PART + frame["episode"].to_numpy(dtype=np.int64))
     joined = join(frames)
@@ -243,27 +210,18 @@ def read_records(folder: Path, action_set: str) -> StoredRecords:
     return StoredRecords(joined, damaged)
 
 
-def _row(line: bytes, number: int) -> dict[str, object] | None:
+def _row(line: bytes, number: int) -> dict[str, Any] | None:
     """Return the columns of a line, with its number as `episode`; None if the line is damaged."""
     try:
         row = json.loads(line)
-    except (ValueError, RecursionError):
+        return {**{name: math.nan if row[name] is None else row[name] for name in row}, "episode": number}
+    except (ValueError, TypeError, RecursionError):
         return None
-    whole = isinstance(row, dict) and columns(()).keys() - {"episode"} <= row.keys()
-    return {**row, "episode": number} if whole else None
 
 
-def _frame(file: Path, rows: list[dict[str, object]], action_set: str) -> pd.DataFrame | None:
+def _checked(file: Path, rows: list[dict[str, Any]], action_set: str) -> pd.DataFrame | None:
     """Return lines as checked rows of experience; None if there are none, or if one is no episode."""
-    objects = tuple(dict.fromkeys(name for row in rows for name in objects_of_columns(row)))
-    declared = tuple(dict.fromkeys(name for row in rows for name in goal_variables_of_columns(row)))
-    few = len(objects) <= MOST_OBJECTS and len(declared) <= MOST_GOAL_VARIABLES
-    if not (few and all(map(is_name, (*objects, *declared)))):
-        return None
-    frame = pd.DataFrame(rows, columns=list(columns(objects, declared)))
-    numbers = {*object_columns(objects), *map(direct_name, declared), "position_error", "heading_error"}
     try:
-        # All of these may be null.
-        return checked_rows(file, frame.astype(dict.fromkeys(numbers, float)), action_set)
+        return checked_rows(file, pd.DataFrame(rows), action_set)
     except (ValueError, TypeError, OverflowError):  # ExperienceError among them
         return None

@@ -8,14 +8,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Point
-from ator_ros.actions.goal_variables import GOAL_VARIABLES, MOST_GOAL_VARIABLES, direct_name
+from ator_ros.actions.goal_variables import MOST_GOAL_VARIABLES, direct_name
 from ator_ros.experience.columns import (
     LARGEST,
     MOST_OBJECTS,
@@ -30,41 +30,24 @@ from ator_ros.experience.episode import Episode, sample_of
 from ator_ros.files import atomic_write, content_of, header, is_name, limited_memory
 from ator_ros.geometry import FloatArray
 from ator_ros.printable import printable, quoted
-from ator_ros.schema import AtMost, Name, SchemaError, require, structured
+from ator_ros.schema import SchemaError, structured
 from ator_ros.world.state import World
 
-_NAME = "a name of letters, digits and _"
-
-
-class _Rule(NamedTuple):
-    """The allowed numbers of a column; `whole`: without a fraction."""
-
-    expected: str
-    low: float
-    high: float = LARGEST
-    whole: bool = False
-    unknown: bool = False  # may be NaN
-
-
-_PLACE = _Rule("finite numbers up to 1e9", -LARGEST)
-_NUMBER_OR_NAN = _Rule("finite numbers up to 1e9, or NaN", -LARGEST, unknown=True)
-_TIME = _Rule("times in s from 0", 0.0)
-_ERROR = _Rule("numbers from 0, or NaN", 0.0, unknown=True)
-_RULES = {
-    "episode": _Rule("whole numbers from 0 to 1e7", 0.0, 1e7, whole=True),
-    **dict.fromkeys(("t", "time_to_go", "duration"), _TIME),
-    **dict.fromkeys(("x", "y", "yaw", "v", "w", "xg", "yg", "yawg"), _PLACE),
-    "speedg": _Rule("speeds in m/s from 0", 0.0),
-    "hold": _Rule("0 or 1", 0.0, 1.0, whole=True),
-    "success": _Rule("true or false", 0.0, 1.0, whole=True),
-    **dict.fromkeys(("position_error", "heading_error"), _ERROR),
+_BOUNDS: dict[str, tuple[float, float]] = {
+    "episode": (0.0, 1e7),
+    **dict.fromkeys(("t", "time_to_go", "duration", "speedg"), (0.0, LARGEST)),
+    **dict.fromkeys(("x", "y", "yaw", "v", "w", "xg", "yg", "yawg"), (-LARGEST, LARGEST)),
+    **dict.fromkeys(("hold", "success"), (0.0, 1.0)),
+    **dict.fromkeys(("position_error", "heading_error"), (0.0, LARGEST)),
 }
-_TRUTHS = ("hold", "success")
-"""Columns that may be of a type for true and false."""
+"""Least and greatest number of each column; those of objects and declared goal variables are as for x."""
+_TYPES = {"episode": np.int32, "hold": np.int8, "success": bool}
+"""Columns of whole numbers and of true and false; all other numbers are floats."""
+_MAY_BE_NAN = ("position_error", "heading_error")
 
 
 def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) -> pd.DataFrame:
-    """Check rows of experience, and return them with plain types.
+    """Check rows of experience, and return their known columns with plain types.
 
     Parameters
     ----------
@@ -78,39 +61,46 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
     Raises
     ------
     ExperienceError
-        There are no rows, or a value is not what its column holds.
+        There are no rows, a column is missing, or a value is not what its column holds.
     """
-    if not is_name(action_set):
-        raise ExperienceError(f"{source}: action_set: expected {_NAME}, got {quoted(action_set)}")
+    objects, declared = objects_of_columns(frame.columns), goal_variables_of_columns(frame.columns)
+    wanted = columns(objects, declared)
+    if missing := [name for name in wanted if name not in frame.columns]:
+        raise ExperienceError(
+            f"{source}: expected the columns {', '.join(wanted)}; missing: {', '.join(missing)}"
+        )
     if frame.empty:
         raise ExperienceError(f"{source}: expected rows of experience, found none")
-    names = frame["action"].astype(object)
-    for name in names.unique():
+    names = [("action_set", action_set), *(("action", name) for name in frame["action"].unique())]
+    names += [("column", name) for name in (*objects, *declared)]
+    for field, name in names:
         if not is_name(name):
-            raise ExperienceError(f"{source}: action: expected {_NAME}, got {quoted(name)}")
-    objects = dict.fromkeys(object_columns(objects_of_columns(frame.columns)), _NUMBER_OR_NAN)
-    declared = dict.fromkeys(map(direct_name, goal_variables_of_columns(frame.columns)), _NUMBER_OR_NAN)
-    rules = {**_RULES, **objects, **declared}
-    checked: dict[str, object] = {name: _numbers(source, frame[name], rule) for name, rule in rules.items()}
-    checked |= {"action": names, "reason": frame["reason"].astype(object)}
-    plain = {"episode": np.int32, "hold": np.int8, "success": bool}
-    return pd.DataFrame({name: checked[name] for name in frame.columns}).astype(plain)
+            raise ExperienceError(
+                f"{source}: {field}: expected a name of letters, digits and _, got {quoted(name)}"
+            )
+    if len(objects) > MOST_OBJECTS or len(declared) > MOST_GOAL_VARIABLES:
+        most = f"at most {MOST_OBJECTS} objects and {MOST_GOAL_VARIABLES} goal variables"
+        raise ExperienceError(f"{source}: expected {most}, got {len(objects)} and {len(declared)}")
+    texts = {name: frame[name].astype(object) for name in _TEXTS}
+    checked = {name: texts[name] if name in texts else _numbers(source, frame[name]) for name in wanted}
+    return pd.DataFrame(checked).astype(_TYPES)
 
 
-def _numbers(source: Path | str, column: pd.Series, rule: _Rule) -> FloatArray:
+def _numbers(source: Path | str, column: pd.Series) -> FloatArray:
     """Return the numbers of a column, which may be of any type that holds numbers."""
-    where = f"{source}: {column.name}: expected {rule.expected}"
-    truths = pd.api.types.is_bool_dtype(column)
-    if not pd.api.types.is_numeric_dtype(column) or (truths and column.name not in _TRUTHS):
+    name = str(column.name)
+    low, high = _BOUNDS.get(name, _BOUNDS["x"])
+    is_whole, may_be_nan = name in _TYPES, name in _MAY_BE_NAN or name not in _BOUNDS
+    kind = "whole numbers" if is_whole else "numbers"
+    where = f"{source}: {name}: expected {kind} from {low:g} to {high:g}{', or NaN' if may_be_nan else ''}"
+    is_truth = pd.api.types.is_bool_dtype(column)
+    if not pd.api.types.is_numeric_dtype(column) or (is_truth and high != 1.0):
         raise ExperienceError(f"{where}, got the type {column.dtype}")
-    try:
-        values: FloatArray = column.to_numpy(dtype=float, na_value=np.nan)
-    except (TypeError, ValueError) as error:  # complex numbers, say
-        raise ExperienceError(f"{where}, got the type {column.dtype}") from error
+    values: FloatArray = column.to_numpy(dtype=float, na_value=np.nan)
+    good = (values >= low) & (values <= high)
     with np.errstate(invalid="ignore"):
-        good = (values >= rule.low) & (values <= rule.high)
-        good &= (values % 1.0 == 0.0) | (not rule.whole)
-    wrong = np.flatnonzero(~(good | (np.isnan(values) & rule.unknown)))
+        good &= (values % 1.0 == 0.0) | (not is_whole)
+    wrong = np.flatnonzero(~(good | (np.isnan(values) & may_be_nan)))
     if wrong.size:
         raise ExperienceError(f"{where}, got {values[wrong[0]]:g} in row {wrong[0]}")
     return values
@@ -239,7 +229,7 @@ def join(frames: Iterable[pd.DataFrame]) -> pd.DataFrame:
     joined = pd.concat(parts, ignore_index=True)
     there = joined.columns
     ordered = joined[list(columns(objects_of_columns(there), goal_variables_of_columns(there)))]
-    return ordered.astype({"episode": np.int32, "hold": np.int8, "success": bool})
+    return ordered.astype(_TYPES)
 
 
 def library_versions() -> dict[str, str]:
@@ -287,81 +277,47 @@ def read_experience(path: Path | str) -> Experience:
     """
     arrow, parquet = require_pyarrow()
     expected = f"{path}: expected a Parquet file with experience"
-    if not Path(path).is_file():
-        found = "a folder, a pipe or a device" if Path(path).exists() else "no such file"
-        raise ExperienceError(f"{expected}, got {found}")
+    if not Path(path).is_file():  # opening a pipe would block
+        raise ExperienceError(f"{expected}, got none")
     try:
-        with limited_memory(_MOST_BYTES):
-            metadata, wanted, table = _read_table(parquet, Path(path))
-            frame = table.replace_schema_metadata(None).to_pandas()[wanted]  # pandas' own may be damaged
+        with limited_memory(_MOST_BYTES), parquet.ParquetFile(path, read_dictionary=_TEXTS) as file:
+            metadata, declared = _metadata(path, (file.schema_arrow.metadata or {}).get(_KEY))
+            if file.metadata.num_rows > _MOST_ROWS:
+                raise ExperienceError(
+                    f"{path}: expected at most {_MOST_ROWS} rows, got {file.metadata.num_rows}"
+                )
+            table = file.read(columns=list(columns(declared.objects, declared.goal_variables)))
+            frame = table.replace_schema_metadata(None).to_pandas()  # pandas' own may be damaged
     except (OSError, MemoryError, UnicodeError, arrow.ArrowException) as error:
         why = "it needs too much memory" if isinstance(error, MemoryError) else printable(error, 200)
         raise ExperienceError(f"{expected}: {why}") from error
-    known = metadata.get("action_set")
-    return Experience(checked_rows(path, frame, DEFAULT_SET if known is None else known), metadata)
-
-
-def _read_table(parquet: Any, path: Path) -> tuple[dict[str, Any], list[str], Any]:
-    """Return metadata, names of columns, and columns; equal texts are stored once."""
-    with parquet.ParquetFile(path) as file:
-        rows, schema = file.metadata.num_rows, file.schema_arrow
-    metadata, declared = _metadata(path, (schema.metadata or {}).get(_KEY))
-    if rows > _MOST_ROWS:
-        raise ExperienceError(f"{path}: expected at most {_MOST_ROWS} rows, got {rows}")
-    wanted = list(columns(dict.fromkeys(declared.objects), dict.fromkeys(declared.goal_variables)))
-    missing = [name for name in wanted if name not in schema.names]
-    if missing:
-        raise ExperienceError(
-            f"{path}: expected the columns {', '.join(wanted)}; missing: {', '.join(missing)}"
-        )
-    for name in wanted:
-        if schema.names.count(name) > 1:
-            raise ExperienceError(f"{path}: {name}: expected one column, got {schema.names.count(name)}")
-    for name in _TEXTS:
-        if not _holds_text(schema.field(name).type):
-            raise ExperienceError(f"{path}: {name}: expected text, got the type {schema.field(name).type}")
-    with parquet.ParquetFile(path, read_dictionary=_TEXTS) as file:
-        return metadata, wanted, file.read(columns=wanted)
-
-
-def _holds_text(kind: Any) -> bool:
-    """Return whether a column of an Arrow type holds texts."""
-    arrow, _ = require_pyarrow()
-    kind = kind.value_type if arrow.types.is_dictionary(kind) else kind
-    return bool(arrow.types.is_string(kind) or arrow.types.is_large_string(kind))
+    action_set = DEFAULT_SET if declared.action_set is None else declared.action_set
+    return Experience(checked_rows(path, frame, action_set), metadata)
 
 
 @dataclass(frozen=True)
 class _Metadata:
-    """The checked metadata; a recording has no seed, and perhaps no action set."""
+    """The metadata that are used; a recording has no seed, and perhaps no action set."""
 
-    objects: Annotated[tuple[Annotated[str, Name()], ...], AtMost(MOST_OBJECTS)]
-    goal_variables: Annotated[tuple[Annotated[str, Name()], ...], AtMost(MOST_GOAL_VARIABLES)] = ()
+    objects: tuple[str, ...]
+    goal_variables: tuple[str, ...] = ()
     seed: int | None = None
     robot_digest: str | None = None
     domain: str | None = None
     action_set: str | None = None
-    complete: bool = True
     command: str | None = None
     records_left_out: int = 0
-    versions: dict[str, str] | None = None
-
-    def __post_init__(self) -> None:
-        """Check that no goal variable has the name of one that every goal has."""
-        usual = set(GOAL_VARIABLES).intersection(self.goal_variables)
-        require(not usual, "goal_variables", f"none of {', '.join(GOAL_VARIABLES)}", sorted(usual))
 
 
 def _metadata(path: Path | str, text: bytes | None) -> tuple[dict[str, Any], _Metadata]:
-    """Return the metadata as it is, which experience carries along, and as its schema."""
+    """Return the metadata as they are, which experience carries along, and as their schema."""
     try:
         metadata = content_of(json.loads(text or b"null"), KIND)
-        file = structured(metadata, _Metadata)
+        return metadata, structured(metadata, _Metadata)
     except SchemaError as error:
         raise ExperienceError(f"{path}: metadata.{error}") from error
     except (ValueError, RecursionError) as error:
         raise ExperienceError(f"{path}: metadata: expected JSON: {error}") from error
-    return metadata, file
 
 
 def require_pyarrow() -> tuple[Any, Any]:

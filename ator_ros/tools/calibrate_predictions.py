@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.calibration_learning import (
     StepExample,
     cross_validated,
@@ -18,19 +19,13 @@ from ator_ros.evaluation.calibration_learning import (
     step_examples,
 )
 from ator_ros.evaluation.policies import POLICIES
-from ator_ros.evaluation.running import RESULT, read_result, to_records
-from ator_ros.evaluation.situation import Settings
-from ator_ros.evaluation.toolset import Models, ToolsetSource, tools_of
+from ator_ros.evaluation.running import RESULT, Result, read_result, to_records
+from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import EvaluationError
-from ator_ros.files import portable_command, read_json, write_text
+from ator_ros.files import read_json, write_text
 from ator_ros.printable import short
-from ator_ros.refinement.calibration import (
-    CALIBRATION,
-    Calibration,
-    load_calibration_if_any,
-    save_calibration,
-)
-from ator_ros.tools.command_line import add_models, add_setting, destination, guarded, parse, source_of
+from ator_ros.refinement.calibration import CALIBRATION, load_calibration_if_any, save_calibration
+from ator_ros.tools.command_line import add_models, add_setting, destination, run_tool, source_of
 
 
 def calibrate_predictions(
@@ -49,8 +44,8 @@ def calibrate_predictions(
     actions : sequence of str, optional
         Learn the corrections of these only, and keep those of the others; by default all.
     """
-    results = [(folder, read_result(folder / RESULT)) for folder in evaluations]
-    sets = {result["settings"]["source"]["action_set"] for _, result in results}
+    results = [(folder, read_result(folder)) for folder in evaluations]
+    sets = {result.settings["source"]["action_set"] for _, result in results}
     if len(sets) != 1:
         raise EvaluationError(f"expected evaluations of one action set, got {', '.join(sorted(sets))}")
     source = dataclasses.replace(source, action_set=sets.pop())
@@ -62,79 +57,53 @@ def calibrate_predictions(
     examples: list[StepExample] = []
     learned_from: list[dict[str, Any]] = []
     for folder, result in results:
-        seed, chain = result["settings"]["seed"], result["settings"]["chain"]
+        seed, chain = result.settings["seed"], result.settings["chain"]
         _check(folder / RESULT, result, source)
-        records = to_records(result["runs"], result["summary"]["situations"])
-        try:
-            examples += step_examples(records, seed=seed, chain=chain, tools=tools, library=library)
-        except EvaluationError as error:
-            raise EvaluationError(f"{folder / RESULT}: {error}") from error
+        records = to_records(result.runs, result.summary["situations"])
+        examples += step_examples(records, seed=seed, chain=chain, tools=tools, library=library)
         learned_from.append({"seed": seed, "chain": chain, "situations": len(records)})
-    models, path = tools.models, source.folder() / CALIBRATION
-    kept = load_calibration_if_any(path.parent)
-
-    def finish(fitted: Calibration) -> Calibration:
-        return joined(kept, fitted, actions)
-
     training: dict[str, Any] = {"command": command, "chains": learned_from}
+    path = source.folder() / CALIBRATION
     if actions and path.exists():
         before = read_json(path).get("training", {})
         training["others"] = before.get("others", before)
-    _learn(examples, models, path, training, finish)
+    kept = load_calibration_if_any(source.folder()).shortfalls
+    save_learned(examples, source, training, actions=actions, kept=kept)
 
 
 def save_learned(
-    examples: Sequence[StepExample], settings: Settings, *, situations: int, command: str
+    examples: Sequence[StepExample], source: ToolsetSource, training: Mapping[str, Any], **others: Any
 ) -> None:
-    """Learn corrections from the actions of executed chains, and write them beside the models.
+    """Learn a calibration, see `fit_calibration`; write it beside the models, and print its errors.
+
+    Parameters
+    ----------
+    examples : sequence of StepExample
+        Executed actions.
+    source : ToolsetSource
+        The models.
+    training : mapping
+        How it is learned, for the file.
+    others
+        Further arguments of `fit_calibration`.
 
     Raises
     ------
     EvaluationError
         There are too few examples.
     """
-    chains = [{"seed": settings.seed, "chain": settings.chain, "situations": situations}]
-    models, path = tools_of(settings.source)[0].models, settings.source.folder() / CALIBRATION
-    _learn(examples, models, path, {"command": command, "chains": chains})
-
-
-def _learn(
-    examples: Sequence[StepExample],
-    models: Models,
-    path: Path,
-    training: Mapping[str, Any],
-    finish: Callable[[Calibration], Calibration] = lambda fitted: fitted,
-) -> None:
-    """Learn a calibration, `finish` it, write it with its `training`, and print its errors."""
-    calibration = finish(fit_calibration(examples, models))
-    checked = cross_validated(examples, models, finish)
+    models, path = tools_of(source)[0].models, source.folder() / CALIBRATION
+    calibration = fit_calibration(examples, models, **others)
+    checked = cross_validated(examples, models, **others)
     save_calibration(path, calibration, {**training, "cross_validation": checked})
     print(pd.DataFrame(checked).T.to_string())
     print(f"wrote {path}: {', '.join(calibration.shortfalls)}")
 
 
-def joined(kept: Calibration, learned: Calibration, actions: Sequence[str] | None) -> Calibration:
-    """Return the learned corrections; with `actions`, only theirs, and those `kept` of other actions.
-
-    Raises
-    ------
-    EvaluationError
-        An action has too few examples.
-    """
-    if actions is None:
-        return learned
-    for name in actions:
-        if name not in learned.shortfalls:
-            raise EvaluationError(f"--actions: {name}: expected chains of more situations, got too few")
-    return Calibration({**kept.shortfalls, **{name: learned.shortfalls[name] for name in actions}})
-
-
-def _check(file: Path, result: Mapping[str, Any], source: ToolsetSource) -> None:
+def _check(file: Path, result: Result, source: ToolsetSource) -> None:
     """Check that an evaluation used the same robot and models, for which alone corrections hold."""
-    ours, found = source.digests(result["settings"]["chain"]), result.get("digests")
-    if not isinstance(found, dict):
-        raise EvaluationError(f"{file}: expected the digests of robot and models, got none: evaluate again")
-    others = [name for name, digest in ours.items() if found.get(name) != digest]
+    ours = source.digests(result.settings["chain"])
+    others = [name for name, digest in ours.items() if result.digests.get(name) != digest]
     if others:
         raise EvaluationError(
             f"{file}: expected chains executed with the robot and the models of {source.folder()}, "
@@ -142,7 +111,7 @@ def _check(file: Path, result: Mapping[str, Any], source: ToolsetSource) -> None
         )
 
 
-def prediction_report(results: Sequence[Mapping[str, Any]], command: str) -> str:
+def prediction_report(results: Sequence[Result], command: str) -> str:
     """Return a Markdown page on the predictions of our policies in evaluations, as `read_result` reads them.
 
     Raises
@@ -150,40 +119,34 @@ def prediction_report(results: Sequence[Mapping[str, Any]], command: str) -> str
     EvaluationError
         None of them holds predictions.
     """
-    rows = [row for result in results for row in _rows(result)]
+    rows = [
+        (result.settings["chain"], result.summary["seed"], name, errors)
+        for result in results
+        for name in POLICIES
+        if (errors := result.summary.get(name, {}).get("prediction", {})).get("chains")
+    ]
     if not rows:
         raise EvaluationError("expected evaluations with predictions of our policies: evaluate again")
-    made = [f"    {result['summary']['command']}" for result in results]
-    return "\n".join(
-        [
-            "# How far predictions are from what is executed",
-            "",
-            f"Made by `{command}` from what these have executed:",
-            "",
-            *made,
-            "",
-            "Mean of predicted minus actual duration over the chains that succeeded, with 95 % bootstrap",
-            "intervals over situations, and the mean absolute error.",
-            "",
-            "| chain | seed | policy | chains | predicted - actual (s) | 95 % | MAE (s) |",
-            "| --- | --- | --- | --- | --- | --- | --- |",
-            *rows,
-            "",
-        ]
-    )
-
-
-def _rows(result: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a row for each policy with predictions."""
-    chain, summary = result["settings"]["chain"], result["summary"]
-    for name in POLICIES:
-        errors = summary.get(name, {}).get("prediction", {})
-        if errors.get("chains"):
-            low, high = errors["mean_error_ci95"]
-            yield (
-                f"| {chain} | {summary['seed']} | {name} | {errors['chains']} "
-                f"| {errors['mean_error_s']:+.3f} | {low:+.3f} to {high:+.3f} | {errors['mae_s']:.3f} |"
-            )
+    lines = [
+        "# How far predictions are from what is executed",
+        "",
+        f"Made by `{command}` from what these have executed:",
+        "",
+        *(f"    {result.summary['command']}" for result in results),
+        "",
+        "Mean of predicted minus actual duration over the chains that succeeded, with 95 % bootstrap",
+        "intervals over situations, and the mean absolute error.",
+        "",
+        "| chain | seed | policy | chains | predicted - actual (s) | 95 % | MAE (s) |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for chain, seed, name, errors in rows:
+        low, high = errors["mean_error_ci95"]
+        lines.append(
+            f"| {chain} | {seed} | {name} | {errors['chains']} "
+            f"| {errors['mean_error_s']:+.3f} | {low:+.3f} to {high:+.3f} | {errors['mae_s']:.3f} |"
+        )
+    return "\n".join([*lines, ""])
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -213,23 +176,20 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; return the exit code."""
-    words = list(sys.argv[1:] if argv is None else argv)
-    options, _ = parse(arguments(), words)
-
-    def run() -> None:
-        command = portable_command("calibrate_predictions", words)
-        if options.report:
-            results = [read_result(folder / RESULT) for folder in options.evaluations]
-            write_text(options.report, prediction_report(results, command))
-            print(f"wrote {options.report}")
-            return
+def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
+    if not options.report:
         calibrate_predictions(
             options.evaluations, source_of(options), command=command, actions=options.actions
         )
+        return
+    results = [read_result(folder) for folder in options.evaluations]
+    write_text(options.report, prediction_report(results, command))
+    print(f"wrote {options.report}")
 
-    return guarded("calibrate_predictions", run)
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    return run_tool(arguments(), _run, argv)
 
 
 if __name__ == "__main__":

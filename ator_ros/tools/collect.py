@@ -17,8 +17,8 @@ from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import possible_actions
 from ator_ros.experience import collect as simulated
-from ator_ros.experience.collect import FinishedEpisodes
 from ator_ros.experience.columns import ExperienceError
+from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.parallel import cluster, progress
 from ator_ros.experience.table import (
     Experience,
@@ -27,7 +27,6 @@ from ator_ros.experience.table import (
     require_pyarrow,
     write_experience,
 )
-from ator_ros.files import portable_command
 from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import (
     RESUMES,
@@ -35,12 +34,14 @@ from ator_ros.tools.command_line import (
     add_parallel_options,
     add_setting,
     destination,
-    guarded,
-    parse,
+    run_tool,
     source_of,
     whole,
     workers,
 )
+
+EPISODES = "episodes of the same seed, robot, domain, action set and versions"
+"""What a file of partial results holds."""
 
 
 def collect(
@@ -81,13 +82,13 @@ def collect(
     wanted = [(action, number) for action in possible for number in range(episodes)]
     settings = {"seed": seed, "domain": domain.name, "action_set": source.action_set}
     versions = {"versions": library_versions()}
-    finished = FinishedEpisodes(
-        out, {**settings, **versions, "robot": robot.sections(), "over_ros": over_ros is not None}
-    )
-    with finished, cluster(scheduler):
-        there = frozenset(finished.frames)
+    identity = {**settings, **versions, "robot": robot.sections(), "over_ros": over_ros is not None}
+    partial = PartialResults(out.with_suffix(".episodes.jsonl"), identity, EPISODES)
+    with partial, cluster(scheduler):
+        frames = map(pd.DataFrame, partial.results)
+        there = {(frame["action"].iloc[0], int(frame["episode"].iloc[0])): frame for frame in frames}
         if over_ros is None:
-            frames = simulated.collect(
+            missing = simulated.collect(
                 [domain.actions(source.action_set)[name] for name in possible],
                 domain.tops_for(robot),
                 robot,
@@ -97,25 +98,26 @@ def collect(
                 jobs=jobs,
                 backend=backend,
                 time_limit=domain.time_limit,
-                finished=there,
+                finished=frozenset(there),
             )
         else:
             try:
                 from ator_ros.tools.own_nodes import drives  # needs ROS
             except ImportError as error:
                 raise ExperienceError(f"--over-ros: {error}: source your ROS 2 workspace") from error
-            missing = [key for key in wanted if key not in there]
-            frames = drives(domain, robot, missing, source, seed, over_ros)
+            keys = [key for key in wanted if key not in there]
+            missing = drives(domain, robot, keys, source, seed, over_ros)
         done = sum(key in there for key in wanted)
         if done:
             print(f"collect: {done} episodes of an earlier call are there", file=sys.stderr)
-        with contextlib.closing(frames):  # which ends workers and nodes
-            for frame in progress(frames, done=done, total=len(wanted), unit="episode"):
-                finished.add(frame)
-        table = join(finished.frames[key] for key in wanted)
+        with contextlib.closing(missing):  # which ends workers and nodes
+            for frame in progress(missing, done=done, total=len(wanted), unit="episode"):
+                partial.append(frame.to_dict("list"))
+                there[frame["action"].iloc[0], int(frame["episode"].iloc[0])] = frame
+        table = join(there[key] for key in wanted)
         metadata = {**settings, **versions, "robot_digest": robot.digest(), "command": command}
         write_experience(out, Experience(table, metadata))
-        finished.remove()
+    partial.path.unlink()
     _report(table, out)
 
 
@@ -175,25 +177,25 @@ def _table(text: str) -> Path:
     return path
 
 
+def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
+    collect(
+        options.actions,
+        source_of(options),
+        options.out,
+        command=command,
+        episodes=options.episodes,
+        seed=options.seed,
+        over_ros=options.real_time_factor if options.over_ros else None,
+        **workers(options),
+    )
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    words = list(sys.argv[1:] if argv is None else argv)
-    action_set = arguments().parse_args(words).action_set  # which need not have the actions of the others
-    options, _ = parse(arguments(), words, actions=lambda domain: domain.actions(action_set))
-
-    def run() -> None:
-        collect(
-            options.actions,
-            source_of(options),
-            options.out,
-            command=portable_command("collect", words),
-            episodes=options.episodes,
-            seed=options.seed,
-            over_ros=options.real_time_factor if options.over_ros else None,
-            **workers(options),
-        )
-
-    return guarded("collect", run, interrupted=RESUMES)
+    action_set = arguments().parse_args(argv).action_set  # which need not have the actions of the others
+    return run_tool(
+        arguments(), _run, argv, interrupted=RESUMES, actions=lambda domain: domain.actions(action_set)
+    )
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import codecs
 import contextlib
 import io
 import math
@@ -11,7 +10,7 @@ import re
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.parallel import BACKENDS, BackendError
-from ator_ros.files import FileError
+from ator_ros.files import FileError, portable_command
 from ator_ros.performance.model_file import ModelFileError
 from ator_ros.performance.training import TrainingError
 from ator_ros.planning.goals import PlanningError
@@ -39,7 +38,6 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C or SIGTERM."""
 RESUMES = "the same command resumes from here"
 _LONGEST_LINE = 1000
-_SPELLED = {"±": "+-", "°": " deg", "…": "...", "²": "^2", "→": "->"}
 
 
 class NodesError(RuntimeError):
@@ -64,7 +62,7 @@ def guarded(
     """Run a command and return its exit code; report an expected error in one line instead of a traceback.
 
     SIGTERM and SIGHUP stop it like Ctrl-C, unless they are ignored (nohup). Characters that the terminal
-    cannot encode are replaced.
+    cannot encode are escaped.
 
     Parameters
     ----------
@@ -77,10 +75,9 @@ def guarded(
     expected : tuple of type
         The expected errors.
     """
-    codecs.register_error("ator_ros.in_ascii", _in_ascii)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="ator_ros.in_ascii")
+            stream.reconfigure(errors="backslashreplace")
     try:
         with _stopped_by_signals(), _warning_once(program):
             work()
@@ -92,13 +89,6 @@ def guarded(
         lines = filter(None, (line.strip() for line in str(error).splitlines()))
         print(f"{program}: {printable('; '.join(lines), _LONGEST_LINE)}", file=sys.stderr)
         return 1
-
-
-def _in_ascii(error: UnicodeError) -> tuple[str, int]:
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    text = error.object[error.start : error.end]
-    return "".join(_SPELLED.get(c, ascii(c)[1:-1]) for c in text), error.end
 
 
 @contextlib.contextmanager
@@ -197,8 +187,8 @@ def parse(
     needed : bool
         Whether to refuse a domain without names for one of the further options.
     **names : callable
-        Allowed names of further options. An option that was left out gets the first of them or, if it takes
-        several, all of them.
+        Allowed names of further options. An option that was left out gets the first of them or, if its name
+        is a plural, all of them.
 
     Returns
     -------
@@ -213,29 +203,53 @@ def parse(
         parser.exit(2, f"{parser.prog}: error: {printable(error, _LONGEST_LINE)}\n")
     options.domain = options.domain or domain.name
     if getattr(options, "action_set", None) is not None:
-        check_names(parser, "action_set", [options.action_set], domain.action_sets)
+        _check_names(parser, "action_set", [options.action_set], domain.action_sets)
     for name, allowed in names.items():
         there, given = list(allowed(domain)), getattr(options, name)
-        several = any(action.dest == name and action.nargs for action in parser._actions)
+        several = name.endswith("s")
         if needed and not there:
             kind = f"{name.removesuffix('s')}s"
             parser.error(f"argument --domain: expected one with {kind}, got {domain.name}, which has none")
         if given is None:
             setattr(options, name, there if several else next(iter(there), None))
         else:
-            check_names(parser, name, given if several else [given], there)
+            _check_names(parser, name, given if several else [given], there)
     return options, domain
 
 
-def check_names(
-    parser: argparse.ArgumentParser, option: str, given: Iterable[str], allowed: Iterable[str]
+def _check_names(
+    parser: argparse.ArgumentParser, option: str, given: Iterable[str], allowed: Collection[str]
 ) -> None:
-    """End the program as argparse does if one of the names given to an option is not allowed."""
-    there = list(allowed)
     for name in given:
-        if name not in there:
+        if name not in allowed:
             flag = f"--{option.replace('_', '-')}"
-            parser.error(f"argument {flag}: expected one of {', '.join(there)}, got {name[:80]!r}")
+            parser.error(f"argument {flag}: expected one of {', '.join(allowed)}, got {name[:80]!r}")
+
+
+def run_tool(
+    parser: argparse.ArgumentParser,
+    work: Callable[[argparse.Namespace, Domain, str], None],
+    argv: Sequence[str] | None,
+    *,
+    interrupted: str = "nothing was written",
+    needed: bool = True,
+    **names: Callable[[Domain], Iterable[str]],
+) -> int:
+    """Parse a command line and run its work; return the exit code.
+
+    Parameters
+    ----------
+    parser, argv, needed, **names
+        As for `parse`.
+    work : callable
+        Does the work, with the options, the domain, and the command line as files record it.
+    interrupted : str
+        As for `guarded`.
+    """
+    words = list(sys.argv[1:] if argv is None else argv)
+    options, domain = parse(parser, words, needed=needed, **names)
+    command = portable_command(parser.prog, words)
+    return guarded(parser.prog, lambda: work(options, domain, command), interrupted=interrupted)
 
 
 def source_of(options: argparse.Namespace) -> ToolsetSource:
@@ -250,13 +264,10 @@ def number(least: float = -math.inf, most: float = math.inf) -> Callable[[str], 
     bounds = [f" {word} {value:g}" for word, value in (("from", least), ("to", most)) if math.isfinite(value)]
 
     def read(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not (math.isfinite(value) and least <= value <= most):
-            raise argparse.ArgumentTypeError(f"expected a finite number{''.join(bounds)}, got {text!r}")
-        return value
+        with contextlib.suppress(ValueError):
+            if math.isfinite(value := float(text)) and least <= value <= most:
+                return value
+        raise argparse.ArgumentTypeError(f"expected a finite number{''.join(bounds)}, got {text!r}")
 
     return read
 
@@ -266,22 +277,16 @@ def whole(least: int = 0, most: int | None = None) -> Callable[[str], int]:
     expected = f"a whole number from {least}" + (f" to {most}" if most is not None else "")
 
     def read(text: str) -> int:
-        number = int(text) if text.isdecimal() else least - 1
-        if number < least or (most is not None and number > most):
-            raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
-        return number
+        if text.isdecimal() and least <= int(text) <= (math.inf if most is None else most):
+            return int(text)
+        raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
 
     return read
 
 
 def jobs(text: str) -> int:
     """Read a number of worker processes, -1 for one per core; a type for argparse."""
-    if text == "-1":
-        return -1
-    try:
-        return whole(1)(text)
-    except argparse.ArgumentTypeError as error:
-        raise argparse.ArgumentTypeError(f"{error}; or -1, one per core") from error
+    return -1 if text == "-1" else whole(1)(text)
 
 
 def destination(text: str) -> Path:

@@ -7,22 +7,21 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.policies import POLICIES, unavailable
 from ator_ros.evaluation.report import policy_table, prediction_table, write_report
 from ator_ros.evaluation.running import PARTIAL, describe, run_situations, write_result
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import make_toolset
 from ator_ros.evaluation.trials import EvaluationError
-from ator_ros.files import exclusive_folder, portable_command
+from ator_ros.files import exclusive_folder
 from ator_ros.tools.command_line import (
     RESUMES,
     add_models,
     add_parallel_options,
     add_setting,
-    check_names,
-    guarded,
     number,
-    parse,
+    run_tool,
     source_of,
     whole,
     workers,
@@ -101,60 +100,51 @@ def arguments() -> argparse.ArgumentParser:
     )
     add_setting(parser)
     parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its first)")
-    parser.add_argument("--policies", nargs="+", metavar="NAME", help="default: all that can be run")
+    parser.add_argument(
+        "--policies", nargs="+", choices=tuple(POLICIES), metavar="NAME", help="default: all that can be run"
+    )
     add_models(parser)
     add_parallel_options(parser)
     return parser
 
 
-def _check_oracle_options(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+def _check_oracle_options(options: argparse.Namespace) -> None:
     """Refuse options of the oracle without --oracle, and those that exclude each other."""
     for name in ("oracle_jointly", "oracle_speeds", "oracle_margin"):
         if getattr(options, name) not in (None, False, []) and options.oracle is None:
-            parser.error(f"--{name.replace('_', '-')}: expected --oracle, too")
+            raise EvaluationError(f"--{name.replace('_', '-')}: expected --oracle, too")
     if options.oracle_jointly and options.oracle_speeds:
-        parser.error("--oracle-speeds: expected none beside --oracle-jointly")
+        raise EvaluationError("--oracle-speeds: expected none beside --oracle-jointly")
+
+
+def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
+    _check_oracle_options(options)
+    source = source_of(options)
+    source.require_executable(options.chain)
+    source.digests(options.chain)  # a missing model is reported before a missing gate
+    missing = unavailable(source)
+    for name, why in missing.items():
+        if options.policies is None:
+            print(f"evaluate: without the policy {name}: {why}", file=sys.stderr)
+        elif name in options.policies:
+            raise EvaluationError(f"--policies: {name} cannot be run: {why}")
+    wanted = {"naive", *(options.policies or POLICIES)} - missing.keys()
+    settings = Settings(
+        seed=options.seed,
+        chain=options.chain,
+        policies=tuple(name for name in POLICIES if name in wanted),
+        oracle=options.oracle or 0,
+        oracle_margin=options.oracle_margin,
+        oracle_speeds=tuple(options.oracle_speeds),
+        source=source,
+        joint_oracle=options.oracle_jointly,
+    )
+    evaluate(settings, options.out, command=command, situations=options.situations, **workers(options))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    words = list(sys.argv[1:] if argv is None else argv)
-    parser = arguments()
-    options, _ = parse(parser, words, chain=lambda domain: domain.chains)
-    if options.policies is not None:
-        check_names(parser, "policies", options.policies, POLICIES)
-    _check_oracle_options(parser, options)
-
-    def run() -> None:
-        source = source_of(options)
-        source.require_executable(options.chain)
-        source.digests(options.chain)  # a missing model is reported before a missing gate
-        missing = unavailable(source)
-        for name, why in missing.items():
-            if options.policies is None:
-                print(f"evaluate: without the policy {name}: {why}", file=sys.stderr)
-            elif name in options.policies:
-                raise EvaluationError(f"--policies: {name} cannot be run: {why}")
-        wanted = {"naive", *(options.policies or POLICIES)} - missing.keys()
-        settings = Settings(
-            seed=options.seed,
-            chain=options.chain,
-            policies=tuple(name for name in POLICIES if name in wanted),
-            oracle=options.oracle or 0,
-            oracle_margin=options.oracle_margin,
-            oracle_speeds=tuple(options.oracle_speeds),
-            source=source,
-            joint_oracle=options.oracle_jointly,
-        )
-        evaluate(
-            settings,
-            options.out,
-            command=portable_command("evaluate", words),
-            situations=options.situations,
-            **workers(options),
-        )
-
-    return guarded("evaluate", run, interrupted=RESUMES)
+    return run_tool(arguments(), _run, argv, interrupted=RESUMES, chain=lambda domain: domain.chains)
 
 
 if __name__ == "__main__":

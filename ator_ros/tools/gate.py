@@ -10,12 +10,13 @@ from pathlib import Path
 
 import pandas as pd
 
-from ator_ros.domains.domain import find_domain
+from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.calibration_learning import StepExample, step_examples
 from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
 from ator_ros.evaluation.gate_learning import (
     LearnedGate,
     LearnedGates,
+    fit_threshold,
     fit_to_drawn_errors,
     gate_examples,
     learn_gates,
@@ -24,9 +25,10 @@ from ator_ros.evaluation.gate_learning import (
 from ator_ros.evaluation.policies import UNGATED
 from ator_ros.evaluation.running import run_situations
 from ator_ros.evaluation.situation import Record, Settings
-from ator_ros.evaluation.toolset import ToolsetSource, make_library, read_rows, tools_of
+from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
 from ator_ros.evaluation.trials import EvaluationError
-from ator_ros.files import exclusive_folder, portable_command, write_text
+from ator_ros.experience.table import join, read_experience
+from ator_ros.files import exclusive_folder, write_text
 from ator_ros.refinement.gate import GATE, Gate, OpenGate, gate_in, opened, save_gate
 from ator_ros.tools.calibrate_predictions import save_learned
 from ator_ros.tools.command_line import (
@@ -34,8 +36,7 @@ from ator_ros.tools.command_line import (
     add_models,
     add_parallel_options,
     add_setting,
-    guarded,
-    parse,
+    run_tool,
     source_of,
     whole,
     workers,
@@ -83,25 +84,25 @@ def learn_gate(
     jobs, backend, scheduler
         As for `run_situations`.
     """
-    settings = Settings(seed=seed, chain=chain, policies=("naive", *UNGATED), source=source)
     source.require_executable(chain)
     source.digests(chain)  # a missing model is reported before anything is executed
-    executed = _with_room(settings, work / "models") if room else settings
-    gate = tools_of(executed.source)[0].gate
+    executed = _with_room(source, work / "models") if room else source
+    settings = Settings(seed=seed, chain=chain, policies=("naive", *UNGATED), source=executed)
+    gate = tools_of(executed)[0].gate
     with exclusive_folder(work):
         records = run_situations(
-            executed, situations=situations, folder=work, jobs=jobs, backend=backend, scheduler=scheduler
+            settings, situations=situations, folder=work, jobs=jobs, backend=backend, scheduler=scheduler
         )
     steps: list[StepExample] = []
     if calibrate:
-        steps, records = _corrected(records, settings, gate)
+        steps, records = _corrected(records, source, seed, chain, gate)
         gate = dataclasses.replace(opened(gate), corrected=bool(steps))
-    examples = gate_examples(records)
-    learned = learn_gates(examples, fit_to_drawn_errors) if draw_errors else learn_gates(examples)
+    learned = learn_gates(gate_examples(records), fit_to_drawn_errors if draw_errors else fit_threshold)
     better = learned.threshold if draw_errors else learned.better
     better = dataclasses.replace(better, widths=gate.widths, room=gate.room, corrected=gate.corrected)
     if steps:
-        save_learned(steps, settings, situations=len(records), command=command)
+        chains = [{"seed": seed, "chain": chain, "situations": len(records)}]
+        save_learned(steps, source, {"command": command, "chains": chains})
     _save(better, learned, source, command=command, seed=seed, situations=situations)
 
 
@@ -109,22 +110,21 @@ def learn_gate_from_episodes(
     source: ToolsetSource, chain: str, tables: Sequence[str], *, command: str, situations: int, seed: int
 ) -> None:
     """Learn the gate of observed models from their own experience; nothing is executed."""
-    library, rows = make_library(source.described(), source), read_rows(tables)
-    gate, learned = gate_of_episodes(
-        find_domain(source.domain), library, rows, chain, seed=seed, situations=situations
-    )
+    domain, library = find_domain(source.domain), make_library(source.described(), source)
+    rows = join(read_experience(table).frame for table in tables)
+    by_action = {str(action): part for action, part in rows.groupby("action", sort=False)}
+    gate, learned = gate_of_episodes(domain, library, by_action, chain, seed=seed, situations=situations)
     _save(gate, learned, source, command=command, seed=seed, situations=situations)
 
 
 def _corrected(
-    records: list[Record], settings: Settings, gate: Gate
+    records: list[Record], source: ToolsetSource, seed: int, chain: str, gate: Gate
 ) -> tuple[list[StepExample], list[Record]]:
     """Return examples for a calibration, if there are enough, and the records with corrected predictions."""
-    tools, library = tools_of(settings.source)
+    tools, library = tools_of(source)
     tools = dataclasses.replace(tools, gate=dataclasses.replace(opened(gate), corrected=True))
-    seed, chain = settings.seed, settings.chain
+    steps = step_examples(records, seed=seed, chain=chain, tools=tools, library=library)
     try:
-        steps = step_examples(records, seed=seed, chain=chain, tools=tools, library=library)
         return steps, with_corrected_gains(
             records, steps, seed=seed, chain=chain, tools=tools, library=library
         )
@@ -133,15 +133,15 @@ def _corrected(
         return [], records
 
 
-def _with_room(settings: Settings, folder: Path) -> Settings:
-    """Return the settings with a copy of the models in `folder`, and a gate that requires room to stop."""
-    source, copied = settings.source, dataclasses.replace(settings.source, models=str(folder))
+def _with_room(source: ToolsetSource, folder: Path) -> ToolsetSource:
+    """Return a copy of the models in `folder`, with a gate that requires room to stop."""
+    copied = dataclasses.replace(source, models=str(folder))
     for file in source.folder().glob("*.json"):
         if file.name != GATE:
             write_text(copied.folder() / file.name, file.read_text(encoding="utf-8"))
     gate = OpenGate(widths=gate_in(source.folder(), source.action_set).widths, room=ROOM)
     save_gate(copied.folder() / GATE, gate, {}, source.action_set)
-    return dataclasses.replace(settings, source=copied)
+    return copied
 
 
 def _save(
@@ -206,30 +206,23 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
+def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
+    source, chain = source_of(options), options.chain
+    sizes = {"situations": options.situations, "seed": options.seed}
+    of_executed = {name: getattr(options, name) for name in ("room", "calibrate", "draw_errors")}
+    if not options.episodes:
+        learn_gate(source, chain, options.work, command=command, **sizes, **of_executed, **workers(options))
+        return
+    for name, given in of_executed.items():
+        if given:
+            option = name.replace("_", "-")
+            raise EvaluationError(f"--{option}: expected without --episodes, as it takes executed chains")
+    learn_gate_from_episodes(source, chain, options.episodes, command=command, **sizes)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    words = list(sys.argv[1:] if argv is None else argv)
-    options, _ = parse(arguments(), words, chain=lambda domain: domain.chains)
-    executed_only = {
-        "room": options.room, "calibrate": options.calibrate, "draw_errors": options.draw_errors
-    }  # fmt: skip
-
-    def run() -> None:
-        source, command = source_of(options), portable_command("gate", words)
-        sizes = {"situations": options.situations, "seed": options.seed}
-        if not options.episodes:
-            learn_gate(
-                source, options.chain, options.work, command=command, **sizes, **executed_only,
-                **workers(options),
-            )  # fmt: skip
-            return
-        for name, given in executed_only.items():
-            if given:
-                option = name.replace("_", "-")
-                raise EvaluationError(f"--{option}: expected without --episodes, as it takes executed chains")
-        learn_gate_from_episodes(source, options.chain, options.episodes, command=command, **sizes)
-
-    return guarded("gate", run, interrupted=RESUMES)
+    return run_tool(arguments(), _run, argv, interrupted=RESUMES, chain=lambda domain: domain.chains)
 
 
 if __name__ == "__main__":

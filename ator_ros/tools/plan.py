@@ -20,7 +20,7 @@ from ator_ros.planning.planner import chains_for
 from ator_ros.refinement.gate import gate_in, opened
 from ator_ros.refinement.refiner import Judged, Refiner, choose
 from ator_ros.robot.description import Robot
-from ator_ros.tools.command_line import add_models, add_setting, guarded, number, parse
+from ator_ros.tools.command_line import add_models, add_setting, number, run_tool
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.messages import FARTHEST
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -117,20 +117,19 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
+def _run(options: argparse.Namespace, domain: Domain, _: str) -> None:
+    robot = domain.robot(options.robot or None)
+    if not options.goal:
+        named = ", ".join(sorted(domain.goals(robot))) or "none with a name"
+        print(f"goals of {domain.name}: {named}")
+        return
+    world = _situation(options, domain)
+    plan(domain, robot, options.goal, world, action_set=options.action_set, models=options.models)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; the exit code is 1 where there is no plan."""
-    options, domain = parse(arguments(), argv)
-
-    def run() -> None:
-        robot = domain.robot(options.robot or None)
-        if not options.goal:
-            named = ", ".join(sorted(domain.goals(robot))) or "none with a name"
-            print(f"goals of {domain.name}: {named}")
-            return
-        world = _situation(options, domain)
-        plan(domain, robot, options.goal, world, action_set=options.action_set, models=options.models)
-
-    return guarded("plan", run)
+    return run_tool(arguments(), _run, argv)
 
 
 if __name__ == "__main__":

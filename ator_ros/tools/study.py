@@ -6,14 +6,14 @@ The same command resumes where it was interrupted.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from ator_ros.domains.domain import find_domain
+from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.running import RESULT, read_result
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.study import (
@@ -29,12 +29,12 @@ from ator_ros.evaluation.study import (
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
 from ator_ros.evaluation.trials import EvaluationError, possible_actions, possible_chain, random_trial
 from ator_ros.experience.table import join, read_experience
-from ator_ros.files import FileError, load, portable_command, save, write_text
+from ator_ros.files import FileError, load, save, write_text
 from ator_ros.performance.model_file import load_model
 from ator_ros.refinement.gate import GATE
 from ator_ros.robot.description import Robot
 from ator_ros.tools.collect import collect
-from ator_ros.tools.command_line import RESUMES, add_jobs, add_setting, guarded, parse, whole
+from ator_ros.tools.command_line import RESUMES, add_jobs, add_setting, run_tool, source_of, whole
 from ator_ros.tools.evaluate import evaluate
 from ator_ros.tools.gate import learn_gate
 from ator_ros.tools.train import train
@@ -147,9 +147,8 @@ def _begin(out: Path, ours: StudySettings) -> None:
         theirs = load(file, SETTINGS, StudySettings)
     except FileError as error:
         raise EvaluationError(f"{error}: choose another --out") from error
-    for name in (item.name for item in fields(StudySettings)):
-        found, value = getattr(theirs, name), getattr(ours, name)
-        if found != value:
+    for name, value in vars(ours).items():
+        if (found := getattr(theirs, name)) != value:
             raise EvaluationError(
                 f"{file}: {name}: expected {found!r} as in the folder's study, got {value!r}: "
                 "choose another --out"
@@ -196,8 +195,7 @@ def _evaluated(
             MARGIN if settings.oracle else None, source=source,
         )  # fmt: skip
         evaluate(evaluated, folder, command="evaluate of study", situations=settings.situations, jobs=jobs)
-    summary: dict[str, Any] = read_result(folder / RESULT)["summary"]
-    return summary
+    return read_result(folder).summary
 
 
 def _variables(source: ToolsetSource, settings: StudySettings, chain: str) -> tuple[OpenVariable, ...]:
@@ -255,30 +253,25 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
+def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
+    study(
+        options.out,
+        dataclasses.replace(source_of(options), models=str(options.out / "models")),
+        command=command,
+        episodes=options.episodes,
+        situations=options.situations,
+        seed=options.seed,
+        chain=options.chain,
+        oracle=options.oracle,
+        jobs=options.jobs,
+    )
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    words = list(sys.argv[1:] if argv is None else argv)
-    options, _ = parse(arguments(), words, needed=False, chain=lambda domain: domain.chains)
-
-    source = ToolsetSource(
-        domain=options.domain, robot=options.robot, action_set=options.action_set,
-        models=str(options.out / "models"),
-    )  # fmt: skip
-
-    def run() -> None:
-        study(
-            options.out,
-            source,
-            command=portable_command("study", words),
-            episodes=options.episodes,
-            situations=options.situations,
-            seed=options.seed,
-            chain=options.chain,
-            oracle=options.oracle,
-            jobs=options.jobs,
-        )
-
-    return guarded("study", run, interrupted=RESUMES)
+    return run_tool(
+        arguments(), _run, argv, interrupted=RESUMES, needed=False, chain=lambda domain: domain.chains
+    )
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import math
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,13 +16,11 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
 from ator_ros.evaluation.trials import possible_chain
-from ator_ros.experience.columns import LARGEST
-from ator_ros.experience.recordings import USUAL, TopicNames
+from ator_ros.experience.drives import CMD_VEL, ODOM
 from ator_ros.experience.sources import read_sources
 from ator_ros.experience.table import Experience, library_versions
-from ator_ros.files import is_name, portable_command
+from ator_ros.files import is_name
 from ator_ros.performance.accuracy import accuracy, brier, kinds
-from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.features import OBSERVED, Feature, chosen_for
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, is_model, load_model, model_path, save_model
@@ -37,7 +34,7 @@ from ator_ros.performance.training import (
 from ator_ros.performance.training import train as train_model
 from ator_ros.refinement.gate import save_gate
 from ator_ros.robot.description import ConfigError, Robot
-from ator_ros.tools.command_line import add_setting, guarded, parse, topic
+from ator_ros.tools.command_line import add_setting, run_tool, topic
 
 _GATE_SEED, _GATE_SITUATIONS = 1, 60
 """Seed and number of the situations in which the gate is learned."""
@@ -52,7 +49,7 @@ def train(
     domain: Domain,
     robot: Robot,
     action_set: str | None = None,
-    topics: TopicNames = USUAL,
+    topics: Mapping[str, str] | None = None,
     observed: bool = False,
     gate: bool = True,
 ) -> None:
@@ -70,26 +67,24 @@ def train(
         The domain and its robot.
     action_set : str, optional
         Action set of recorded odometry and commands; tables and records name their own.
-    topics : TopicNames
-        Of odometry and commands in recordings.
+    topics : mapping, optional
+        Topics of odometry and commands in recordings, see `read_recording`.
     observed : bool
         Learn from odometry, goals and results alone.
     gate : bool
         Learn the gate from the same episodes.
     """
     read = _read(domain, experience, robot, action_set, topics)
-    rows, source = read.frame, read.metadata
-    tests = Experience(rows[:0], {})
-    if fresh:
-        tests = _read(domain, fresh, robot, source["action_set"], topics)
-    by_action = dict(iter(rows.groupby("action", sort=False)))
+    source, action_set = read.metadata, read.metadata["action_set"]
+    tests = _read(domain, fresh, robot, action_set, topics) if fresh else Experience(read.frame[:0], {})
+    by_action = dict(iter(read.frame.groupby("action", sort=False)))
     errors: list[str] = []
     used: dict[str, tuple[Feature, ...]] = {}
     for action, examples in by_action.items():
         if observed:
-            features = (*OBSERVED, *domain.goal_features(action, source["action_set"]))
+            features = (*OBSERVED, *domain.goal_features(action, action_set))
         else:
-            features = _suited(domain.candidates(action, source["action_set"]), robot, domain)
+            features = _suited(domain.candidates(action, action_set), robot, domain)
         # A recording rarely holds enough episodes of every action. Each model is saved once it is learned.
         try:
             model = train_model(action, examples, robot, features=features)
@@ -97,9 +92,8 @@ def train(
             errors.append(str(error))
             continue
         used[action] = features
-        own = tests.frame[tests.frame["action"] == action]
-        measured = _measure(model, own, tests.seed) if len(own) else {}
-        found = _summary(model, measured) if measured else _validated(model, examples, robot, features)
+        starts = tests.frame[(tests.frame["action"] == action) & (tests.frame["t"] == 0.0)]
+        measured = _measured(model, starts, tests.seed) if len(starts) else {}
         training = {
             "seed": source.get("seed"),
             "command": source.get("command"),
@@ -110,59 +104,55 @@ def train(
             "train_command": command,
         }
         metadata = {
-            "action_set": source["action_set"],
+            "action_set": action_set,
             "training": training,
             "versions": library_versions(),
             "accuracy": measured,
         }
-        file = folder / model_path(action, source["action_set"])
+        file = folder / model_path(action, action_set)
         save_model(file, dataclasses.replace(model, metadata=metadata))
-        print(f"{file}: {found}", flush=True)
-    if len(errors) == len(by_action):
+        leaves, count = model.trees["duration"].n_leaves, len(model.used_features)
+        rules = f"{leaves} rule{'s' if leaves > 1 else ''} with {count} features"
+        if "mae_s" in measured:
+            errors_s = f"MAE {measured['mae_s']:.3f} s, RMSE {measured['rmse_s']:.3f} s"
+            tested = f", {errors_s} on {measured['episodes']} fresh episodes from rest"
+        else:
+            tested = "" if measured else _cross_validated(examples, robot, features)
+        print(f"{file}: {rules}{tested}", flush=True)
+    if not used:
         raise TrainingError("; ".join(errors))
     for missing in errors:
         print(f"train: {missing}; the other actions are learned", file=sys.stderr)
     if gate:
-        _learn_gate(
-            domain,
-            robot,
-            folder / model_path("gate", source["action_set"]),
-            action_set=source["action_set"],
-            rows={name: by_action[name] for name in used},
-            features=used,
-            command=command,
-        )
+        rows = {name: by_action[name] for name in used}
+        _learn_gate(domain, robot, folder, action_set, rows, used, command)
 
 
 def _learn_gate(
     domain: Domain,
     robot: Robot,
-    file: Path,
-    *,
+    folder: Path,
     action_set: str,
     rows: Mapping[str, pd.DataFrame],
     features: Mapping[str, tuple[Feature, ...]],
     command: str,
 ) -> None:
     """Learn the gate from the episodes of the models; report the reason if that is not possible."""
-    library = domain.library(robot, action_set)
+    file, library = folder / model_path("gate", action_set), domain.library(robot, action_set)
+    sizes = {"seed": _GATE_SEED, "situations": _GATE_SITUATIONS}
     try:
         chain = possible_chain(domain, library, None, list(rows))
         if chain is None:
             raise TrainingError(f"domain {domain.name} has no chain with only {', '.join(rows)}")
         print(f"train: learning the gate in {_GATE_SITUATIONS} situations of the chain {chain} …", flush=True)
-        gate, learned = gate_of_episodes(
-            domain, library, rows, chain, seed=_GATE_SEED, situations=_GATE_SITUATIONS, features=features
-        )
+        gate, learned = gate_of_episodes(domain, library, rows, chain, **sizes, features=features)
     except (TrainingError, ConfigError) as error:
         result = f"{file} stays as it is" if file.exists() else "refinement accepts every predicted gain"
         print(f"{file.parent}: no gate: {error}; {result}")
         return
-    training = learned.training(command=command, seed=_GATE_SEED, situations=_GATE_SITUATIONS)
-    save_gate(file, gate, training, action_set)
-    spread = (
-        f" + {gate.spread_factor:g} times the spread of the two predictions" if gate.spread_factor else ""
-    )
+    save_gate(file, gate, learned.training(command=command, **sizes), action_set)
+    factor = gate.spread_factor
+    spread = f" + {factor:g} times the spread of the two predictions" if factor else ""
     print(f"{file}: refines where the predicted gain is above {gate.gain:.2f} s{spread}")
 
 
@@ -179,7 +169,11 @@ def _suited(features: tuple[Feature, ...], robot: Robot, domain: Domain) -> tupl
 
 
 def _read(
-    domain: Domain, paths: Sequence[Path], robot: Robot, action_set: str | None, topics: TopicNames
+    domain: Domain,
+    paths: Sequence[Path],
+    robot: Robot,
+    action_set: str | None,
+    topics: Mapping[str, str] | None,
 ) -> Experience:
     experience = read_sources(paths, robot, domain, action_set, topics)
     for remark in experience.remarks:
@@ -189,8 +183,8 @@ def _read(
     return experience
 
 
-def _measure(model: PerformanceModel, fresh: pd.DataFrame, seed: int) -> dict[str, Any]:
-    starts = fresh[fresh["t"] == 0.0]
+def _measured(model: PerformanceModel, starts: pd.DataFrame, seed: int) -> dict[str, Any]:
+    """Return the accuracy on fresh starts at rest, or on all of them, and on each kind of start."""
     parts = {
         name: accuracy(model, part, seed=seed)
         for name, part in kinds(starts, model.robot)
@@ -202,61 +196,24 @@ def _measure(model: PerformanceModel, fresh: pd.DataFrame, seed: int) -> dict[st
     return {**measured, "kinds": parts, "success": brier(model, starts, seed=seed)}
 
 
-def _summary(model: PerformanceModel, measured: dict[str, Any]) -> str:
-    tree = model.trees["duration"]
-    rules = "1 rule" if tree.n_leaves == 1 else f"{tree.n_leaves} rules"
-    text = f"{rules} with {len(model.used_features)} features"
-    if measured:
-        text += (
-            f", MAE {measured['mae_s']:.3f} s, RMSE {measured['rmse_s']:.3f} s on {measured['episodes']} "
-            f"fresh episodes from rest"
-        )
-    return text
-
-
-def _validated(
-    model: PerformanceModel, examples: pd.DataFrame, robot: Robot, features: Sequence[Feature]
-) -> str:
-    """Return the summary with the accuracy by cross-validation on the training drives."""
+def _cross_validated(examples: pd.DataFrame, robot: Robot, features: Sequence[Feature]) -> str:
     errors = np.abs(cross_validated_errors(examples, robot, features))
-    return f"{_summary(model, {})}, MAE {errors.mean():.3f} s by cross-validation on {len(errors)} drives"
+    return f", MAE {errors.mean():.3f} s by cross-validation on {len(errors)} drives"
 
 
 def _rules(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path) -> str:
-    by_file = options.rules.endswith(".json")
+    """Return the rules of a model, which is given by its action or file."""
     file = Path(options.rules)
-    if not by_file and not is_name(options.rules):
-        raise ModelFileError(f"--rules: expected an action or a model, a .json file, got {options.rules!r}")
-    if not by_file:
+    if file.suffix != ".json":
+        if not is_name(options.rules):
+            raise ModelFileError(
+                f"--rules: expected an action or a model, a .json file, got {options.rules!r}"
+            )
         file = folder / model_path(options.rules, options.action_set or DEFAULT_SET)
     if not file.exists():
         there = ", ".join(sorted(other.stem for other in file.parent.glob("*.json") if is_model(other)))
         raise ModelFileError(f"{file}: expected a model, there is none; in that folder: {there or 'none'}")
-    model = load_model(file, robot, domain.known_features)
-    if options.measure not in model.trees:
-        raise ModelFileError(f"measure: expected one of {', '.join(model.trees)}, got {options.measure!r}")
-    if not options.situation:
-        return model.rules(options.measure)
-    names = (*DIRECT_VARIABLES, *model.declared_variables)
-    return model.explain(_situation(options.situation, names), options.measure)
-
-
-def _situation(words: Sequence[str], names: Sequence[str]) -> dict[str, float]:
-    """Read NAME=NUMBER words; direct variables that are not named are 0."""
-    situation = dict.fromkeys(names, 0.0)
-    for word in words:
-        name, _, value = word.partition("=")
-        try:
-            number = float(value)
-        except ValueError:
-            number = math.nan
-        if name not in situation or not abs(number) <= LARGEST:
-            raise TrainingError(
-                f"situation: expected NAME=NUMBER with a name of {', '.join(names)} "
-                f"and a number up to {LARGEST:g}, got {word[:80]!r}"
-            )
-        situation[name] = number
-    return situation
+    return load_model(file, robot, domain.known_features).rules("duration")
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -284,65 +241,56 @@ def arguments() -> argparse.ArgumentParser:
         action="store_true",
         help="do not learn the gate from the same episodes (`gate` learns one from executed chains)",
     )
-    parser.add_argument(
-        "--odom", type=topic, metavar="TOPIC",
-        help="of odometry in recordings (default: odom in any namespace)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--cmd-vel", type=topic, metavar="TOPIC",
-        help="of velocity commands in recordings (default: cmd_vel in any namespace)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--rules",
-        metavar="MODEL",
-        help="print the rules of a model, given by its action or file, and stop",
-    )
+    for role, what in ((ODOM, "odometry"), (CMD_VEL, "velocity commands")):
+        parser.add_argument(
+            f"--{role.replace('_', '-')}",
+            type=topic,
+            metavar="TOPIC",
+            help=f"of {what} in recordings (default: {role} in any namespace)",
+        )
     parser.add_argument(
         "--observed",
         action="store_true",
         help="learn from odometry, goals and results alone, without ideal times of our own actions",
     )
-    parser.add_argument("--measure", default="duration", help="whose rules (default: %(default)s)")
     parser.add_argument(
-        "--situation", nargs="+", metavar="NAME=VALUE",
-        help="with --rules: only the rule for one situation, of direct variables such as xg=1.5 yawg=1.57; "
-        "angles in rad",
-    )  # fmt: skip
+        "--rules",
+        metavar="MODEL",
+        help="print the rules of a model, given by its action or file, and stop",
+    )
     return parser
+
+
+def _run(options: argparse.Namespace, domain: Domain, command: str) -> None:
+    robot, folder = domain.robot(options.robot or None), options.models or domain.shipped_models
+    if options.rules:
+        print(_rules(domain, options, robot, folder))
+        return
+    if not options.experience:
+        raise TrainingError("expected experience to learn from, or --rules")
+    if options.models is None and not _is_own(robot, domain):
+        raise TrainingError(
+            f"--models: expected a folder for models of {robot.name}; those that ship are another robot's"
+        )
+    topics = {role: name for role in (ODOM, CMD_VEL) if (name := getattr(options, role)) is not None}
+    train(
+        options.experience,
+        folder,
+        command=command,
+        fresh=options.fresh,
+        domain=domain,
+        robot=robot,
+        action_set=options.action_set,
+        topics=topics,
+        observed=options.observed,
+        gate=not options.no_gate,
+    )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    words = list(sys.argv[1:] if argv is None else argv)
-    parser = arguments()
-    options, domain = parse(parser, words)
-    if not (options.experience or options.rules):
-        parser.error("expected experience to learn from, or --rules")
-
-    def run() -> None:
-        robot = domain.robot(options.robot or None)
-        folder = options.models if options.models is not None else domain.shipped_models
-        if options.rules:
-            print(_rules(domain, options, robot, folder))
-            return
-        if options.models is None and not _is_own(robot, domain):
-            raise TrainingError(
-                f"--models: expected a folder for models of {robot.name}; those that ship are another robot's"
-            )
-        train(
-            options.experience,
-            folder,
-            command=portable_command("train", words),
-            fresh=options.fresh,
-            domain=domain,
-            robot=robot,
-            action_set=options.action_set,
-            topics=TopicNames(options.odom or USUAL.odom, options.cmd_vel or USUAL.cmd_vel),
-            observed=options.observed,
-            gate=not options.no_gate,
-        )
-
-    return guarded("train", run, interrupted="models whose lines were printed are written, no others")
+    unfinished = "models whose lines were printed are written, no others"
+    return run_tool(arguments(), _run, argv, interrupted=unfinished)
 
 
 if __name__ == "__main__":

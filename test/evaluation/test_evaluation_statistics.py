@@ -2,32 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from refinement_fakes import LIBRARY, ROBOT
+from refinement_fakes import LIBRARY
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.evaluation import gate_from_episodes
-from ator_ros.evaluation.gate_from_episodes import (
-    CrossFit,
-    gate_of_episodes,
-)
-from ator_ros.evaluation.gate_learning import (
-    GateExamples,
-    better_kind,
-    compare_gates,
-    fit_threshold,
-)
+from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
+from ator_ros.evaluation.gate_learning import GateExamples, compare_gates, fit_threshold
 from ator_ros.evaluation.running import read_result, to_records, write_result
 from ator_ros.evaluation.statistics import labels, outcomes, summarise
-from ator_ros.evaluation.trials import random_trial
-from ator_ros.performance.direct import DIRECT_VARIABLES
+from ator_ros.geometry import FloatArray
 from ator_ros.performance.training import TrainingError
 from ator_ros.refinement.gate import FEATURES
 
@@ -86,7 +74,14 @@ def examples(count: int = 400) -> GateExamples:
     features = rng.uniform(0.0, 1.0, (count, len(FEATURES)))
     gain = features[:, list(FEATURES).index("gain")]
     actual = np.where(gain > 0.3, 1.0, -0.5)
-    return GateExamples(features, np.full(count, 10.0), 10.0 - actual, np.arange(count), np.arange(count) % 2)
+    return made_up(features, actual)
+
+
+def made_up(features: FloatArray, gained: FloatArray) -> GateExamples:
+    """Return executed situations, every other with refined speeds, in which so many seconds were gained."""
+    number, count = np.arange(len(gained)), len(gained)
+    naive = np.full(count, 10.0)
+    return GateExamples(features, naive, naive - gained, number, number % 2, np.ones(count, dtype=bool))
 
 
 def test_cross_validation_judges_on_other_situations() -> None:
@@ -107,82 +102,17 @@ def test_threshold_keeps_nearly_all_of_the_gain_of_both_kinds() -> None:
     features[:, list(FEATURES).index("gain")] = gain
     features[:, list(FEATURES).index("spread")] = 0.1
     actual = np.where(rng.random(400) < 0.02, -0.5, gain)
-    gate = fit_threshold(GateExamples(features, np.full(400, 10.0), 10.0 - actual, np.arange(400), kind))
+    gate = fit_threshold(made_up(features, actual))
     angle = (kind == 0) & (gain > gate.gain + gate.spread_factor * 0.1)
     assert actual[angle].sum() >= 0.97 * actual[kind == 0].sum()
 
 
 def test_result_is_written_and_read(tmp_path: Path) -> None:
     settings = {"seed": 1, "chain": "dribble", "source": {"action_set": "default"}}
-    path = write_result(tmp_path, {"summary": {"situations": 3}, "settings": settings}, RECORDS)
-    data = read_result(path)
-    assert data["summary"] == {"situations": 3}
-    assert to_records(data["runs"], 3) == RECORDS
-
-
-@pytest.mark.parametrize(
-    ("threshold", "tree", "taken"),
-    [
-        ((5.0, 10, 98), (6.0, 10, 98), "tree"),
-        ((5.0, 10, 98), (6.0, 11, 98), "threshold"),
-        ((5.0, 12, 98), (4.0, 10, 98), "tree"),
-        ((5.0, 12, 98), (6.0, 13, 98), "tree"),
-        ((5.0, 12, 98), (0.0, 0, 0), "threshold"),
-    ],
-)
-def test_the_gate_taken_is_the_more_useful_of_those_with_few_slower_runs(
-    threshold: tuple[float, int, int], tree: tuple[float, int, int], taken: str
-) -> None:
-    def judged(utility: float, lower: int, kept: int) -> dict[str, float]:
-        counts = {"higher": 500, "equal": 500 - lower, "lower": lower}
-        return {"utility": utility, "kept_gain_percent": float(kept), **counts}
-
-    assert better_kind({"threshold": judged(*threshold), "tree": judged(*tree)}) == taken
-
-
-class Prefers:
-    """Predicts `scale` s more, the farther the heading at the goal is from `yaw`."""
-
-    used_variables = frozenset({"yawg"})
-    spread = 0.0
-
-    def __init__(self, yaw: float, scale: float) -> None:
-        self.yaw, self.scale = yaw, scale
-
-    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ()) -> Any:
-        off = np.abs((np.atleast_1d(direct["yawg"]) - self.yaw + np.pi) % (2.0 * np.pi) - np.pi)
-        count = max(np.size(value) for value in direct.values())
-        duration = np.broadcast_to(3.0 + self.scale * off, count).copy()
-        return SimpleNamespace(duration=duration, spread=np.full(count, self.spread))
-
-
-def fitted(
-    monkeypatch: pytest.MonkeyPatch, models: Mapping[tuple[str, int], Prefers], *, late: float = 0.0
-) -> CrossFit:
-    """Return a cross-fit whose models of episodes 0, 2, … and 1, 3, … are `models`.
-
-    All episodes took `late` s longer than the first one's model predicts.
-    """
-
-    def train(action: str, rows: pd.DataFrame, *_: Any, **__: Any) -> Prefers:
-        return models[action, int(rows["episode"].iloc[0]) % 2]
-
-    monkeypatch.setattr(gate_from_episodes, "observed_model", train)
-    row = dict.fromkeys(DIRECT_VARIABLES, 0.0) | {"t": 0.0, "success": True, "yawg": 0.5 * np.pi}
-    row["duration"] = float(models["goToPose", 0].predict({"yawg": row["yawg"]}).duration[0]) + late
-    rows = pd.DataFrame([row | {"episode": number} for number in range(6)])
-    tables = {"goToPose": rows, "dribbleBall": rows.assign(duration=3.0 + late)}
-    return CrossFit(ROBOT, tables, dict.fromkeys(tables, ()))
-
-
-def test_the_other_half_judges(monkeypatch: pytest.MonkeyPatch) -> None:
-    models = {("goToPose", 0): Prefers(0.0, 0.3), ("goToPose", 1): Prefers(np.pi, 0.3)}
-    models |= {("dribbleBall", half): Prefers(0.0, 0.0) for half in (0, 1)}
-    trials = [random_trial(SOCCER, "dribble", LIBRARY, seed=403, index=0)]
-    cross = fitted(monkeypatch, models)
-    examples = cross.examples(trials, seed=0)
-    # The chooser's best heading is the worst there is for the judge.
-    assert examples.naive.min() > 6.9
+    write_result(tmp_path, {"summary": {"situations": 3}, "settings": settings}, RECORDS)
+    result = read_result(tmp_path)
+    assert result.summary == {"situations": 3}
+    assert to_records(result.runs, 3) == RECORDS
 
 
 def test_so_few_episodes_that_halves_cannot_judge_each_other_are_refused() -> None:

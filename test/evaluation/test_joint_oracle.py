@@ -10,11 +10,7 @@ import numpy as np
 import pytest
 
 from ator_ros.domains.domain import find_domain
-from ator_ros.evaluation.situation import (
-    Tried,
-    best_headings,
-    candidates,
-)
+from ator_ros.evaluation.situation import best_headings, candidates
 from ator_ros.evaluation.toolset import Toolset
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
 from ator_ros.geometry import FloatArray, wrap_angle
@@ -66,7 +62,7 @@ def total(trial: Trial, chain: TopChain) -> float:
 def test_it_finds_what_trying_every_chain_finds(index: int) -> None:
     drawn = trial(index)
     offered = candidates(drawn, [drawn.chain], 6)
-    chain, _ = best_headings(TOOLS, drawn, [Tried(drawn.chain)], drive, count=6, margin=None)
+    chain, _ = best_headings(TOOLS, drawn, [(drawn.chain, ())], drive, count=6, margin=None)
     every = [
         with_headings(drawn.chain, dict(enumerate(map(float, headings))))
         for headings in itertools.product(*offered)

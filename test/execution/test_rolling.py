@@ -17,7 +17,7 @@ from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, make_library, make_toolset
 from ator_ros.evaluation.trials import Trial, random_trial
-from ator_ros.execution.chain_executor import ActionRecord
+from ator_ros.execution.chain_executor import ActionRecord, ChainExecutor
 from ator_ros.execution.rolling import Rolling
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
@@ -223,7 +223,9 @@ def test_a_robot_that_has_lost_the_ball_once_brakes_so_that_it_keeps_it(library:
     records: list[ActionRecord] = []
     for index in (0, 1):
         trial = random_trial(SOCCER, "dribble", library, seed=77, index=index)
-        run_chain(actual, library, trial.world, trial.chain, fetches=1, records=records, rolling=rolling)
+        executor = ChainExecutor(library, trial.chain, fetches=1, rolling=rolling)
+        run_chain(actual, library, trial.world, trial.chain, executor=executor, rolling=rolling)
+        records += executor.records
     assert records[1].lost == "ball"
     assert deceleration(rolling) == pytest.approx(DESCRIBED / 2.0)
     trial = random_trial(SOCCER, "dribble", library, seed=77, index=2)

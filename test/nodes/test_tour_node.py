@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -11,7 +10,8 @@ import pytest
 from ament_index_python.packages import get_package_prefix
 
 from ator_ros.domains.domain import find_domain
-from ator_ros.experience.collect import FinishedEpisodes, collect
+from ator_ros.experience.collect import collect
+from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.table import join, library_versions, read_experience
 from ator_ros.tools import collect as collect_tool
 from ator_ros.tools.command_line import parse
@@ -62,8 +62,12 @@ def test_the_demo_plays_a_tour(tmp_path: Path) -> None:
 # What is finished is not driven again
 
 
-def finished_of(table: Path, words: Sequence[str]) -> FinishedEpisodes:
-    """Return the finished episodes of a collection that was killed."""
+def test_drives_are_kept_until_the_table_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    table = tmp_path / "drives.parquet"
+    words = ["--domain", "tour", "--actions", "drive_to", "--over-ros", "--episodes", "2"]
+    words += ["--seed", str(SEED), "--out", str(table)]
+    drives = collect(TOUR.actions().values(), TOUR.tops, TOUR.robot(), objects=(), episodes=2, seed=SEED)
+    frames = [frame.head(1) for frame in drives]
     options, _ = parse(collect_tool.arguments(), words)
     identity = {
         "seed": options.seed,
@@ -73,17 +77,9 @@ def finished_of(table: Path, words: Sequence[str]) -> FinishedEpisodes:
         "over_ros": True,
         "versions": library_versions(),
     }
-    return FinishedEpisodes(table, identity)
-
-
-def test_drives_are_kept_until_the_table_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    table = tmp_path / "drives.parquet"
-    words = ["--domain", "tour", "--actions", "drive_to", "--over-ros", "--episodes", "2"]
-    words += ["--seed", str(SEED), "--out", str(table)]
-    drives = collect(TOUR.actions().values(), TOUR.tops, TOUR.robot(), objects=(), episodes=2, seed=SEED)
-    with finished_of(table, words) as kept:
-        for frame in drives:
-            kept.add(frame.head(1))
+    with PartialResults(table.with_suffix(".episodes.jsonl"), identity, "episodes") as kept:
+        for frame in frames:
+            kept.append(frame.to_dict("list"))
 
     def fail(*_: object) -> None:
         raise OSError("no space left")
@@ -95,4 +91,4 @@ def test_drives_are_kept_until_the_table_is_written(tmp_path: Path, monkeypatch:
     assert collect_tool.main(words) == 0  # starts no node
     assert list(tmp_path.iterdir()) == [table]
     frame = read_experience(table).frame
-    pd.testing.assert_frame_equal(frame, join(kept.frames.values()), check_exact=True, check_dtype=False)
+    pd.testing.assert_frame_equal(frame, join(frames), check_exact=True, check_dtype=False)

@@ -37,7 +37,6 @@ from ator_ros.refinement.chain_prediction import predict_chain
 from ator_ros.refinement.gate import OpenGate, ThresholdGate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.resources import resource_path
-from ator_ros.tools.calibrate_predictions import joined
 
 LEARNED = load_models(ROBOT, SOCCER.known_features)
 ADDED = {"goToPose": 0.25, "dribbleBall": 0.5}
@@ -187,9 +186,7 @@ def examples(count: int, noise: float) -> list[StepExample]:
         made = step(float(predicted), float(predicted + gap), v=float(v))
         actual = predicted + 0.1 + 0.6 * max(gap, 0.0) + noise * rng.standard_normal()
         rows.append(
-            StepExample(
-                "dribble", "refined", (301 + number % 2, number // 2), "goToPose", made, float(actual)
-            )
+            StepExample("dribble refined", (301 + number % 2, number // 2), "goToPose", made, float(actual))
         )
     return rows
 
@@ -217,9 +214,9 @@ def test_too_few_situations_are_refused() -> None:
 
 
 def test_one_action_is_learned_again_and_the_others_keep_what_they_have() -> None:
-    here, there = Shortfall(0.1, {}, 0.1, 0.1, "here"), Shortfall(0.2, {}, 0.2, 0.2, "there")
-    kept, learned = Calibration({"drive": here, "push": here}), Calibration({"drive": there, "push": there})
-    assert joined(kept, learned, None) == learned
-    assert joined(kept, learned, ["push"]) == Calibration({"drive": here, "push": there})
+    kept = {name: Shortfall(0.1, {}, 0.1, 0.1, "here") for name in ("drive", "goToPose")}
+    learned = fit_calibration(examples(200, 0.05), LEARNED, actions=["goToPose"], kept=kept).shortfalls
+    assert learned["drive"] == kept["drive"]
+    assert learned["goToPose"] == fit_calibration(examples(200, 0.05), LEARNED).shortfalls["goToPose"]
     with pytest.raises(EvaluationError, match="--actions: kick: expected chains of more situations"):
-        joined(kept, learned, ["kick"])
+        fit_calibration(examples(200, 0.05), LEARNED, actions=["kick"], kept=kept)
