@@ -12,13 +12,13 @@ import numpy as np
 from ator_ros.actions.base import Goal
 from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.episode import Episode, sample_width
+from ator_ros.experience.episode import Episode, sample_of
 from ator_ros.experience.store import RecordStore, StoreInfo
 from ator_ros.geometry import Pose
 from ator_ros.learning.round import Source, learn
 from ator_ros.learning.sets import publish
 from ator_ros.robot.description import load_robot
-from ator_ros.world.state import ObjectState, RobotState
+from ator_ros.world.state import ObjectState, RobotState, World
 
 ROBOT = load_robot()
 INFO = StoreInfo(ROBOT.digest(), SOCCER.name)
@@ -44,11 +44,10 @@ def episodes(
         yaw, yawg = rng.uniform(-math.pi, math.pi, 2)
         turn = abs(math.remainder(math.atan2(yg - y, xg - x) - yaw, 2.0 * math.pi))
         duration = slower * (0.5 + math.hypot(xg - x, yg - y) + 0.7 * turn) + noise * rng.standard_normal()
+        start, goal = RobotState(Pose(x, y, yaw)), Goal(Pose(xg, yg, yawg), values=dict(values or {}))
         yield Episode(
-            Situation(
-                action, RobotState(Pose(x, y, yaw)), BALL, Goal(Pose(xg, yg, yawg), values=dict(values or {}))
-            ),
-            np.empty((0, sample_width(BALL))),
+            Situation(action, start, BALL, goal),
+            np.array([sample_of(World(0.0, start, BALL), 0.0, BALL)]),
             max(duration, 0.1),
             True,
             "made up",

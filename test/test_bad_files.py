@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import resource
 import shutil
 import tempfile
 import time
@@ -13,7 +12,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import pytest
 import yaml
 from bags import record
@@ -190,17 +188,6 @@ def test_the_gate_of_other_actions_is_refused() -> None:
     assert load_gate(gate, "bezier")
     with pytest.raises(RefinementError, match="action_set: expected 'default', got 'bezier'"):
         load_gate(gate)
-
-
-def test_a_table_that_unpacks_to_gigabytes_is_read_without_them_or_refused(tmp_path: Path) -> None:
-    rows = made_up_experience("goToPose").head(1)
-    reasons = pd.Categorical.from_codes([0] * 5000, ["x" * 1_000_000])  # 5 GB, once unpacked
-    many = pd.concat([rows] * 5000, ignore_index=True).assign(reason=reasons)
-    write_experience(tmp_path / "table.parquet", Experience(many, {}))
-    assert (tmp_path / "table.parquet").stat().st_size < 10_000_000
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    read_experience(tmp_path / "table.parquet")
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 500_000  # kB
 
 
 def test_a_description_may_state_its_format_and_version(tmp_path: Path) -> None:

@@ -116,9 +116,7 @@ def fit_calibration(
     if actions is None:
         return Calibration(shortfalls)
     if missing := set(actions) - shortfalls.keys():
-        raise EvaluationError(
-            f"--actions: {min(missing)}: expected chains of more situations, got too few"
-        )
+        raise EvaluationError(f"--actions: {min(missing)}: expected chains of more situations, got too few")
     return Calibration({**kept, **{name: shortfalls[name] for name in actions}})
 
 

@@ -166,9 +166,7 @@ class _CrossFit:
                 for times in zip(before, after, strict=True):
                     yield values, *times, trial.index, kind, True
 
-    def _judged(
-        self, trial: Trial, chain: TopChain, judge: _Models, rng: np.random.Generator
-    ) -> list[float]:
+    def _judged(self, trial: Trial, chain: TopChain, judge: _Models, rng: np.random.Generator) -> list[float]:
         """Return `DRAWS` costs of a chain: the judge's prediction and drawn errors."""
         prediction = predict_chain(trial.world, chain, judge, self._robot, expected_time(self._failure_cost))
         late = np.zeros(DRAWS)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ator_ros.evaluation.situation import Record, Settings, evaluate_trial
-from ator_ros.evaluation.statistics import outcomes, prediction_errors, summarise
+from ator_ros.evaluation.statistics import prediction_errors, summarise
 from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.parallel import cluster, progress, run_tasks
@@ -21,13 +21,6 @@ RESULT = "evaluation.json"
 KIND = "evaluation"
 _LARGEST = 1_000_000_000
 """Bytes of a file of results: a situation takes about 2 kB."""
-
-
-def write_result(folder: Path, result: Mapping[str, Any], records: Sequence[Record]) -> Path:
-    """Write `evaluation.json`: the contents of `result`, and all runs by columns, in one line."""
-    path = folder / RESULT
-    save(path, KIND, {**result, "runs": to_columns(records)}, compact=("runs",))
-    return path
 
 
 def to_columns(records: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
@@ -120,20 +113,20 @@ def run_situations(
     return [records[index] for index in range(situations)]
 
 
-def describe(settings: Settings, records: Sequence[Record], command: str) -> dict[str, Any]:
-    """Return the contents of `evaluation.json` except the runs."""
+def write_result(folder: Path, settings: Settings, records: Sequence[Record], command: str) -> dict[str, Any]:
+    """Write `evaluation.json`, with all runs by columns in one line; return its contents."""
     summary: dict[str, Any] = {
         "situations": len(records),
         "seed": settings.seed,
         "command": command,
-        **summarise(outcomes(records)),
+        **summarise(records),
     }
     for name in settings.policies:
         if "predicted" in records[0]["policies"][name]:
             summary[name]["prediction"] = prediction_errors(records, name)
     source = settings.source
     portable = replace(source, robot=Path(source.robot).name, models=Path(source.models).name)
-    return {
+    result = {
         "summary": summary,
         "settings": asdict(replace(settings, source=portable)),
         "executed": sum(record["executed"] for record in records),
@@ -141,4 +134,7 @@ def describe(settings: Settings, records: Sequence[Record], command: str) -> dic
         "digests": source.digests(settings.chain),
         "versions": library_versions(),
         "machine": platform.platform(),
+        "runs": to_columns(records),
     }
+    save(folder / RESULT, KIND, result, compact=("runs",))
+    return result

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,60 +18,44 @@ RESAMPLES = 5000
 LABELS = ("Higher", "Equal", "Lower")
 
 
-@dataclass(frozen=True)
-class Outcomes:
-    """Durations of all policies in the same situations.
-
-    Attributes
-    ----------
-    duration : dict of ndarray, shape (n,)
-        In s by policy, with the time limit for a failed chain; includes "oracle" and "oracle_speed" if they
-        were executed.
-    success : dict of ndarray of bool, shape (n,)
-        By policy.
-    """
-
-    duration: Mapping[str, FloatArray]
-    success: Mapping[str, NDArray[np.bool_]]
-
-
-def outcomes(records: Sequence[Mapping[str, Any]]) -> Outcomes:
-    """Return the outcomes in records of `evaluate_trial`."""
-    duration: dict[str, FloatArray] = {}
-    success: dict[str, NDArray[np.bool_]] = {}
-    for name in records[0]["policies"]:
-        rows = [record["policies"][name] for record in records]
-        duration[name] = np.array([row["duration"] for row in rows], dtype=float)
-        success[name] = np.array([row["success"] for row in rows], dtype=bool)
-    for name in ("oracle", "oracle_speed"):
-        if name in records[0]:
-            duration[name] = np.array([record[name]["best"] for record in records], dtype=float)
-            success[name] = np.array([record[name]["success"] for record in records], dtype=bool)
-    return Outcomes(duration, success)
-
-
 def labels(duration: FloatArray, reference: FloatArray) -> NDArray[np.str_]:
     """Label the performance of each run against the reference: Higher, Equal (within 2 %) or Lower."""
     gain = (reference - duration) / reference
     return np.where(gain > EQUAL, LABELS[0], np.where(gain < -EQUAL, LABELS[2], LABELS[1]))
 
 
-def summarise(results: Outcomes) -> dict[str, dict[str, Any]]:
+def summarise(records: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """Return for each policy the figures of Table 1, with 95 % bootstrap intervals over situations.
+
+    Parameters
+    ----------
+    records : sequence
+        Records of `evaluate_trial`. A failed chain counts at its duration, the time limit.
 
     Returns
     -------
     dict
-        By policy: mean_duration_s, improvement_percent (of the sums, against naive), improvement_ci95,
-        mean_ratio_improvement_percent (mean of the runs' own percentages) and its interval, higher, equal,
-        lower (runs), mean_gain_higher_percent, mean_loss_lower_percent, oracle_captured_percent and its
-        interval, failures, worst_loss_percent.
+        By policy, and for the oracle: mean_duration_s, improvement_percent (of the sums, against naive),
+        improvement_ci95, mean_ratio_improvement_percent (mean of the runs' own percentages) and its interval,
+        higher, equal, lower (runs), mean_gain_higher_percent, mean_loss_lower_percent,
+        oracle_captured_percent and its interval, failures, worst_loss_percent.
     """
-    names = list(results.duration)
-    table = np.stack([results.duration[name] for name in names])
-    resampled = _resampled_means(table)
-    row = {name: index for index, name in enumerate(names)}
-    return {name: _policy_summary(name, row, table, resampled, results) for name in names}
+    runs = {name: [record["policies"][name] for record in records] for name in records[0]["policies"]}
+    oracles = [name for name in ("oracle", "oracle_speed") if name in records[0]]
+    runs |= {name: [record[name] for record in records] for name in oracles}
+    durations = {
+        name: np.array([row["best" if name in oracles else "duration"] for row in rows], dtype=float)
+        for name, rows in runs.items()
+    }
+    means = _resampled_means(np.stack(list(durations.values())))
+    resampled = dict(zip(durations, means, strict=True))
+    return {
+        name: {
+            **_policy_summary(name, durations, resampled),
+            "failures": sum(not row["success"] for row in rows),
+        }
+        for name, rows in runs.items()
+    }
 
 
 def _resampled_means(table: FloatArray) -> FloatArray:
@@ -84,39 +67,35 @@ def _resampled_means(table: FloatArray) -> FloatArray:
 
 
 def _policy_summary(
-    name: str, row: Mapping[str, int], table: FloatArray, resampled: FloatArray, results: Outcomes
+    name: str, durations: Mapping[str, FloatArray], resampled: Mapping[str, FloatArray]
 ) -> dict[str, Any]:
-    index, naive = row[name], row["naive"]
-    duration, reference = table[index], table[naive]
+    duration, reference = durations[name], durations["naive"]
     ratio = 100.0 * (reference - duration) / reference
     label = labels(duration, reference)
     higher, lower = ratio[label == "Higher"], ratio[label == "Lower"]
-    ratios = _resampled_means(ratio[None, :])[0]
     summary: dict[str, Any] = {
         "mean_duration_s": _rounded(duration.mean()),
         "improvement_percent": _rounded(100.0 * (1.0 - duration.sum() / reference.sum())),
-        "improvement_ci95": _interval(100.0 * (1.0 - resampled[index] / resampled[naive])),
+        "improvement_ci95": _interval(100.0 * (1.0 - resampled[name] / resampled["naive"])),
         "mean_ratio_improvement_percent": _rounded(ratio.mean()),
-        "mean_ratio_improvement_ci95": _interval(ratios),
+        "mean_ratio_improvement_ci95": mean_interval(ratio),
         "higher": len(higher),
         "equal": int(np.sum(label == "Equal")),
         "lower": len(lower),
         "mean_gain_higher_percent": _rounded(higher.mean()) if len(higher) else 0.0,
         "mean_loss_lower_percent": _rounded(-lower.mean()) if len(lower) else 0.0,
         "worst_loss_percent": _rounded(max(0.0, -ratio.min())),
-        "failures": int(np.sum(~results.success[name])),
         "oracle_captured_percent": None,
         "oracle_captured_ci95": None,
     }
-    if "oracle" in row:
-        best = row["oracle"]
-        possible = reference.sum() - table[best].sum()
-        if possible > _WORTH_SHARING * reference.sum():
-            captured = (reference.sum() - duration.sum()) / possible
-            summary["oracle_captured_percent"] = _rounded(100.0 * captured)
-            with np.errstate(invalid="ignore", divide="ignore"):  # a resample may have nothing to gain
-                shares = (resampled[naive] - resampled[index]) / (resampled[naive] - resampled[best])
-            summary["oracle_captured_ci95"] = _interval(100.0 * shares)
+    best = durations.get("oracle", reference)
+    possible = reference.sum() - best.sum()
+    if possible > _WORTH_SHARING * reference.sum():
+        captured = (reference.sum() - duration.sum()) / possible
+        summary["oracle_captured_percent"] = _rounded(100.0 * captured)
+        with np.errstate(invalid="ignore", divide="ignore"):  # a resample may have nothing to gain
+            shares = (resampled["naive"] - resampled[name]) / (resampled["naive"] - resampled["oracle"])
+        summary["oracle_captured_ci95"] = _interval(100.0 * shares)
     return summary
 
 

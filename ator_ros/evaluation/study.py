@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter, defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
@@ -13,7 +13,8 @@ import pandas as pd
 from ator_ros.evaluation.report import Part, page, policy_table
 from ator_ros.evaluation.toolset import Toolset
 from ator_ros.evaluation.trials import Trial, open_speeds
-from ator_ros.refinement.free_variables import Cause, NotFree
+from ator_ros.refinement.free_variables import Cause
+from ator_ros.refinement.refiner import Refinement
 from ator_ros.tops.chain import TopChain
 
 NO_EFFECT = 0.02
@@ -46,16 +47,6 @@ class OpenVariable:
     explanation: str
 
 
-@dataclass
-class _Findings:
-    """Results for one variable: gains where it was free, how often the gate accepted, and reasons."""
-
-    gains: list[float] = field(default_factory=list)
-    accepted: int = 0
-    closed: Counter[str] = field(default_factory=Counter)
-    limits: Counter[str] = field(default_factory=Counter)
-
-
 def open_variables(tools: Toolset, trials: Iterable[Trial]) -> tuple[OpenVariable, ...]:
     """Refine each open variable alone, with arrival speeds open too, and explain the result.
 
@@ -67,20 +58,15 @@ def open_variables(tools: Toolset, trials: Iterable[Trial]) -> tuple[OpenVariabl
         Situations with chains.
     """
     refiner = tools.refiner(gated=True)
-    findings: defaultdict[tuple[int, str, str], _Findings] = defaultdict(_Findings)
+    found: defaultdict[tuple[int, str, str], list[Refinement]] = defaultdict(list)
     for trial in trials:
         plan = open_speeds(trial.chain)
         naive = refiner.naive(trial.world, plan)
         for index, call in enumerate(plan.calls):
             for name in sorted(call.open):
-                found = findings[index + 1, call.top.name, name]
                 result = refiner.refine(trial.world, _opening(naive, index, name))
-                found.closed.update(_explained(each) for each in result.not_free)
-                if result.free:
-                    found.gains.append(max(0.0, result.before.cost - result.after.cost))
-                    found.accepted += result.refined
-                    found.limits.update(each for variable in result.free for each in variable.limits)
-    return tuple(_summary(*key, found) for key, found in sorted(findings.items()))
+                found[index + 1, call.top.name, name].append(result)
+    return tuple(_summary(*key, results) for key, results in sorted(found.items()))
 
 
 def _opening(chain: TopChain, index: int, name: str) -> TopChain:
@@ -92,28 +78,28 @@ def _opening(chain: TopChain, index: int, name: str) -> TopChain:
     return TopChain(tuple(calls))
 
 
-def _explained(variable: NotFree) -> str:
-    """Return why a variable was not free, with the kind of cause unless it is bound."""
-    bound = variable.cause is Cause.BOUND
-    return variable.reason if bound else f"{variable.cause.value}: {variable.reason}"
-
-
-def _summary(step: int, top: str, name: str, found: _Findings) -> OpenVariable:
-    closed, free = found.closed.total(), len(found.gains)
-    gain = sum(found.gains) / free if free else 0.0
-    if closed > free:
-        explanation = found.closed.most_common(1)[0][0]
+def _summary(step: int, top: str, name: str, results: list[Refinement]) -> OpenVariable:
+    """Return what one variable gained in all situations, and why."""
+    closed = Counter(
+        each.reason if each.cause is Cause.BOUND else f"{each.cause.value}: {each.reason}"
+        for result in results
+        for each in result.not_free
+    )
+    refined = [result for result in results if result.free]
+    limits = Counter(each for result in refined for variable in result.free for each in variable.limits)
+    accepted, free = sum(result.refined for result in refined), len(refined)
+    gain = sum(max(0.0, each.before.cost - each.after.cost) for each in refined) / free if free else 0.0
+    if closed.total() > free:
+        explanation = closed.most_common(1)[0][0]
     elif gain <= NO_EFFECT:
         explanation = f"no effect: the models predict a gain of {gain:.2f} s on average"
-    elif not found.accepted:
+    elif not accepted:
         explanation = f"the gate refuses all gains: {gain:.2f} s on average is too uncertain"
     else:
-        explanation = (
-            f"gains {gain:.2f} s on average; the gate accepts it in {found.accepted} of {free} situations"
-        )
-    if closed <= free and found.limits:
-        explanation += f"; searched within limits: {found.limits.most_common(1)[0][0]}"
-    share = free / (closed + free) if closed + free else 0.0
+        explanation = f"gains {gain:.2f} s on average; the gate accepts it in {accepted} of {free} situations"
+    if closed.total() <= free and limits:
+        explanation += f"; searched within limits: {limits.most_common(1)[0][0]}"
+    share = free / (closed.total() + free) if results else 0.0
     return OpenVariable(step, top, name, round(share, 3), round(gain, 3), explanation)
 
 

@@ -90,20 +90,23 @@ def with_headings(chain: TopChain, headings: Mapping[int, float]) -> TopChain:
     return TopChain(tuple(calls))
 
 
-def possible_actions(domain: Domain, action_set: str, robot: Robot) -> tuple[list[str], dict[str, str]]:
-    """Return the actions that a robot can execute, and the others with the reason."""
-    actions, left_out = [], {}
-    for name, spec in domain.actions(action_set).items():
-        try:
-            spec.factory(robot)
-            spec.sample(robot, np.random.default_rng(0))
-        except ConfigError as error:
-            left_out[name] = str(error)
-        else:
-            actions.append(name)
+def possible_actions(
+    domain: Domain, action_set: str, robot: Robot, *, over_ros: bool = False
+) -> tuple[list[str], dict[str, str]]:
+    """Return the actions that a robot can execute, without or over ROS, and the others with the reason."""
     library = domain.library(robot, action_set)
-    lacking = {top.action: library.left_out.get(top.name) for top in domain.tops}
-    return actions, left_out | {name: reason for name, reason in lacking.items() if reason is not None}
+    lacking = library.left_out
+    left_out = {top.action: lacking[top.name] for top in domain.tops if top.name in lacking}
+    for name, spec in domain.actions(action_set).items():
+        if not over_ros and spec.over_ros_only is not None:
+            left_out[name] = spec.over_ros_only
+        elif name not in left_out:
+            try:
+                spec.factory(robot)
+                spec.sample(robot, np.random.default_rng(0))
+            except ConfigError as error:
+                left_out[name] = str(error)
+    return [name for name in domain.actions(action_set) if name not in left_out], left_out
 
 
 def possible_chain(

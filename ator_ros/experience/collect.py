@@ -101,7 +101,5 @@ def collect(
         for number in range(episodes)
         if (action.name, number) not in finished
     ]
-    run = partial(
-        _run, tops=tuple(tops), robot=robot, objects=objects, seed=seed, time_limit=time_limit
-    )
+    run = partial(_run, tops=tuple(tops), robot=robot, objects=objects, seed=seed, time_limit=time_limit)
     yield from run_tasks(run, tasks, jobs=jobs, backend=backend)

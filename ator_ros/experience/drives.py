@@ -9,9 +9,8 @@ from __future__ import annotations
 import bisect
 from array import array
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -82,42 +81,38 @@ class SegmentReader:
 
     Parameters
     ----------
-    sources : iterable of ObjectSource
+    sources : sequence of ObjectSource
         The objects, and the types of their messages.
 
     Attributes
     ----------
     segments : list of Segment
         In the order of time; messages are added to the last one.
-    remarks : list of str
-        Doubts about messages that were used.
     """
 
-    def __init__(self, sources: Iterable[ObjectSource]) -> None:
+    def __init__(self, sources: Sequence[ObjectSource]) -> None:
         self.segments = [Segment()]
-        self.remarks: list[str] = []
+        self._remarks: list[str] = []
         self._odometry = OdometryReader()
-        self._sources = {source.name: source for source in sources}
-        self._objects = {name: ObjectReader(source) for name, source in self._sources.items()}
+        self._objects = {source.name: ObjectReader(source) for source in sources}
+        self._in_tf = {source.name: source.listened for source in sources if source.type == "tf"}
         self._transforms = Transforms()
         self._is_older = False
         self._taken: Counter[str] = Counter()
         self._left_out: Counter[str] = Counter()
         self._errors: dict[str, str] = {}
 
-    @property
-    def newest(self) -> Segment:
-        """The segment to which messages are added."""
-        return self.segments[-1]
-
     def take(self, role: str, message: Any) -> None:
         """Add a message of odometry, commands, tf or an object; count it if it cannot be used."""
         self._taken[role] += 1
+        newest = self.segments[-1]
         try:
             if role == ODOM:
                 self._take_odometry(message)
             elif role == CMD_VEL:
-                self._take_command(message)
+                command = command_from(message, CMD_VEL)
+                if newest.odom:  # a Twist has no stamp: it gets that of the last odometry message
+                    newest.cmd_vel.append((newest.odom.last_time, command.v, command.w))
             elif role in TF:
                 self._take_transforms(message, fixed=role == "tf_static")
             else:
@@ -128,60 +123,51 @@ class SegmentReader:
             self._left_out[role] += 1
             self._errors.setdefault(role, str(error))
 
-    def left_out(self) -> list[str]:
-        """Return a line for each role of which messages were left out."""
-        return [
+    def remarks(self) -> list[str]:
+        """Return doubts about messages, and a line for each role of which messages were left out."""
+        times = np.concatenate([segment.odom.in_order()[:, 0] for segment in self.segments])
+        timing = []
+        if len(times) > 1 and np.ptp(times) == 0.0:
+            got = f"got {times[0]:.2f} s in all {len(times)} messages"
+            timing.append(f"odom.header.stamp: expected stamps that advance, {got}")
+        left_out = (
             f"left out {count} of {self._taken[role]} messages: {self._errors[role]}"
             for role, count in self._left_out.items()
-        ]
-
-    def timing(self) -> list[str]:
-        """Return a line if the stamps of odometry do not advance."""
-        times = np.concatenate([segment.odom.in_order()[:, 0] for segment in self.segments])
-        if len(times) < 2 or np.ptp(times) > 0.0:
-            return []
-        got = f"got {times[0]:.2f} s in all {len(times)} messages"
-        return [f"odom.header.stamp: expected stamps that advance, {got}"]
+        )
+        return [*self._remarks, *timing, *left_out]
 
     def _take_odometry(self, message: Any) -> None:
         time, robot = self._odometry.read(message)
         if self._odometry.remark:
-            self.remarks.append(self._odometry.remark)
-        last = self.newest.odom.last_time if self.newest.odom else time
+            self._remarks.append(self._odometry.remark)
+        odom = self.segments[-1].odom
+        last = odom.last_time if odom else time
         if time < last and not self._is_older:
             self._is_older = True  # one late message is ignored, two in a row are a reset
             return
         self._is_older = False
-        if self.newest.odom and not 0.0 <= time - last <= SILENCE:
+        if odom and not 0.0 <= time - last <= SILENCE:
             self.segments.append(Segment())
-        self.newest.odom.append((time, *robot.pose, robot.v, robot.w))
-
-    def _take_command(self, message: Any) -> None:
-        # A Twist has no stamp: it gets that of the last odometry message.
-        command, odom = command_from(message, CMD_VEL), self.newest.odom
-        if odom:
-            self.newest.cmd_vel.append((odom.last_time, command.v, command.w))
+        self.segments[-1].odom.append((time, *robot.pose, robot.v, robot.w))
 
     def _take_transforms(self, message: Any, *, fixed: bool) -> None:
-        frame = self._odometry.frame
         for transform in message.transforms:
             parent, child, time, placement = transform_from(transform)
             self._transforms.add(parent, child, time, placement, fixed=fixed)
-        for name, source in self._sources.items():
-            if source.type != "tf":
-                continue
-            found, rows = self._transforms.latest(frame, source.listened), self.newest.objects[name]
+        for name, frame in self._in_tf.items():
+            found = self._transforms.latest(self._odometry.frame, frame)
+            rows = self.segments[-1].objects[name]
             if found is not None and not (rows and found[0] == rows.last_time):
                 self._add_object(name, *self._objects[name].read_placement(*found))
 
     def _add_object(self, name: str, time: float, there: ObjectState) -> None:
-        odom = self.newest.odom
+        odom = self.segments[-1].odom
         if odom and abs(time - odom.last_time) > JUMP:
             raise MessageError(
                 f"{name}.header.stamp: expected about odometry's {odom.last_time:.2f} s, got {time:.2f} s: "
                 "another clock"
             )
-        self.newest.objects[name].append((time, there.x, there.y))
+        self.segments[-1].objects[name].append((time, there.x, there.y))
 
 
 class Track:
@@ -207,6 +193,12 @@ class Track:
         """Return the objects with a message by `time` (s)."""
         rows = {name: _at(table, time) for name, table in self._objects.items() if time >= table[0, 0]}
         return {name: ObjectState(float(row[1]), float(row[2])) for name, row in rows.items()}
+
+    def stood(self, since: float, until: float) -> bool:
+        """Return whether the robot stood at any time between two (s)."""
+        times = self.odom[:, 0]
+        during = self.odom[np.searchsorted(times, since, "right") : np.searchsorted(times, until)]
+        return bool(NOT_DRIVEN.holds(during[:, 4], during[:, 5]).any())
 
     def samples(self, begin: float, end: float) -> FloatArray:
         """Return the samples of an episode from `begin` to `end` (s); see `Episode`."""
@@ -254,7 +246,7 @@ def drives(segment: Segment, robot: Robot, domain: Vocabulary) -> Iterator[Episo
     if not segment.odom or not segment.cmd_vel:
         return
     track = Track(segment)
-    for begin, ceased in _spans(segment.cmd_vel.in_order(), partial(_stood, track)):
+    for begin, ceased in _spans(segment.cmd_vel.in_order(), track):
         end = _rest(track, ceased)
         if end - begin >= SHORTEST and track.begin <= begin and end <= track.end:
             episode = _episode(track, begin, end, robot, domain)
@@ -262,17 +254,17 @@ def drives(segment: Segment, robot: Robot, domain: Vocabulary) -> Iterator[Episo
                 yield episode
 
 
-def _spans(commands: FloatArray, stood: Callable[[float, float], bool]) -> Iterator[tuple[float, float]]:
+def _spans(commands: FloatArray, track: Track) -> Iterator[tuple[float, float]]:
     """Yield begin and end (s) of the times in which the robot was commanded to move.
 
-    If commands cease without a stop, and the robot `stood` (between two times in s) before the next command,
-    its goal is unknown and the drive is left out.
+    If commands cease without a stop, and the robot stood before the next command, its goal is unknown and the
+    drive is left out.
     """
     moving = ~NOT_DRIVEN.holds(commands[:, 1], commands[:, 2])
     begin: float | None = None
     end = last = 0.0
     for time, moves in zip(commands[:, 0].tolist(), moving.tolist(), strict=True):
-        if begin is not None and end < begin and time - last > _CEASED and stood(last, time):
+        if begin is not None and end < begin and time - last > _CEASED and track.stood(last, time):
             begin = None
         last = time
         if begin is not None and not moves and end < begin:
@@ -285,13 +277,6 @@ def _spans(commands: FloatArray, stood: Callable[[float, float], bool]) -> Itera
             end = begin - 1.0
     if begin is not None and end >= begin:
         yield begin, end
-
-
-def _stood(track: Track, since: float, until: float) -> bool:
-    """Return whether the robot stood at any time between two (s)."""
-    times = track.odom[:, 0]
-    during = track.odom[np.searchsorted(times, since, "right") : np.searchsorted(times, until)]
-    return bool(NOT_DRIVEN.holds(during[:, 4], during[:, 5]).any())
 
 
 def _rest(track: Track, ceased: float) -> float:

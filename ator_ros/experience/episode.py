@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,6 @@ import numpy as np
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, ActionError, Status, Step
 from ator_ros.actions.situation import Situation
-from ator_ros.experience.columns import STATE_COLUMNS
 from ator_ros.geometry import FloatArray
 from ator_ros.simulation.run import judge, place, run_action
 from ator_ros.simulation.simulation import Simulation
@@ -30,9 +29,9 @@ class Episode:
     ----------
     situation : Situation
         Start and goal.
-    samples : ndarray, shape (n, sample_width(objects))
-        The states at 10 Hz from the start on; those at and after the end are left out. Its columns are
-        STATE_COLUMNS, then x, y in m of each object, NaN where unknown.
+    samples : ndarray, shape (n, k)
+        The states at 10 Hz from the start on, at least the start; those at and after the end are left out.
+        Its columns are STATE_COLUMNS, then x, y in m of each object, NaN where unknown.
     duration : float
         From the start to the tick at which the action ended, in s.
     success : bool
@@ -77,7 +76,8 @@ def run_episode(
     top : Top
         The TOP whose post-condition decides on success.
     """
-    place(simulation, World(0.0, situation.robot, situation.objects))
+    initial = World(0.0, situation.robot, situation.objects)
+    place(simulation, initial)
     start, worlds = simulation.time, list[World]()
 
     def observed(action: Action, world: World) -> Step:
@@ -92,10 +92,10 @@ def run_episode(
     judgement = judge(simulation, top, situation.goal, done.status, done.message)
     names = tuple(situation.objects)
     rows = [sample_of(world, start, names) for world in worlds[::TICKS_PER_SAMPLE]]
-    samples = [row for row in rows if row[0] < duration]
+    samples = [row for row in rows if row[0] < duration] or [sample_of(initial, 0.0, names)]
     return Episode(
         situation,
-        np.asarray(samples, dtype=float).reshape(len(samples), sample_width(names)),
+        np.array(samples, dtype=float),
         duration,
         judgement.success,
         judgement.reason,
@@ -103,11 +103,6 @@ def run_episode(
         judgement.heading_error,
         names,
     )
-
-
-def sample_width(objects: Collection[str]) -> int:
-    """Return the number of columns of samples with these objects."""
-    return len(STATE_COLUMNS) + 2 * len(objects)
 
 
 def sample_of(world: World, start: float, objects: Iterable[str]) -> tuple[float, ...]:

@@ -7,10 +7,10 @@ import os
 import signal
 import sys
 import threading
-import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
+from importlib.metadata import version
 from typing import Any, TypeVar
 
 from tqdm import tqdm
@@ -21,9 +21,6 @@ Result = TypeVar("Result")
 BACKENDS = ("loky", "dask")
 _WORKERS_S = 60
 """Time in s to wait for the first worker of a cluster."""
-_WATCH_S = 1.0
-"""Period in s with which a worker checks whether its parent is alive."""
-_watched: set[int] = set()
 
 
 class BackendError(RuntimeError):
@@ -89,18 +86,9 @@ def _in_worker(function: Callable[[Task], Result], task: Task, parent: int | Non
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_IGN)
-    if parent is not None and os.getpid() not in _watched:
-        _watched.add(os.getpid())
+    if parent is not None:
         warnings.simplefilter("ignore", UserWarning)  # the parent reports them, once
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     return function(task)
-
-
-def _end_with(parent: int) -> None:
-    """End this process soon after `parent` was killed."""
-    while os.getppid() == parent:
-        time.sleep(_WATCH_S)
-    os._exit(1)
 
 
 def progress(results: Iterable[Result], *, done: int, total: int, unit: str) -> Any:
@@ -142,21 +130,13 @@ def cluster(address: str | None) -> Iterator[None]:
         raise BackendError(
             f"cluster: expected a dask scheduler as in tcp://host:8786, got {address!r}: {error}"
         ) from error
-
-    def import_fault() -> str:  # sent as a whole, since it lies in no module
-        try:
-            import ator_ros  # noqa: F401
-        except ImportError as error:
-            return str(error)
-        return ""
-
     with client:
         try:
             client.wait_for_workers(1, timeout=_WORKERS_S)
+            client.run_on_scheduler(version, "ator_ros")
+            client.run(version, "ator_ros")
         except TimeoutError as error:
             raise BackendError(f"cluster: expected a worker within {_WORKERS_S} s, found none") from error
-        faults = {"the scheduler": client.run_on_scheduler(import_fault), **client.run(import_fault)}
-        for place, fault in faults.items():
-            if fault:
-                raise BackendError(f"cluster: {place} must be able to import ator_ros: {fault}")
+        except ImportError as error:  # without ator_ros tasks would never end
+            raise BackendError(f"cluster: expected ator_ros on scheduler and workers: {error}") from error
         yield

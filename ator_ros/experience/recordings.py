@@ -200,7 +200,7 @@ class _Recorded:
         """Return doubts, and a line for each role of which messages were left out."""
         there = self.left_out + len(self.records)
         records = [f"left out {self.left_out} of {there} records: {self.wrong}"] if self.left_out else []
-        return [*self.reader.remarks, *self.reader.timing(), *self.reader.left_out(), *records]
+        return [*self.reader.remarks(), *records]
 
     def episodes(self, robot: Robot, domain: Vocabulary) -> list[Episode]:
         """Return the executor's records or, without any, the drives."""

@@ -13,14 +13,14 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.situation import Situation
 from ator_ros.experience.columns import LARGEST, MOST_OBJECTS
-from ator_ros.experience.episode import Episode, sample_width
+from ator_ros.experience.episode import Episode, sample_of
 from ator_ros.files import is_name
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import held_first, held_last
 from ator_ros.world.messages import MessageError, ObjectSource, object_from, pose_from, velocity
-from ator_ros.world.state import RobotState
+from ator_ros.world.state import RobotState, World
 
 
 class Vocabulary(Protocol):
@@ -67,7 +67,7 @@ _FASTEST = 4.0
 
 
 def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
-    """Convert a record of any action to an episode; it has no samples but its start.
+    """Convert a record of any action to an episode, whose only sample is its start.
 
     An action that no TOP of the domain calls is accepted under its name, with goals for the axle.
 
@@ -92,7 +92,7 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
     point = Point.AXLE if top is None else top.point
     episode = Episode(
         situation=Situation(message.action, state, objects, Goal(pose, speed, point, values)),
-        samples=np.empty((0, sample_width(objects))),
+        samples=np.array([sample_of(World(0.0, state, objects), 0.0, objects)]),
         duration=message.actual.duration,
         success=message.outcome.code == SUCCEEDED,
         reason=printable(message.outcome.reason, 200),

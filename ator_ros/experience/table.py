@@ -26,12 +26,11 @@ from ator_ros.experience.columns import (
     object_columns,
     objects_of_columns,
 )
-from ator_ros.experience.episode import Episode, sample_of
+from ator_ros.experience.episode import Episode
 from ator_ros.files import atomic_write, content_of, header, is_name, limited_memory
 from ator_ros.geometry import FloatArray
 from ator_ros.printable import printable, quoted
 from ator_ros.schema import SchemaError, structured
-from ator_ros.world.state import World
 
 _BOUNDS: dict[str, tuple[float, float]] = {
     "episode": (0.0, 1e7),
@@ -148,24 +147,12 @@ class Experience:
         return goal_variables_of_columns(self.frame.columns)
 
     def of(self, action: str) -> pd.DataFrame:
-        """Return the rows of one action.
-
-        Raises
-        ------
-        ExperienceError
-            There are none; the message lists the actions there are.
-        """
-        rows = self.frame[self.frame["action"] == action]
-        if rows.empty:
-            there = ", ".join(sorted(set(self.frame["action"]))) or "none"
-            raise ExperienceError(
-                f"experience: expected rows of the action {action!r}, the table holds {there}"
-            )
-        return rows.reset_index(drop=True)
+        """Return the rows of one action."""
+        return self.frame[self.frame["action"] == action].reset_index(drop=True)
 
 
 def episode_frame(number: int, episode: Episode, objects: tuple[str, ...]) -> pd.DataFrame:
-    """Return the rows of one episode; one without samples (not started, or a record), its start.
+    """Return the rows of one episode.
 
     Parameters
     ----------
@@ -176,30 +163,20 @@ def episode_frame(number: int, episode: Episode, objects: tuple[str, ...]) -> pd
     objects : tuple of str
         The objects whose places are kept, NaN where the episode does not know them.
     """
-    samples = episode.samples if len(episode.samples) else np.array([_start(episode)])
-    frame = pd.DataFrame(samples, columns=_state_columns(episode))
+    frame = pd.DataFrame(episode.samples, columns=[*STATE_COLUMNS, *object_columns(episode.objects)])
     constants = {
         **dict.fromkeys(object_columns(name for name in objects if name not in episode.objects), np.nan),
         **_constants(episode),
         "episode": number,
-        "time_to_go": episode.duration - samples[:, 0],
+        "time_to_go": episode.duration - frame["t"],
     }
     return frame.assign(**constants)[list(columns(objects, episode.situation.goal.values))]
 
 
 def start_row(episode: Episode) -> dict[str, Any]:
     """Return the first row of an episode by column, without its number."""
-    start = dict(zip(_state_columns(episode), _start(episode), strict=True))
-    return {**start, **_constants(episode), "time_to_go": episode.duration}
-
-
-def _state_columns(episode: Episode) -> list[str]:
-    return [*STATE_COLUMNS, *object_columns(episode.objects)]
-
-
-def _start(episode: Episode) -> tuple[float, ...]:
-    start = World(0.0, episode.situation.robot, episode.situation.objects)
-    return sample_of(start, 0.0, episode.objects)
+    start = zip((*STATE_COLUMNS, *object_columns(episode.objects)), episode.samples[0].tolist(), strict=True)
+    return {**dict(start), **_constants(episode), "time_to_go": episode.duration}
 
 
 def _constants(episode: Episode) -> dict[str, Any]:
@@ -280,7 +257,7 @@ def read_experience(path: Path | str) -> Experience:
     if not Path(path).is_file():  # opening a pipe would block
         raise ExperienceError(f"{expected}, got none")
     try:
-        with limited_memory(_MOST_BYTES), parquet.ParquetFile(path, read_dictionary=_TEXTS) as file:
+        with limited_memory(_MOST_BYTES), parquet.ParquetFile(path) as file:
             metadata, declared = _metadata(path, (file.schema_arrow.metadata or {}).get(_KEY))
             if file.metadata.num_rows > _MOST_ROWS:
                 raise ExperienceError(

@@ -25,9 +25,9 @@ _LEAST, _GREATEST = 0.001, 1000.0  # m, m/s or rad/s; a sprint to 15 m/s needs s
 
 
 def calibrate(
-    template: Path | None,
-    out: Path,
     *,
+    robot: Path | None,
+    out: Path,
     name: str | None,
     v: float | None,
     w: float | None,
@@ -40,14 +40,14 @@ def calibrate(
 
     Parameters
     ----------
-    template : Path or None
+    robot : Path or None
         Description whose sizes are kept; None: the shipped one.
     out : Path
         Description to write.
     name : str or None
-        Name of the robot; None: that of the template.
+        Name of the robot; None: that of `robot`.
     v, w : float or None
-        Greatest commands in m/s and rad/s; None: 1.5 times the limits of the template.
+        Greatest commands in m/s and rad/s; None: 1.5 times the limits of `robot`.
     space : float
         Free space ahead in m.
     stamped : str
@@ -59,14 +59,14 @@ def calibrate(
     """
     from ator_ros.tools.calibration_drive import drive_over_ros  # needs ROS
 
-    robot = load_robot(template)
-    limits = robot.limits
+    template = load_robot(robot)
+    limits = template.limits
     drive = ProbeDrive(v=v or _FASTER * limits.v, w=w or _FASTER * limits.w, space=space)
     samples = drive_over_ros(drive, words, stamped=stamped, frame=frame)
     estimate = identify(samples)
-    found = described(dataclasses.replace(robot, name=name or robot.name), estimate)
+    found = described(dataclasses.replace(template, name=name or template.name), estimate)
     lines = report(estimate)
-    if found.wheel_torque != robot.wheel_torque:
+    if found.wheel_torque != template.wheel_torque:
         lines.append(
             f"wheel_torque {found.wheel_torque:g} N m: the least that {found.mass:g} kg need for that"
         )
@@ -131,16 +131,12 @@ def arguments() -> argparse.ArgumentParser:
         default=3.0,
         help="free space ahead of the robot in m (default: %(default)s)",
     )
-    parser.add_argument(
-        "--v",
-        type=number(_LEAST, _GREATEST),
-        help="greatest command in m/s (default: 1.5 times the limit of --robot)",
-    )
-    parser.add_argument(
-        "--w",
-        type=number(_LEAST, _GREATEST),
-        help="greatest command in rad/s (default: 1.5 times the limit of --robot)",
-    )
+    for axis, unit in (("v", "m/s"), ("w", "rad/s")):
+        parser.add_argument(
+            f"--{axis}",
+            type=number(_LEAST, _GREATEST),
+            help=f"greatest command in {unit} (default: 1.5 times the limit of --robot)",
+        )
     parser.add_argument(
         "--stamped",
         choices=("auto", "true", "false"),
@@ -162,21 +158,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         own = remove_ros_args(["calibrate", *words])[1:]
     options = arguments().parse_args(own)
-
-    def run() -> None:
-        calibrate(
-            options.robot,
-            options.out,
-            name=options.name,
-            v=options.v,
-            w=options.w,
-            space=options.space,
-            stamped=options.stamped,
-            frame=options.frame,
-            words=words,
-        )
-
-    return guarded("calibrate", run)
+    return guarded("calibrate", lambda: calibrate(**vars(options), words=words))
 
 
 if __name__ == "__main__":

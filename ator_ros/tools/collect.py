@@ -27,7 +27,6 @@ from ator_ros.experience.table import (
     require_pyarrow,
     write_experience,
 )
-from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import (
     RESUMES,
     add_factor,
@@ -78,7 +77,13 @@ def collect(
     """
     require_pyarrow()
     domain, robot = find_domain(source.domain), source.described()
-    possible = _possible(domain, robot, actions, source.action_set, over_ros=over_ros is not None)
+    _, left_out = possible_actions(domain, source.action_set, robot, over_ros=over_ros is not None)
+    possible = [name for name in actions if name not in left_out]
+    without = {name: left_out[name] for name in actions if name in left_out}
+    if not possible:
+        raise ExperienceError("; ".join(without.values()))
+    for name, reason in without.items():
+        print(f"collect: without {name}: {reason}", file=sys.stderr)
     wanted = [(action, number) for action in possible for number in range(episodes)]
     settings = {"seed": seed, "domain": domain.name, "action_set": source.action_set}
     versions = {"versions": library_versions()}
@@ -119,22 +124,6 @@ def collect(
         write_experience(out, Experience(table, metadata))
     partial.path.unlink()
     _report(table, out)
-
-
-def _possible(
-    domain: Domain, robot: Robot, actions: Sequence[str], action_set: str, *, over_ros: bool
-) -> list[str]:
-    """Return those of the actions that the robot can execute; report why it cannot execute the others."""
-    _, left_out = possible_actions(domain, action_set, robot)
-    if not over_ros:
-        specs = domain.actions(action_set)
-        left_out |= {name: why for name, spec in specs.items() if (why := spec.over_ros_only) is not None}
-    without = {name: left_out[name] for name in actions if name in left_out}
-    if len(without) == len(actions):
-        raise ExperienceError("; ".join(without.values()))
-    for name, reason in without.items():
-        print(f"collect: without {name}: {reason}", file=sys.stderr)
-    return [name for name in actions if name not in without]
 
 
 def _report(frame: pd.DataFrame, file: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.policies import POLICIES, unavailable
 from ator_ros.evaluation.report import policy_table, prediction_table, write_report
-from ator_ros.evaluation.running import PARTIAL, describe, run_situations, write_result
+from ator_ros.evaluation.running import PARTIAL, RESULT, run_situations, write_result
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import make_toolset
 from ator_ros.evaluation.trials import EvaluationError
@@ -58,14 +58,13 @@ def evaluate(
         records = run_situations(
             settings, situations=situations, folder=out, jobs=jobs, backend=backend, scheduler=scheduler
         )
-        result = describe(settings, records, command)
-        path = write_result(out, result, records)
+        result = write_result(out, settings, records, command)
         for table in (policy_table(result["summary"]), prediction_table(result["summary"])):
             if len(table):
                 print(table.to_string(index=False), end="\n\n")
         report = write_report(out, result)
         (out / PARTIAL).unlink()
-    print(f"wrote {path} and {report}")
+    print(f"wrote {out / RESULT} and {report}")
 
 
 def arguments() -> argparse.ArgumentParser:

@@ -28,8 +28,8 @@ from ator_ros.evaluation.situation import Record, Settings
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
 from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.experience.table import join, read_experience
-from ator_ros.files import exclusive_folder, write_text
-from ator_ros.refinement.gate import GATE, Gate, OpenGate, gate_in, opened, save_gate
+from ator_ros.files import exclusive_folder
+from ator_ros.refinement.gate import GATE, Gate, OpenGate, opened, save_gate
 from ator_ros.tools.calibrate_predictions import save_learned
 from ator_ros.tools.command_line import (
     RESUMES,
@@ -86,9 +86,10 @@ def learn_gate(
     """
     source.require_executable(chain)
     source.digests(chain)  # a missing model is reported before anything is executed
-    executed = _with_room(source, work / "models") if room else source
-    settings = Settings(seed=seed, chain=chain, policies=("naive", *UNGATED), source=executed)
-    gate = tools_of(executed)[0].gate
+    gate, policies = tools_of(source)[0].gate, ("naive", *UNGATED)
+    if room:
+        gate = OpenGate(widths=gate.widths, room=ROOM)
+    settings = Settings(seed, chain, policies, source=source, room=ROOM if room else 0.0)
     with exclusive_folder(work):
         records = run_situations(
             settings, situations=situations, folder=work, jobs=jobs, backend=backend, scheduler=scheduler
@@ -131,17 +132,6 @@ def _corrected(
     except EvaluationError as error:
         print(f"without a calibration: {error}")
         return [], records
-
-
-def _with_room(source: ToolsetSource, folder: Path) -> ToolsetSource:
-    """Return a copy of the models in `folder`, with a gate that requires room to stop."""
-    copied = dataclasses.replace(source, models=str(folder))
-    for file in source.folder().glob("*.json"):
-        if file.name != GATE:
-            write_text(copied.folder() / file.name, file.read_text(encoding="utf-8"))
-    gate = OpenGate(widths=gate_in(source.folder(), source.action_set).widths, room=ROOM)
-    save_gate(copied.folder() / GATE, gate, {}, source.action_set)
-    return copied
 
 
 def _save(

@@ -86,9 +86,6 @@ def study(
         described.description_digest(), source.domain, action_set, episodes, situations, seed, chain, oracle
     )
     actions, left_out = possible_actions(of_domain, action_set, described)
-    specs = of_domain.actions(action_set)
-    left_out |= {name: why for name in actions if (why := specs[name].over_ros_only) is not None}
-    actions = [name for name in actions if name not in left_out]
     if not actions:
         raise EvaluationError("; ".join(dict.fromkeys(left_out.values())) or f"{of_domain.name}: no actions")
     for name, reason in left_out.items():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,8 @@ from refinement_fakes import LIBRARY
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
 from ator_ros.evaluation.gate_learning import GateExamples, compare_gates, fit_threshold
-from ator_ros.evaluation.running import read_result, to_records, write_result
-from ator_ros.evaluation.statistics import labels, outcomes, summarise
+from ator_ros.evaluation.running import to_columns, to_records
+from ator_ros.evaluation.statistics import labels, summarise
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.training import TrainingError
 from ator_ros.refinement.gate import FEATURES
@@ -36,7 +35,7 @@ RECORDS = [record(0, 10.0, 8.0, 7.5), record(1, 10.0, 10.1, 9.5), record(2, 10.0
 
 
 def test_table_of_known_runs() -> None:
-    row = summarise(outcomes(RECORDS))["refined"]
+    row = summarise(RECORDS)["refined"]
     assert row["mean_duration_s"] == pytest.approx(29.1 / 3, abs=1e-3)
     assert row["improvement_percent"] == pytest.approx(3.0)
     assert (row["higher"], row["equal"], row["lower"]) == (1, 1, 1)
@@ -47,13 +46,13 @@ def test_table_of_known_runs() -> None:
 
 
 def test_percent_of_sums_and_mean_of_ratios_differ() -> None:
-    row = summarise(outcomes([record(0, 20.0, 10.0, 10.0), record(1, 10.0, 10.0, 10.0)]))["refined"]
+    row = summarise([record(0, 20.0, 10.0, 10.0), record(1, 10.0, 10.0, 10.0)])["refined"]
     assert row["improvement_percent"] == pytest.approx(100.0 / 3.0, abs=1e-3)
     assert row["mean_ratio_improvement_percent"] == pytest.approx(25.0)
 
 
 def test_failures_count_at_their_duration() -> None:
-    summary = summarise(outcomes([record(0, 10.0, 30.0, 9.0), record(1, 10.0, 9.0, 9.0)]))
+    summary = summarise([record(0, 10.0, 30.0, 9.0), record(1, 10.0, 9.0, 9.0)])
     assert summary["refined"]["failures"] == 1
     assert summary["refined"]["improvement_percent"] == pytest.approx(-95.0)
     assert summary["oracle"]["failures"] == 0
@@ -107,12 +106,8 @@ def test_threshold_keeps_nearly_all_of_the_gain_of_both_kinds() -> None:
     assert actual[angle].sum() >= 0.97 * actual[kind == 0].sum()
 
 
-def test_result_is_written_and_read(tmp_path: Path) -> None:
-    settings = {"seed": 1, "chain": "dribble", "source": {"action_set": "default"}}
-    write_result(tmp_path, {"summary": {"situations": 3}, "settings": settings}, RECORDS)
-    result = read_result(tmp_path)
-    assert result.summary == {"situations": 3}
-    assert to_records(result.runs, 3) == RECORDS
+def test_records_by_columns_give_back_the_records() -> None:
+    assert to_records(to_columns(RECORDS), 3) == RECORDS
 
 
 def test_so_few_episodes_that_halves_cannot_judge_each_other_are_refused() -> None:

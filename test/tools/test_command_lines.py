@@ -7,111 +7,12 @@ import importlib
 import io
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
 from domain_files import CHAIN, PLACE, TOUR, file_of
 
-from ator_ros.tools import collect, evaluate, gate, study, train, view
-
-NUMBERS = {
-    "collect": ["--episodes", "--seed"],
-    "evaluate": ["--oracle"],
-    "demo": ["--situations"],
-}
-
-
-@pytest.mark.parametrize("text", ["-1", "1.5"])
-@pytest.mark.parametrize(
-    ("command", "option"), [(c, option) for c, names in NUMBERS.items() for option in names]
-)
-def test_numbers_that_are_none_are_refused(
-    command: str, option: str, text: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    tool = importlib.import_module(f"ator_ros.tools.{command}")
-    with pytest.raises(SystemExit) as ended:
-        tool.main([f"{option}={text}"])
-    assert ended.value.code == 2
-    message = capsys.readouterr().err.splitlines()[-1]
-    assert message.startswith(f"{command}: error: argument {option}: expected a whole number from ")
-    assert repr(text) in message
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        *(
-            (["--robots", name], "expected a namespace of at most 100 letters")
-            for name in (
-                "a b",
-                "../x",
-                "a" * 101,
-            )
-        ),
-        (["--robots", "ann", "/ann"], "--robots: expected different names, got ann ann"),
-        *((["--frame", name], "expected the name of a frame") for name in ("//odom",)),
-    ],
-)
-def test_a_view_of_names_that_are_none_is_refused(
-    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as ended:
-        view.main(["--attach", *words])
-    assert ended.value.code == 2
-    assert message in capsys.readouterr().err.splitlines()[-1]
-
-
-DESTINATIONS = {
-    "calibrate_predictions": ["--report"],
-    "collect": ["--out"],
-    "demo": ["--out"],
-}
-
-
-@pytest.mark.parametrize(
-    ("command", "option"), [(c, option) for c, names in DESTINATIONS.items() for option in names]
-)
-def test_a_result_that_cannot_be_written_is_refused_before_the_work(
-    command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "file").touch()
-    tool = importlib.import_module(f"ator_ros.tools.{command}")
-    for place in (tmp_path, tmp_path / "file" / "result", tmp_path / "file" / "folder" / "result"):
-        with pytest.raises(SystemExit) as ended:
-            tool.main([f"{option}={place}"])
-        assert ended.value.code == 2
-        message = capsys.readouterr().err.splitlines()[-1]
-        assert f"argument {option}: expected a file that can be written, got {str(place)!r}" in message
-
-
-@pytest.mark.parametrize("command", ["collect", "evaluate", "gate", "train"])
-def test_a_domain_that_is_not_installed_is_told_in_one_line(
-    command: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    tool = importlib.import_module(f"ator_ros.tools.{command}")
-    with pytest.raises(SystemExit) as ended:
-        tool.main(["--domain=chess"])
-    assert ended.value.code == 2
-    (message,) = capsys.readouterr().err.splitlines()  # without the usage
-    assert message.startswith(
-        f"{command}: error: domain: expected an entry point of ator_ros.domains, one of ["
-    )
-    assert message.endswith("got 'chess'")
-
-
-TOOLS = ("collect", "train", "gate", "evaluate", "calibrate_predictions", "study", "plan")
-
-
-@pytest.mark.parametrize("command", TOOLS)
-def test_a_robot_and_a_domain_can_be_named(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    tool = importlib.import_module(f"ator_ros.tools.{command}")
-    with pytest.raises(SystemExit):
-        tool.main(["--help"])
-    message = capsys.readouterr().out
-    assert "--robot FILE" in message
-    assert "--domain NAME" in message
-
+from ator_ros.tools import study, train
 
 BARE = """
 name: bare
@@ -121,43 +22,48 @@ tops:
     post: [{variable: robot.x, target: goal.x, tolerance: 0.25}]
 actions: []
 """
-LACKING = {
-    "actions": ["collect"],
-    "chains": ["demo", "evaluate", "gate"],
-}
-
-
-@pytest.mark.parametrize(("kind", "command"), [(kind, c) for kind, names in LACKING.items() for c in names])
-def test_a_domain_that_lacks_what_a_command_works_on_is_told_in_one_line(
-    kind: str, command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "bare.yaml").write_text(BARE)
-    tool = importlib.import_module(f"ator_ros.tools.{command}")
-    with pytest.raises(SystemExit) as ended:
-        tool.main([f"--domain={tmp_path / 'bare.yaml'}"])
-    assert ended.value.code == 2
-    message = capsys.readouterr().err.splitlines()[-1]
-    expected = f"argument --domain: expected one with {kind}, got bare, which has none"
-    assert message == f"{command}: error: {expected}"
-
-
-NAMES = [
-    ("collect", "--action-set", "default, bezier"),
-    ("evaluate", "--chain", "dribble, drive, rolling, shoot"),
+NUMBER = "argument --{}: expected a whole number from "
+NO_FILE = "argument --{}: expected a file that can be written, got "
+NOT_INSTALLED = "domain: expected an entry point of ator_ros.domains, one of ["
+NONE_THERE = "argument --domain: expected one with {}, got bare, which has none"
+NAMESPACE = "expected a namespace of at most 100 letters"
+REFUSED = [
+    *(("collect --episodes=" + text, NUMBER.format("episodes")) for text in ("-1", "1.5")),
+    ("evaluate --oracle=1.5", NUMBER.format("oracle")),
+    ("demo --situations=-1", NUMBER.format("situations")),
+    *(("view --attach --robots " + name, NAMESPACE) for name in ("a-b", "../x", "a" * 101)),
+    ("view --attach --robots ann /ann", "--robots: expected different names, got ann ann"),
+    ("view --attach --frame //odom", "expected the name of a frame"),
+    *(("collect --out=" + place, NO_FILE.format("out")) for place in (".", "file/result", "file/a/result")),
+    ("calibrate_predictions --report=.", NO_FILE.format("report")),
+    ("demo --out=file/result", NO_FILE.format("out")),
+    *((f"{command} --domain=chess", NOT_INSTALLED) for command in ("collect", "evaluate", "gate", "train")),
+    ("collect --domain=bare.yaml", NONE_THERE.format("actions")),
+    *((f"{name} --domain=bare.yaml", NONE_THERE.format("chains")) for name in ("demo", "evaluate", "gate")),
+    ("collect --action-set chess", "argument --action-set: expected one of default, bezier, got 'chess'"),
+    ("evaluate --chain chess", "--chain: expected one of dribble, drive, rolling, shoot, got 'chess'"),
 ]
 
 
-@pytest.mark.parametrize(("command", "option", "known"), NAMES)
-def test_names_that_the_domain_lacks_are_told_in_one_line(
-    command: str, option: str, known: str, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(("line", "message"), REFUSED)
+def test_what_makes_no_sense_is_refused_before_the_work(
+    line: str,
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    tool = importlib.import_module(f"ator_ros.tools.{command}")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    (tmp_path / "bare.yaml").write_text(BARE)
+    command, *words = line.split()
     with pytest.raises(SystemExit) as ended:
-        tool.main([option, "chess"])
+        importlib.import_module(f"ator_ros.tools.{command}").main(words)
     assert ended.value.code == 2
-    message = capsys.readouterr().err.splitlines()[-1]
-    assert message.startswith(f"{command}: error: argument {option}: expected one of {known}")
-    assert message.endswith("got 'chess'")
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert told.startswith(f"{command}: error: ")
+    assert message in told
+    assert {file.name for file in tmp_path.iterdir()} == {"file", "bare.yaml"}
 
 
 NODES = ("simulation", "executor", "refinement", "learning", "goal_pose")
@@ -182,45 +88,33 @@ def test_help_of_nodes_is_printed_without_what_only_their_work_needs() -> None:
     assert "rotate_above" in done.stdout  # a parameter of drive_to_server
 
 
-def shown(monkeypatch: pytest.MonkeyPatch, name: str, words: list[str]) -> tuple[int, str]:
-    """Run `train` on a terminal with PYTHONIOENCODING=ascii; return exit code and text of a stream."""
-    raw = io.BytesIO()
-    monkeypatch.setattr(sys, name, io.TextIOWrapper(raw, "ascii", write_through=True))
-    code = train.main(words)
-    return code, raw.getvalue().decode("ascii")
-
-
 def test_an_error_that_names_a_file_in_another_script_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    code, text = shown(monkeypatch, "stderr", ["böse.parquet"])
-    assert code == 1
+    raw = io.BytesIO()  # a terminal with PYTHONIOENCODING=ascii
+    monkeypatch.setattr(sys, "stderr", io.TextIOWrapper(raw, "ascii", write_through=True))
+    assert train.main(["böse.parquet"]) == 1
+    text = raw.getvalue().decode("ascii")
     assert text.startswith("train: b\\xf6se.parquet: expected a Parquet file")
     assert text.count("\n") == 1
 
 
-Tool = Callable[[Sequence[str]], int]
-
-
 @pytest.mark.parametrize(
-    ("tool", "words"),
+    "line",
     [
-        (collect.main, ["--episodes", "2", "--seed", "1", "--out", "table.parquet"]),
-        (evaluate.main, ["--situations", "1", "--policies", "naive", "--out", "out"]),
-        (gate.main, ["--situations", "10", "--models", "models"]),
+        "collect --episodes 2 --seed 1 --out table.parquet",
+        "evaluate --situations 1 --policies naive --out out",
+        "gate --situations 10 --models models",
     ],
 )
-def test_it_is_refused_with_the_reason(
-    tool: Tool,
-    words: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+def test_actions_without_a_stand_in_are_refused(
+    line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     data = copy.deepcopy(TOUR) | {"chains": [CHAIN]}
     data["actions"][0] |= {"drives": {"start": [PLACE], "goal": [PLACE]}}
     file = file_of(tmp_path, data)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "models").mkdir()
-    assert tool([*words, "--domain", str(file)]) == 1
+    command, *words = line.split()
+    assert importlib.import_module(f"ator_ros.tools.{command}").main([*words, "--domain", str(file)]) == 1
     assert "has no `stand_in`, so only `collect --over-ros`" in capsys.readouterr().err
     assert not (tmp_path / "table.parquet").exists()
     assert not list((tmp_path / "models").rglob("*.json"))

@@ -225,7 +225,7 @@ def test_train_says_in_one_line_why_there_is_no_gate(
     assert load_gate(models / "gate.json") == ThresholdGate(0.2)
 
 
-def test_rules_are_printed_for_the_tree_and_for_one_situation(
+def test_rules_are_printed_by_action_and_by_file(
     learned: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     capsys.readouterr()
@@ -234,9 +234,6 @@ def test_rules_are_printed_for_the_tree_and_for_one_situation(
     assert "time = " in by_action
     assert train.main(["--rules", str(learned / "goToPose.json")]) == 0
     assert capsys.readouterr().out == by_action
-    words = ["--rules", "goToPose", "--models", str(learned), "--situation", "xg=2", "yawg=0.5"]
-    assert train.main(words) == 0
-    assert "here time = " in capsys.readouterr().out
 
 
 def test_a_page_of_the_feature_ablation_is_written(learned: Path, tmp_path: Path) -> None:
@@ -252,7 +249,6 @@ def test_a_page_of_the_feature_ablation_is_written(learned: Path, tmp_path: Path
         (["none.parquet"], "none.parquet: expected a Parquet file"),
         (["--rules", "x.parquet"], "--rules: expected an action or a model, a .json file, got 'x.parquet'"),
         (["--rules", "fly"], "fly.json: expected a model, there is none"),
-        (["--rules", "goToPose", "--situation", "z=1"], "situation: expected NAME=NUMBER"),
     ],
 )
 def test_errors_are_one_line(

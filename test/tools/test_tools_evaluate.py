@@ -124,7 +124,7 @@ def test_gate_keeps_room_to_stop_and_learns_a_calibration(tmp_path: Path) -> Non
         shutil.copy(SOCCER.shipped_models / f"{action}.json", ours)
     sizes = ["--situations", "24", "--seed", "306", "--jobs", "1"]
     assert gate_main([*sizes, "--models", str(ours), "--work", str(work), "--room", "--calibrate"]) == 0
-    assert load_gate(ours / GATE).room == load_gate(work / "models" / GATE).room > 1.0
+    assert load_gate(ours / GATE).room > 1.0
     assert load_gate(ours / GATE).corrected
     shipped = load_gate(SOCCER.shipped_models / GATE)
     assert (shipped.room, shipped.corrected) == (0.0, False)
