@@ -13,12 +13,14 @@ from ator_ros.files import FileError, try_lock
 
 
 class JsonLines:
-    """A file to which this process appends, unbuffered; locked against other processes until it is closed.
+    """A file to which this process appends, unbuffered.
 
     Parameters
     ----------
     path : Path
         The file; made when missing, with its folder. A last line that was cut off is dropped.
+    locked : bool
+        Whether to lock it against other processes until it is closed.
 
     Attributes
     ----------
@@ -35,11 +37,11 @@ class JsonLines:
         The file cannot be written.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, locked: bool = False) -> None:
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = path.open("ab", buffering=0)
-        if not try_lock(self._file.fileno()):
+        if locked and not try_lock(self._file.fileno()):
             self._file.close()
             raise FileError(f"{path}: expected a file of its own, another command is writing it")
         *self.lines, cut_off = path.read_bytes().split(b"\n")
@@ -92,7 +94,7 @@ class PartialResults(JsonLines):
     """
 
     def __init__(self, path: Path, identity: Mapping[str, Any], expected: str) -> None:
-        super().__init__(path)
+        super().__init__(path, locked=True)
         try:
             there = [json.loads(line) for line in self.lines]
         except ValueError as error:

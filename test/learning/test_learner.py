@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 import pytest
 from stored import INFO, episodes
 
+from ator_ros.experience.json_lines import JsonLines
 from ator_ros.experience.store import read_records
 from ator_ros.learning.learner import ROUND, Learner, LearningPace
 from ator_ros.learning.sets import RECORDS
@@ -106,7 +106,7 @@ def test_records_wait_while_the_disk_is_full(
     def full(*_: object) -> int:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(os, "write", full)
+    monkeypatch.setattr(JsonLines, "append", full)
     take(learner, 5)
     learner.work(5.0)
     assert "expected room on the disk: No space left" in learner.problem

@@ -225,9 +225,7 @@ def test_train_says_in_one_line_why_there_is_no_gate(
     assert load_gate(models / "gate.json") == ThresholdGate(0.2)
 
 
-def test_rules_are_printed_by_action_and_by_file(
-    learned: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_rules_are_printed_by_action_and_by_file(learned: Path, capsys: pytest.CaptureFixture[str]) -> None:
     capsys.readouterr()
     assert train.main(["--rules", "goToPose", "--models", str(learned)]) == 0
     by_action = capsys.readouterr().out
