@@ -218,7 +218,8 @@ class Axis:
         if max(speeds) - min(speeds) > _VARIES * most.tolerance:
             return False
         speed = speeds[-1]
-        sent = [clip(command, most.limit) for command in commands.between(since, time)]
+        # The last commands explain no speed that was constant before.
+        sent = [clip(command, most.limit) for command in commands.between(since, time - _DELAY)]
         low, high = min(sent), max(sent)
         if low - most.tolerance < speed < high + most.tolerance:
             return False
