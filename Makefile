@@ -30,7 +30,7 @@ run: setup
 test: setup
 	@PYTHONDONTWRITEBYTECODE= $(RUN) python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not long' $(ARGS)
 
-# What takes minutes: long soaks, permutations of faults, every documented command.
+# What takes minutes: permutations of faults, every documented command.
 test-long: setup
 	@$(RUN) python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m long $(ARGS)
 
