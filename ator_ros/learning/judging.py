@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,68 +10,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.learning.candidates import BACK, FEWEST_LEARNED, TrainingData, TreeCandidate, candidates
+from ator_ros.learning.candidates import FEWEST_LEARNED, Learn, TrainingData, candidates
 from ator_ros.performance.model import MEASURES
 from ator_ros.performance.tree.nodes import IntArray, ModelTree
 
-_DRAWS = 5000
-_SEED = 0
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Two models on the same records.
-
-    Attributes
-    ----------
-    before, after : float
-        Mean losses of the present model, and of the other.
-    chance : float
-        One-sided p-value: the probability that this or another candidate appears as much better by chance.
-    """
-
-    before: float
-    after: float
-    chance: float
-
-
-def compare(before: FloatArray, after: FloatArray) -> list[Comparison]:
-    """Compare the losses of a model with those of others on the same records.
-
-    Under the null hypothesis the signs of the differences are exchangeable: this is a sign-flip permutation
-    test. It assumes no distribution, so outliers decide nothing. All others are compared with the same signs,
-    and the p-value is that of the greatest of their statistics (Westfall and Young 1993), so many similar
-    candidates are corrected for like one.
-
-    Parameters
-    ----------
-    before : ndarray, shape (n,)
-        Losses of the present model, at least 0.
-    after : ndarray, shape (n, k)
-        Those of the others.
-    """
-    gain = before[:, None] - after
-    gain = gain / np.maximum(np.sqrt(np.sum(gain * gain, axis=0)), 1e-12)
-    signs = np.random.default_rng(_SEED).choice((-1.0, 1.0), (_DRAWS, len(gain)))
-    greatest = np.max(signs @ gain, axis=1)
-    beyond = np.sum(greatest[:, None] >= gain.sum(axis=0) - 1e-12, axis=0)
-    chances = (1.0 + beyond) / (_DRAWS + 1.0)
-    return [
-        Comparison(float(np.mean(before)), float(np.mean(losses)), float(chance))
-        for losses, chance in zip(after.T, chances, strict=True)
-    ]
-
-
-TESTED = (25, 100)
+_TESTED = (25, 100)
 """Numbers of newest records on which trees are compared: few show a changed robot soon, many a small gain."""
-FEWEST_TESTED = 12
-LEVEL = 0.05
-"""Significance level over all candidates of one round, and once more over those that were in use before."""
+_FEWEST_TESTED = 12
+_LEVEL = 0.05
+"""Significance level over all candidates of one round."""
 _FOLDS = 3
 _EARLIER = 300
 _NO_LOSS = 1e-9
 _AS_GOOD = 0.05
 """p-value above which one candidate counts as no better than another."""
+_SPREADS = (0.5, 10.0)  # least and greatest factor by which spreads change
+_DRAWS = 5000
 
 
 @dataclass(frozen=True)
@@ -87,13 +42,11 @@ class RoundVerdict:
         Why the tree stays or is replaced, in a sentence.
     kind : str
         Name of the better candidate; empty if there is none.
-    before, after, chance
-        As in `Comparison`, for the best candidate; None if none was compared or there was no tree.
-        Losses are absolute errors (s, m, rad), of success squared ones (Brier score).
+    before, after : float or None
+        Mean losses of the tree in use and of the best candidate: absolute errors (s, m, rad), of success the
+        Brier score. None if none was compared or there was no tree.
     tree : ModelTree or None
-        The better one.
-    error : float or None
-        Usual error of its predictions on the tested records, from which it was not learned.
+        The better one; spreads of durations are as large as its errors on the tested records.
     """
 
     episodes: int
@@ -102,9 +55,7 @@ class RoundVerdict:
     kind: str = ""
     before: float | None = None
     after: float | None = None
-    chance: float | None = None
     tree: ModelTree | None = None
-    error: float | None = None
 
 
 def judge(
@@ -122,44 +73,73 @@ def judge(
 
     Parameters
     ----------
-    data : TrainingData
-        The records.
-    names : sequence of str
-        Features to learn from.
-    current : ModelTree or None
-        The tree in use.
+    data, names, current, former
+        As for `candidates`.
     seen : int
-        Number from which on records are new to it.
-    former : mapping
-        Trees that were in use before, by the names of their sets; those shipped, too.
+        Number from which on records are new to the tree in use.
     """
     count = len(data.values)
-    test = np.flatnonzero(data.numbers >= seen)[-max(TESTED) :][::-1]  # newest first
-    if len(test) < FEWEST_TESTED:
+    everything = np.arange(count)
+    test = np.flatnonzero(data.numbers >= seen)[-max(_TESTED) :][::-1]  # newest first
+    if len(test) < _FEWEST_TESTED:
         kind = "" if data.measure == "success" else " that succeeded"
-        return RoundVerdict(
-            count, len(test), f"too few new records: {len(test)}, expected {FEWEST_TESTED}{kind}"
-        )
-    known = {"the present model": current} if current is not None else {}
-    tried = _predictions(data, list(candidates(data, names, known, former)), test)
-    if not tried:
+        reason = f"too few new records: {len(test)}, expected {_FEWEST_TESTED}{kind}"
+        return RoundVerdict(count, len(test), reason)
+    learners = candidates(data, names, current, former)
+    predicted = {name: _held_out(data, learn, test) for name, learn in learners.items()}
+    predicted = {name: values for name, values in predicted.items() if np.isfinite(values).all()}
+    if not predicted:
         rest = count - math.ceil(len(test) / _FOLDS)
-        why = "what was learned predicts no numbers"
-        if rest < FEWEST_LEARNED:
-            why = f"too few records: {rest} without those that are predicted, expected {FEWEST_LEARNED}"
-        return RoundVerdict(count, len(test), why)
+        reason = f"too few records: {rest} without those that are predicted, expected {FEWEST_LEARNED}"
+        return RoundVerdict(count, len(test), reason)
     if data.measure == "success" and current is not None:
-        tried = [item for item in tried if _predicts_failures(data, item[0], current, test)]
-        if not tried:
+        # Chains predicted to fail are no longer executed, so on the newest records alone a tree that predicts
+        # no failures would appear better.
+        earlier = everything[-_EARLIER:]
+        most = _mean_loss(data, current, earlier) + _NO_LOSS
+        trees = {name: learners[name](everything) for name in predicted}
+        predicted = {
+            name: predicted[name]
+            for name, tree in trees.items()
+            if tree is not None and _mean_loss(data, tree, earlier) <= most
+        }
+        if not predicted:
             return RoundVerdict(count, len(test), "no better: all candidates predict earlier failures worse")
     before = data.losses(_baseline(data, current, test), test)
-    sizes = sorted({min(size, len(test)) for size in TESTED})
+    losses = np.column_stack([data.losses(values, test) for values in predicted.values()])
+    sizes = sorted({min(size, len(test)) for size in _TESTED})
     for size in sizes:
-        level = LEVEL / len(sizes)
-        verdict = _verdict(data, tried, before, test[:size], level=level, current=current is not None)
-        if verdict.tree is not None:
+        number, chance, is_better = _best(before[:size], losses[:size], _LEVEL / len(sizes))
+        if is_better:
             break
-    return verdict
+    name, unit = list(predicted)[number], MEASURES[data.measure]
+    old, new = float(np.mean(before[:size])), float(np.mean(losses[:size, number]))
+    figures = f"{old:.3g} to {new:.3g}{unit and f' {unit}'} on {size} records"
+    loss = "Brier score" if data.measure == "success" else "error"
+    loss_before = old if current is not None else None
+    if not is_better:
+        reason = f"no better: {name} would change the {loss} from {figures} (chance {chance:.3f})"
+        return RoundVerdict(count, size, reason, "", loss_before, new)
+    tree = learners[name](everything)
+    assert tree is not None  # it was learned from fewer records
+    if data.measure == "duration":
+        tree = _with_observed_spread(tree, data, losses[:size, number])
+    return RoundVerdict(count, size, f"{name}: {loss} from {figures}", name, loss_before, new, tree)
+
+
+def _held_out(data: TrainingData, learn: Learn, test: IntArray) -> FloatArray:
+    """Return predictions of the tested records, each fold by a tree of all others; NaN without a tree."""
+    predicted = np.full(len(test), np.nan)
+    for fold in range(_FOLDS):
+        part = slice(fold, None, _FOLDS)
+        tree = learn(np.setdiff1d(np.arange(len(data.values)), test[part], assume_unique=True))
+        if tree is not None:
+            predicted[part] = data.predicted(tree, test[part])
+    return predicted
+
+
+def _mean_loss(data: TrainingData, tree: ModelTree, which: IntArray) -> float:
+    return float(np.mean(data.losses(data.predicted(tree, which), which)))
 
 
 def _baseline(data: TrainingData, current: ModelTree | None, test: IntArray) -> FloatArray:
@@ -167,98 +147,54 @@ def _baseline(data: TrainingData, current: ModelTree | None, test: IntArray) -> 
     if current is not None:
         return data.predicted(current, test)
     others = np.setdiff1d(np.arange(len(data.values)), test)
-    values = data.values[others if len(others) >= FEWEST_TESTED else slice(None)]
+    values = data.values[others if len(others) >= _FEWEST_TESTED else slice(None)]
     middle = np.mean(values) if data.measure == "success" else np.median(values)
     return np.full(len(test), float(middle))
 
 
-def _predictions(
-    data: TrainingData, tried: Sequence[TreeCandidate], test: IntArray
-) -> list[tuple[TreeCandidate, FloatArray]]:
-    """Return the candidates that can be learned, and their predictions of the tested records."""
-    everything = np.arange(len(data.values))
-    predictions = []
-    for candidate in tried:
-        predicted = np.full(len(test), np.nan)
-        folds = 1 if candidate.slow else _FOLDS
-        for fold in range(folds):
-            part = slice(fold, None, folds)
-            tree = candidate.learn(np.setdiff1d(everything, test[part], assume_unique=True))
-            if tree is not None:
-                predicted[part] = data.predicted(tree, test[part])
-        if np.isfinite(predicted).all():
-            predictions.append((candidate, predicted))
-    return predictions
+def _best(before: FloatArray, losses: FloatArray, level: float) -> tuple[int, float, bool]:
+    """Return the number of the best candidate, its p-value, and whether it is significantly better.
 
-
-def _predicts_failures(
-    data: TrainingData, candidate: TreeCandidate, current: ModelTree, test: IntArray
-) -> bool:
-    """Return whether a candidate predicts earlier records, with their failures, as well as the tree in use.
-
-    Chains predicted to fail are no longer executed, so on the newest records alone a tree that predicts no
-    failures would appear better.
+    Of those that are about as good as the best it is the first: it was learned from most records.
     """
-    which = np.arange(len(data.values))[-_EARLIER:]
-    tree = _retrained(data, candidate, test)
-    before, after = (np.mean(data.losses(data.predicted(t, which), which)) for t in (current, tree))
-    return bool(after <= before + _NO_LOSS)
-
-
-def _verdict(
-    data: TrainingData,
-    tried: Sequence[tuple[TreeCandidate, FloatArray]],
-    before: FloatArray,
-    test: IntArray,
-    *,
-    level: float,
-    current: bool,
-) -> RoundVerdict:
-    losses = [data.losses(predicted[: len(test)], test) for _, predicted in tried]
-    names = [candidate.name for candidate, _ in tried]
-    number, compared = _best(names, before[: len(test)], losses, level)
-    best = compared[number]
-    name, unit = names[number], MEASURES[data.measure]
-    figures = f"{best.before:.3g} to {best.after:.3g}{unit and f' {unit}'} on {len(test)} records"
-    counts = (len(data.values), len(test))
-    loss = "Brier score" if data.measure == "success" else "error"
-    loss_before = best.before if current else None
-    if not _is_better(best, level):
-        reason = f"no better: {name} would change the {loss} from {figures} (chance {best.chance:.3f})"
-        return RoundVerdict(*counts, reason, "", loss_before, best.after, best.chance)
-    tree = _retrained(data, tried[number][0], test)
-    error = 1.4826 * float(np.median(losses[number]))  # standard deviation, robust against outliers
-    return RoundVerdict(
-        *counts, f"{name}: {loss} from {figures}", name, loss_before, best.after, best.chance, tree, error
-    )
-
-
-def _retrained(data: TrainingData, candidate: TreeCandidate, test: IntArray) -> ModelTree:
-    which = np.arange(len(data.values))
-    tree = candidate.learn(np.setdiff1d(which, test) if candidate.slow else which)
-    assert tree is not None  # it was learned from fewer records
-    return tree
-
-
-def _best(
-    names: Sequence[str], before: FloatArray, losses: Sequence[FloatArray], level: float
-) -> tuple[int, list[Comparison]]:
-    """Return the number of the best candidate, significant ones first, and all comparisons."""
-    compared: list[Comparison] = [Comparison(0.0, 0.0, 1.0)] * len(names)
-    for back in (False, True):
-        group = [number for number, name in enumerate(names) if name.startswith(BACK) == back]
-        if group:
-            results = compare(before, np.column_stack([losses[number] for number in group]))
-            for number, result in zip(group, results, strict=True):
-                compared[number] = result
-    better = [number for number, found in enumerate(compared) if _is_better(found, level)]
-    least = min(better or range(len(names)), key=lambda number: compared[number].after)
+    chances, means = p_values(before, losses), losses.mean(axis=0)
+    better = np.flatnonzero((means < before.mean()) & (chances < level)).tolist()
+    best = min(better or range(len(means)), key=lambda number: float(means[number]))
     for number in better:
-        # Of those that are about as good as the best, the first: it was learned from most records.
-        if number == least or compare(losses[number], losses[least][:, None])[0].chance >= _AS_GOOD:
-            return number, compared
-    return least, compared
+        if p_values(losses[:, number], losses[:, [best]])[0] >= _AS_GOOD:
+            best = number
+            break
+    return best, float(chances[best]), bool(better)
 
 
-def _is_better(compared: Comparison, level: float) -> bool:
-    return compared.after < compared.before and compared.chance < level
+def p_values(before: FloatArray, after: FloatArray) -> FloatArray:
+    """Return by what chance each of k models, or another of them, would appear as much better.
+
+    Under the null hypothesis the signs of the differences of losses are exchangeable: this is a sign-flip
+    permutation test. It assumes no distribution, so outliers decide nothing. All models are compared with the
+    same signs, and the p-value is that of the greatest of their statistics (Westfall and Young 1993), so many
+    similar candidates are corrected for like one.
+
+    Parameters
+    ----------
+    before : ndarray, shape (n,)
+        Losses of the present model, at least 0.
+    after : ndarray, shape (n, k)
+        Those of the others, on the same records.
+    """
+    gain = before[:, None] - after
+    gain = gain / np.maximum(np.sqrt(np.sum(gain * gain, axis=0)), 1e-12)
+    signs = np.random.default_rng(0).choice((-1.0, 1.0), (_DRAWS, len(gain)))
+    greatest = np.max(signs @ gain, axis=1)
+    beyond = np.sum(greatest[:, None] >= gain.sum(axis=0) - 1e-12, axis=0)
+    chances: FloatArray = (1.0 + beyond) / (_DRAWS + 1.0)
+    return chances
+
+
+def _with_observed_spread(tree: ModelTree, data: TrainingData, losses: FloatArray) -> ModelTree:
+    """Return the tree with spreads as large as its losses on the newest records."""
+    error = 1.4826 * float(np.median(losses))  # standard deviation, robust against outliers
+    table = data.table[list(tree.names)].to_numpy()[-len(losses) :]
+    expected = float(np.median(tree.predict_with_spread(np.ascontiguousarray(table))[1]))
+    factor = float(np.clip(error / expected, *_SPREADS)) if expected > 0.0 else 1.0
+    return dataclasses.replace(tree, spread=factor * tree.spread)

@@ -6,7 +6,6 @@ import contextlib
 import json
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -34,27 +33,21 @@ _SHARE = 0.02
 """New records, as a share of all, after which to learn again."""
 
 
-@dataclass(frozen=True)
-class LearningPace:
-    """When to learn: after `batch` new records, or 2 % of all; `most` episodes of an action set are kept."""
-
-    batch: int = 20
-    most: int = 20_000
-
-
 class Learner:
     """Stores records, starts rounds of learning, and publishes sets with better models.
 
     Parameters
     ----------
     folder : Path
-        Folder of the learned sets; no other process may write there, see `locked`.
+        Folder of the learned sets; no other process may write there, see `exclusive_folder`.
     info : StoreInfo
         Robot and domain.
     begin : callable
         Starts a round.
-    pace : LearningPace
-        When to start one.
+    batch : int
+        New records after which to start one; at least 2 % of all.
+    most : int
+        Episodes of an action set that are kept.
 
     Raises
     ------
@@ -63,16 +56,24 @@ class Learner:
     """
 
     def __init__(
-        self, folder: Path, info: StoreInfo, begin: Callable[[], RoundProcess], pace: LearningPace
+        self,
+        folder: Path,
+        info: StoreInfo,
+        begin: Callable[[], RoundProcess],
+        *,
+        batch: int = 20,
+        most: int = 20_000,
     ) -> None:
-        self._folder, self._begin, self._pace = folder, begin, pace
-        self._store = RecordStore(folder / RECORDS, info, most=pace.most)
+        self._folder, self._begin, self._batch, self._most = folder, begin, batch, most
+        self._store = RecordStore(folder / RECORDS, info, most=most)
         remove_old(folder)
         self._waiting: deque[tuple[str, Episode]] = deque(maxlen=_MOST_WAITING)
         self._round: RoundProcess | None = None
         self._began = self._synced = 0.0
         self._wanted = False
-        self._last = _last_round(folder)
+        self._last: dict[str, Any] = {}
+        with contextlib.suppress(FileError):  # without the file a round is due
+            self._last = read_json(folder / ROUND)
         self.problem = ""
         self.taken = self.left_out = self.lost = 0
         self.has_room = True
@@ -117,6 +118,7 @@ class Learner:
             self._synced = now
             self._store_waiting()
             self._guarded(self._store.sync)
+        due = max(self._batch, _SHARE * min(self.stored, self._most))
         if self._round is not None:
             if self._round.done:
                 done, self._round = self._round, None
@@ -124,7 +126,7 @@ class Learner:
             if now - self._began > _LONGEST_ROUND:
                 self._end_round()
                 return self._finish({"failed": f"it took longer than {_LONGEST_ROUND:g} s"})
-        elif not self.frozen and (self._wanted or self.new >= self._due()):
+        elif not self.frozen and (self._wanted or self.new >= due):
             self._round, self._began, self._wanted = self._begin(), now, False
             self._ends = self.stored
         return None
@@ -138,9 +140,6 @@ class Learner:
     def new(self) -> int:
         """Records since the last round."""
         return self.stored - int(self._last.get("ends", 0))
-
-    def _due(self) -> float:
-        return max(self._pace.batch, _SHARE * min(self.stored, self._pace.most))
 
     def _finish(self, result: dict[str, Any]) -> str:
         if "failed" in result:
@@ -223,19 +222,3 @@ class Learner:
         else:
             if not (self.has_room or self._waiting):
                 self.has_room, self.problem = True, ""
-
-
-def _last_round(folder: Path) -> dict[str, Any]:
-    """Load the last round's state; a damaged file triggers one extra round."""
-    with contextlib.suppress(FileError):
-        kept = read_json(folder / ROUND)
-        if isinstance(kept, dict) and isinstance(kept.get("ends"), int) and _is_summary(kept.get("actions")):
-            return kept
-    return {}
-
-
-def _is_summary(actions: object) -> bool:
-    wanted = {"episodes", "tested", "reason", "kind", "before", "after"}
-    return isinstance(actions, dict) and all(
-        isinstance(verdict, dict) and wanted <= set(verdict) for verdict in actions.values()
-    )

@@ -19,53 +19,37 @@ from ator_ros.evaluation.gate_from_episodes import usual_widths
 from ator_ros.experience.columns import goal_variables_of_columns
 from ator_ros.experience.store import NUMBER, action_sets_in, read_records
 from ator_ros.experience.table import library_versions
-from ator_ros.learning.candidates import Records, TrainingData, constant
+from ator_ros.learning.candidates import TrainingData, constant, training_data
 from ator_ros.learning.judging import RoundVerdict, judge
-from ator_ros.learning.sets import (
-    RECORDS,
-    Change,
-    current_set,
-    new_set_folder,
-    read_manifest,
-    seal,
-    sets_in,
-)
-from ator_ros.performance.driving import DrivingStyle
-from ator_ros.performance.features import OBSERVED, PATHS, Feature, Kinds, declared_by, kinds_of, with_kinds
+from ator_ros.learning.sets import RECORDS, current_set, new_set_folder, read_manifest, seal, sets_in
+from ator_ros.performance.features import OBSERVED, PATHS, Feature, declared_by, kinds_of, with_kinds
 from ator_ros.performance.model import MEASURES, UNOBSERVED, PerformanceModel
 from ator_ros.performance.model_file import (
     ModelFileError,
     RobotMismatchWarning,
-    is_model,
     load_model,
     model_path,
+    models_folder,
     save_model,
 )
 from ator_ros.performance.training import observed_driving
 from ator_ros.performance.tree.nodes import ModelTree
-from ator_ros.refinement import RefinementError
-from ator_ros.refinement.calibration import CALIBRATION, load_calibration_if_any, save_calibration
-from ator_ros.refinement.gate import ThresholdGate, save_gate
+from ator_ros.refinement.calibration import (
+    CALIBRATION,
+    Calibration,
+    load_calibration_if_any,
+    save_calibration,
+)
+from ator_ros.refinement.gate import GATE, ThresholdGate, save_gate
 from ator_ros.robot.description import Robot
 
+CAUTION = ThresholdGate(0.05, 0.5)
+"""Gate of models without one: it accepts more as their spreads, and with them their errors, shrink."""
 _LEAST_RECORDS = 12  # to estimate the mean of a measure
-_SPREADS = (0.5, 10.0)  # least and greatest factor by which spreads change
+_FORMER = 3  # earlier sets whose models are candidates
 
-
-@dataclass(frozen=True)
-class ActionVerdict:
-    """Result of a round of learning for an action.
-
-    Attributes
-    ----------
-    measures : mapping
-        Verdict on each measure.
-    model : PerformanceModel or None
-        The model with the better trees; None if no tree is better.
-    """
-
-    measures: Mapping[str, RoundVerdict]
-    model: PerformanceModel | None
+Verdicts = dict[str, RoundVerdict]
+"""The verdict on each measure of an action."""
 
 
 def improved(
@@ -77,17 +61,15 @@ def improved(
     current: PerformanceModel | None,
     seen: Mapping[str, int],
     former: Mapping[str, PerformanceModel],
-) -> ActionVerdict:
-    """Judge each tree of an action's model on the newest records.
+) -> tuple[Verdicts, PerformanceModel | None]:
+    """Judge each tree of an action's model on the newest records; return a model if some tree is better.
 
     Parameters
     ----------
-    action : str
-        Name of the action.
+    action, robot, features
+        As for `train`.
     rows : pandas.DataFrame
         Starts of its episodes, oldest first, with `NUMBER`.
-    robot, features
-        As for `train`.
     current : PerformanceModel or None
         The model in use.
     seen : mapping
@@ -96,74 +78,43 @@ def improved(
         Models that were in use before, by the names of their sets, and those of the start.
     """
     rows = _plausible(_complete(rows, features))
-    driving = current.driving if current is not None else _driving(rows, robot, features)
-    kinds = _kinds(current, former)
+    if current is not None:
+        driving = current.driving
+    else:
+        driving = observed_driving(rows, robot) if set(features) & set(PATHS) and len(rows) else None
+    present = [current] if current is not None else []
+    kinds = next(filter(None, (kinds_of(m.features.values()) for m in present or former.values())), {})
     former = {
         name: model
         for name, model in former.items()
         if model.driving == driving and kinds_of(model.features.values()) == kinds
     }
-    models = [*former.values(), *([current] if current is not None else [])]
     known = {feature.name: feature for feature in features}
-    for model in models:
+    for model in (*former.values(), *present):
         known |= model.features
     known = with_kinds(known, kinds) if kinds else known  # also those that no model uses
-    records = Records(rows, robot, known, driving)
-    names = [feature.name for feature in features]
-    verdicts: dict[str, RoundVerdict] = {}
-    for measure in MEASURES:
-        verdicts[measure] = judge(
-            records.data(measure),
-            names,
-            current=current.trees.get(measure) if current is not None else None,
+    data = training_data(rows, robot, tuple(known.values()), driving)
+    trees = dict(current.trees) if current is not None else {}
+    verdicts = {
+        measure: judge(
+            data[measure],
+            [feature.name for feature in features],
+            current=trees.get(measure),
             seen=seen.get(measure, 0),
-            former=_trees(measure, former, current),
+            former={name: m.trees[measure] for name, m in former.items() if measure in m.trees},
         )
+        for measure in MEASURES
+    }
     better = {measure: verdict.tree for measure, verdict in verdicts.items() if verdict.tree is not None}
-    if current is None and "duration" not in better:
-        # A model needs a tree of durations.
+    if current is None and "duration" not in better:  # a model needs a tree of durations
         kept = {name: dataclasses.replace(found, kind="", tree=None) for name, found in verdicts.items()}
-        return ActionVerdict(kept, None)
+        return kept, None
     if not better:
-        return ActionVerdict(verdicts, None)
-    if "duration" in better:
-        better["duration"] = with_observed_spread(
-            better["duration"], records.data("duration"), verdicts["duration"]
-        )
-    trees = dict(current.trees) if current is not None else _means(records)
-    trees |= better
+        return verdicts, None
+    trees = (trees or _means(data)) | better
     chosen = {measure: trees[measure] for measure in MEASURES if measure in trees}
     at_goal = current.at_goal if current is not None else UNOBSERVED
-    model = PerformanceModel(action, robot, chosen, known, driving=driving, at_goal=at_goal)
-    return ActionVerdict(verdicts, model)
-
-
-def _kinds(current: PerformanceModel | None, former: Mapping[str, PerformanceModel]) -> Kinds:
-    """Return the kinds of motion of the model in use or, without one, of a former model."""
-    known = [current] if current is not None else list(former.values())
-    return next(filter(None, (kinds_of(model.features.values()) for model in known)), {})
-
-
-def _trees(
-    measure: str, models: Mapping[str, PerformanceModel], current: PerformanceModel | None
-) -> dict[str, ModelTree]:
-    """Return the trees of a measure that are not in use, each once."""
-    present = current.trees.get(measure) if current is not None else None
-    found: dict[str, ModelTree] = {}
-    for name, model in models.items():
-        tree = model.trees.get(measure)
-        others = [*found.values(), *([present] if present is not None else [])]
-        if tree is not None and not any(_same(tree, other) for other in others):
-            found[name] = tree
-    return found
-
-
-def _same(one: ModelTree, other: ModelTree) -> bool:
-    """Return whether two trees predict the same."""
-    fields = ("feature", "threshold", "children", "intercept", "coefficients", "lower", "upper")
-    return one.names == other.names and all(
-        np.array_equal(getattr(one, name), getattr(other, name)) for name in fields
-    )
+    return verdicts, PerformanceModel(action, robot, chosen, known, driving=driving, at_goal=at_goal)
 
 
 def _complete(rows: pd.DataFrame, features: Sequence[Feature]) -> pd.DataFrame:
@@ -175,29 +126,6 @@ def _complete(rows: pd.DataFrame, features: Sequence[Feature]) -> pd.DataFrame:
     return rows[rows[list(wanted)].notna().all(axis=1)]
 
 
-def _driving(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]) -> DrivingStyle | None:
-    return observed_driving(rows, robot) if set(features) & set(PATHS) and len(rows) else None
-
-
-def _means(records: Records) -> dict[str, ModelTree]:
-    """Return constant trees of the means of the measures, for an action without a model."""
-    by_measure = {measure: records.data(measure) for measure in MEASURES}
-    return {
-        measure: constant(data.table.columns[0], float(np.mean(data.values)), len(data.values))
-        for measure, data in by_measure.items()
-        if len(data.values) >= _LEAST_RECORDS
-    }
-
-
-def with_observed_spread(tree: ModelTree, data: TrainingData, verdict: RoundVerdict) -> ModelTree:
-    """Return the tree with spreads as large as its errors on the test records."""
-    assert verdict.error is not None
-    table = data.table[list(tree.names)].to_numpy()[-verdict.tested :]
-    expected = float(np.median(tree.predict_with_spread(np.ascontiguousarray(table))[1]))
-    factor = float(np.clip(verdict.error / expected, *_SPREADS)) if expected > 0.0 else 1.0
-    return dataclasses.replace(tree, spread=factor * tree.spread)
-
-
 def _plausible(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the episodes without successes of an impossible duration; a failure may take any time."""
     durations, good = rows["duration"].to_numpy(dtype=float), rows["success"].to_numpy(dtype=bool)
@@ -205,10 +133,13 @@ def _plausible(rows: pd.DataFrame) -> pd.DataFrame:
     return rows[~good | ((durations > 0.0) & (durations < max(10.0 * usual, 1.0)))]
 
 
-CAUTION = ThresholdGate(0.05, 0.5)
-"""Gate of models without one: it accepts more as their spreads, and with them their errors, shrink."""
-_FORMER = 3  # earlier sets whose models are candidates
-_STARTED_WITH = "the models of the start"
+def _means(data: Mapping[str, TrainingData]) -> dict[str, ModelTree]:
+    """Return constant trees of the means of the measures, for an action without a model."""
+    return {
+        measure: constant(of.table.columns[0], float(np.mean(of.values)), len(of.values))
+        for measure, of in data.items()
+        if len(of.values) >= _LEAST_RECORDS
+    }
 
 
 @dataclass(frozen=True)
@@ -220,9 +151,7 @@ class Source:
     folder : Path
         Folder of the learned sets and the store of records.
     domain : Domain
-        The domain.
     robot : Robot
-        The robot.
     models : Path
         Folder of the models that the node was started with; it may be missing.
     observed : bool
@@ -242,13 +171,11 @@ class Source:
         return (*OBSERVED, *self.domain.goal_features(action, action_set))
 
     def model(self, place: Path, action: str, action_set: str) -> PerformanceModel | None:
-        """Return the model of an action in the folder of a set; None if there is none."""
-        file = place / model_path(action, action_set)
-        if not file.exists():
-            return None
+        """Return the model of an action in the folder of a set; None if there is no usable one."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RobotMismatchWarning)
             try:
+                file = place / model_path(action, action_set)
                 return load_model(file, self.robot, self.domain.known_features)
             except ModelFileError:
                 return None  # the nodes report it
@@ -273,27 +200,45 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
     """
     records, place = source.folder / RECORDS, current_set(source.folder)
     seen = read_manifest(place).seen if place is not None else {}
-    verdicts: dict[str, ActionVerdict] = {}
+    verdicts: dict[str, Verdicts] = {}
+    models: dict[str, PerformanceModel] = {}
     ends: dict[str, int] = {}
     damaged = 0
-    for action_set in action_sets_in(records):
-        if action_set not in source.domain.action_sets:
-            continue
+    for action_set in filter(source.domain.action_sets.__contains__, action_sets_in(records)):
         stored = read_records(records, action_set)
         damaged += stored.damaged
         for action, rows in stored.rows.groupby("action", sort=True):
-            if action in source.domain.actions(action_set):
-                name = f"{action_set}/{action}"
-                verdicts[name] = _verdict(source, str(action), action_set, rows, seen)
-                ends[name] = int(rows[NUMBER].max()) + 1
-    better = any(verdict.model for verdict in verdicts.values())
-    made = _make_set(source, place, verdicts, seen, ends, time) if better else {}
-    actions = {
-        _key(name, measure): {field: value for field, value in vars(found).items() if field != "tree"}
-        for name, verdict in verdicts.items()
-        for measure, found in verdict.measures.items()
-    }
-    return {"made": "", "digest": "", **made, "damaged": damaged, "actions": actions}
+            if action not in source.domain.actions(action_set):
+                continue
+            name = f"{action_set}/{action}"
+            verdicts[name], model = improved(
+                str(action),
+                rows,
+                source.robot,
+                source.features(str(action), action_set),
+                current=source.model(place or source.models, str(action), action_set),
+                seen={measure: seen.get(_key(name, measure), 0) for measure in MEASURES},
+                former=_former(source, place, str(action), action_set),
+            )
+            ends[name] = int(rows[NUMBER].max()) + 1
+            if model is not None:
+                models[name] = model
+    actions: dict[str, dict[str, Any]] = {}
+    reasons: dict[str, str] = {}
+    for name, of_action in verdicts.items():
+        for measure, verdict in of_action.items():
+            key = _key(name, measure)
+            actions[key] = {field: value for field, value in vars(verdict).items() if field != "tree"}
+            if verdict.tree is not None:
+                reasons[key] = verdict.reason
+                seen = {**seen, key: ends[name]}
+    result = {"made": "", "digest": "", "damaged": damaged, "actions": actions}
+    if models:
+        made = _make_set(source, place or source.models, models, verdicts)
+        episodes = {name: max(v.episodes for v in of_action.values()) for name, of_action in verdicts.items()}
+        digest = seal(made, time=time, episodes=episodes, seen=seen, reasons=reasons)
+        result |= {"made": str(made), "digest": digest}
+    return result
 
 
 def _key(name: str, measure: str) -> str:
@@ -301,107 +246,50 @@ def _key(name: str, measure: str) -> str:
     return name if measure == "duration" else f"{name}/{measure}"
 
 
-def _verdict(
-    source: Source, action: str, action_set: str, rows: pd.DataFrame, seen: Mapping[str, int]
-) -> ActionVerdict:
-    place = current_set(source.folder)
-    current = source.model(place or source.models, action, action_set)
-    former: dict[str, PerformanceModel] = {}
-    earlier = [other for other in sets_in(source.folder) if place is None or other.name < place.name]
-    for other in (*((source.models,) if place else ()), *(earlier[-_FORMER:] if place else ())):
-        model = source.model(other, action, action_set)
-        if model is not None:
-            former[_STARTED_WITH if other == source.models else f"set {other.name[:6]}"] = model
-    return improved(
-        action,
-        rows,
-        source.robot,
-        source.features(action, action_set),
-        current=current,
-        seen={measure: seen.get(_key(f"{action_set}/{action}", measure), 0) for measure in MEASURES},
-        former=former,
-    )
+def _former(source: Source, place: Path | None, action: str, action_set: str) -> dict[str, PerformanceModel]:
+    """Return the models of an action that were in use before a set, by the names of their sets."""
+    if place is None:
+        return {}
+    earlier = [other for other in sets_in(source.folder) if other.name < place.name]
+    places = {"the models of the start": source.models}
+    places |= {f"set {other.name[:6]}": other for other in earlier[-_FORMER:]}
+    found = {name: source.model(other, action, action_set) for name, other in places.items()}
+    return {name: model for name, model in found.items() if model is not None}
 
 
 def _make_set(
-    source: Source,
-    place: Path | None,
-    verdicts: Mapping[str, ActionVerdict],
-    seen: Mapping[str, int],
-    ends: Mapping[str, int],
-    time: str,
-) -> dict[str, Any]:
-    """Make a set of the present one and the better models; return its folder and digest."""
+    source: Source, base: Path, models: Mapping[str, PerformanceModel], verdicts: Mapping[str, Verdicts]
+) -> Path:
+    """Make a set of the files of `base` and the better models; return its folder."""
     made = new_set_folder(source.folder)
-    changes: list[Change] = []
-    known = dict(seen)
     for action_set in source.domain.action_sets:
-        _copy(place or source.models, made, action_set)
-    for name, verdict in verdicts.items():
-        if verdict.model is None:
-            continue
+        folder = models_folder(made, action_set)
+        folder.mkdir(exist_ok=True)
+        for file in models_folder(base, action_set).glob("*.json"):
+            shutil.copyfile(file, folder / file.name)
+    for name, model in models.items():
         action_set, action = name.split("/")
-        better = _changes(action_set, action, verdict)
-        kinds = "; ".join(f"{change.measure}: {change.kind}" for change in better)
-        episodes = max(found.episodes for found in verdict.measures.values())
-        former = source.model(place or source.models, action, action_set)
+        folder = models_folder(made, action_set)
+        found = verdicts[name]
+        kinds = "; ".join(f"{measure}: {of.kind}" for measure, of in found.items() if of.tree is not None)
+        former = source.model(base, action, action_set)
         # Kept, since records of refined chains cover less of the ranges of starts.
-        known_starts = {"starts": former.experience} if former is not None and former.experience else {}
+        starts = {"starts": former.experience} if former is not None and former.experience else {}
+        episodes = max(verdict.episodes for verdict in found.values())
         metadata = {
             "action_set": action_set,
-            "training": {"command": "learning", "kind": kinds, "episodes": episodes, **known_starts},
+            "training": {"command": "learning", "kind": kinds, "episodes": episodes, **starts},
             "versions": library_versions(),
             "robot_digest": source.robot.digest(),
         }
-        model = dataclasses.replace(verdict.model, metadata=metadata)
-        save_model(made / model_path(action, action_set), model)
-        changes += better
-        known |= {_key(name, change.measure): ends[name] for change in better}
-        gate = made / model_path("gate", action_set)
-        if not gate.exists():
+        save_model(folder / f"{action}.json", dataclasses.replace(model, metadata=metadata))
+        if not (folder / GATE).exists():
             widths = usual_widths(source.robot) if source.observed else {}
             cautious = dataclasses.replace(CAUTION, widths=widths)
-            save_gate(gate, cautious, {"command": "learning"}, action_set)
-    for action_set in {change.action_set for change in changes}:
-        _keep_matching(source, made, action_set)
-    manifest = {
-        "time": time,
-        "parent": place.name if place is not None else "",
-        "episodes": {
-            name: max(found.episodes for found in verdict.measures.values())
-            for name, verdict in verdicts.items()
-        },
-        "seen": known,
-    }
-    return {"made": str(made), "digest": seal(made, manifest, tuple(changes))}
-
-
-def _changes(action_set: str, action: str, verdict: ActionVerdict) -> list[Change]:
-    """Return why the trees of an action's model were replaced."""
-    return [
-        Change(action_set, action, found.kind, found.tested, found.before, found.after, found.chance, measure)
-        for measure, found in verdict.measures.items()
-        if found.tree is not None and found.after is not None and found.chance is not None
-    ]
-
-
-def _copy(place: Path, made: Path, action_set: str) -> None:
-    """Copy the files of an action set."""
-    folder = model_path("any", action_set).parent
-    (made / folder).mkdir(exist_ok=True)
-    for file in (place / folder).glob("*.json"):
-        if is_model(file) or file.stem in ("gate", "calibration"):
-            shutil.copyfile(file, made / folder / file.name)
-
-
-def _keep_matching(source: Source, made: Path, action_set: str) -> None:
-    """Remove the corrections of models that changed: trees fitted to executed chains have no bias."""
-    folder = (made / model_path("any", action_set)).parent
-    try:
+            save_gate(folder / GATE, cautious, {"command": "learning"}, action_set)
+        # Trees fitted to executed chains have no bias: their corrections go.
         calibration = load_calibration_if_any(folder)
-    except RefinementError:
-        (folder / CALIBRATION).unlink()
-        return
-    models = {action: source.model(made, action, action_set) for action in calibration.shortfalls}
-    if calibration.shortfalls:
-        save_calibration(folder / CALIBRATION, calibration.matching(models), {"command": "learning"})
+        if action in calibration.shortfalls:
+            others = {other: each for other, each in calibration.shortfalls.items() if other != action}
+            save_calibration(folder / CALIBRATION, Calibration(others), {"command": "learning"})
+    return made

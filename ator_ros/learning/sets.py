@@ -2,25 +2,20 @@
 
     FOLDER/sets/000003-1f0c…/    a set: laid out as models/, with set.manifest; never changed
     FOLDER/current               link to the set in use; replaced atomically
-    FOLDER/lock                  held by the node that writes here
 
 Readers resolve `current` first and then read one folder, so that two sets are never mixed.
 """
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import hashlib
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated
 
 from ator_ros.files import load, save
-from ator_ros.schema import Within
 
 KIND = "learned set"
 MANIFEST = "set.manifest"
@@ -32,37 +27,7 @@ _SETS = "sets"
 
 
 class LearnedSetError(ValueError):
-    """A folder of learned sets, or a set, that cannot be used; the message names it."""
-
-
-@dataclass(frozen=True)
-class Change:
-    """Why a tree of an action's model was replaced.
-
-    Attributes
-    ----------
-    action_set, action : str
-        Names of both.
-    kind : str
-        Name of the new tree, see `candidates`.
-    tested : int
-        Number of records on which both trees were compared; neither was learned from them.
-    before, after : float or None
-        Mean loss of the predictions of these, see `RoundVerdict`; None: there was no tree.
-    chance : float
-        p-value, see `Comparison`.
-    measure : str
-        Measure that the tree predicts.
-    """
-
-    action_set: str
-    action: str
-    kind: str
-    tested: int
-    before: float | None
-    after: float
-    chance: Annotated[float, Within(0.0, 1.0)]
-    measure: str = "duration"
+    """A set that cannot be used; the message names it."""
 
 
 @dataclass(frozen=True)
@@ -75,30 +40,26 @@ class Manifest:
         Digest of the files of the set, without this one.
     time : str
         When it was learned, as in 2026-01-31T12:00:00Z.
-    parent : str
-        Name of the set before; empty: the models that the node was started with.
     episodes : mapping
         Number of records by action set and action.
     seen : mapping
         Number from which on records are new to it, by action set, action and, but for durations, measure.
-    changes : tuple of Change
-        The trees that were replaced.
+    reasons : mapping
+        Why trees were replaced, by the same names.
     """
 
     digest: str
     time: str
-    parent: str
     episodes: dict[str, int]
     seen: dict[str, int]
-    changes: tuple[Change, ...] = field(default=())
+    reasons: dict[str, str] = field(default_factory=dict)
 
 
 def digest_of(folder: Path) -> str:
     """Return a short digest of the files of a set, without its manifest."""
     sha = hashlib.sha256()
     for file in sorted(folder.rglob("*.json")):
-        if file.name != MANIFEST:
-            sha.update(str(file.relative_to(folder)).encode() + b"\0" + file.read_bytes() + b"\0")
+        sha.update(str(file.relative_to(folder)).encode() + b"\0" + file.read_bytes() + b"\0")
     return sha.hexdigest()[:16]
 
 
@@ -110,12 +71,11 @@ def read_manifest(folder: Path) -> Manifest:
     LearnedSetError
         The manifest cannot be read, or the files have another digest.
     """
-    file = folder / MANIFEST
-    manifest = load(file, KIND, Manifest, error=LearnedSetError)
+    manifest = load(folder / MANIFEST, KIND, Manifest, error=LearnedSetError)
     try:
         found = digest_of(folder)
     except OSError as error:
-        raise LearnedSetError(f"{file}: expected a set of models: {error}") from error
+        raise LearnedSetError(f"{folder}: expected a set of models: {error}") from error
     if found != manifest.digest:
         raise LearnedSetError(f"{folder}: expected files with the digest {manifest.digest}, got {found}")
     return manifest
@@ -130,45 +90,23 @@ def current_set(folder: Path) -> Path | None:
     return folder / name
 
 
-@contextlib.contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Lock a folder of learned sets against other writers during the block; a killed process frees it.
-
-    Raises
-    ------
-    LearnedSetError
-        Another process holds the lock.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    # Opening a pipe would wait for its other end.
-    with open(folder / "lock", "a", opener=lambda path, flags: os.open(path, flags | os.O_NONBLOCK)) as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise LearnedSetError(
-                f"{folder}: expected a folder of its own, another node learns here"
-            ) from error
-        yield
-
-
 def new_set_folder(folder: Path) -> Path:
     """Return an empty folder for a new set; see `publish`."""
-    sets = folder / _SETS
-    sets.mkdir(parents=True, exist_ok=True)
-    place = sets / f".new-{os.getpid()}"
+    place = folder / _SETS / f".new-{os.getpid()}"
     shutil.rmtree(place, ignore_errors=True)
-    place.mkdir()
+    place.mkdir(parents=True)
     return place
 
 
-def seal(made: Path, manifest: Mapping[str, object], changes: tuple[Change, ...]) -> str:
-    """Write the manifest of a new set, and return its digest."""
-    digest = digest_of(made)
-    content = {"digest": digest, **manifest, "changes": [asdict(change) for change in changes]}
-    save(made / MANIFEST, KIND, content)
+def seal(
+    made: Path, *, time: str, episodes: Mapping[str, int], seen: Mapping[str, int], reasons: Mapping[str, str]
+) -> str:
+    """Write the manifest of a new set, see `Manifest`, and return its digest."""
+    manifest = Manifest(digest_of(made), time, dict(episodes), dict(seen), dict(reasons))
+    save(made / MANIFEST, KIND, asdict(manifest))
     for file in filter(Path.is_file, made.rglob("*")):
         _sync(file)
-    return digest
+    return manifest.digest
 
 
 def publish(folder: Path, made: Path) -> Path:
@@ -201,16 +139,13 @@ def point_to(folder: Path, place: Path) -> None:
 
 def sets_in(folder: Path) -> list[Path]:
     """Return all published sets, oldest first."""
-    places = (folder / _SETS).iterdir() if (folder / _SETS).is_dir() else ()
-    return sorted(place for place in places if place.name[:6].isdecimal())
+    return sorted(place for place in (folder / _SETS).glob("*") if place.name[:6].isdecimal())
 
 
 def remove_old(folder: Path) -> None:
     """Remove unfinished sets, and all but the newest `KEPT` and the one in use."""
     used = current_set(folder)
-    for place in (folder / _SETS).glob(".new-*"):
-        shutil.rmtree(place, ignore_errors=True)
-    for place in sets_in(folder)[:-KEPT]:
+    for place in (*(folder / _SETS).glob(".new-*"), *sets_in(folder)[:-KEPT]):
         if place != used:
             shutil.rmtree(place, ignore_errors=True)
 

@@ -19,9 +19,9 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.records import ENDED, episode_of
 from ator_ros.experience.store import StoreInfo
-from ator_ros.learning.learner import Learner, LearningPace
+from ator_ros.files import exclusive_folder
+from ator_ros.learning.learner import Learner
 from ator_ros.learning.process import RoundProcess
-from ator_ros.learning.sets import LearnedSetError, locked
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
 from ator_ros.nodes.models import read_models
 from ator_ros.nodes.parameters import (
@@ -88,14 +88,15 @@ class LearningNode(Node):
             **{name: settings[name] for name in ("domain", "robot", "models", "observed")},
         )
         try:
-            self._open.enter_context(locked(folder))
+            self._open.enter_context(exclusive_folder(folder))
             self._learner = Learner(
                 folder,
                 StoreInfo(robot.digest(), self._domain.name),
                 lambda: begin(time=_now()),
-                LearningPace(settings["batch"], settings["most_episodes"]),
+                batch=settings["batch"],
+                most=settings["most_episodes"],
             )
-        except (LearnedSetError, ExperienceError, OSError) as error:
+        except (ExperienceError, OSError) as error:
             self._open.close()
             raise SetupError(f"parameter learned: {error}") from error
         for action_set in self._domain.action_sets:
