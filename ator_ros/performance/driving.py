@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 from ator_ros.robot.description import Limits, Robot
-from ator_ros.schema import Within, require, structured
+from ator_ros.schema import Within, require
 
 LEVELS = 10
 """Ranges of speed, of equal width up to the greatest, for which turn rates are kept."""
 _FULL = (1.0,) * LEVELS
+_Observed = Annotated[float, Within(1e-6, 1000.0)]
+_Share = Annotated[float, Within(0.0, 1.0)]
+
+
+@dataclass(frozen=True, slots=True)
+class ObservedLimits(Limits):
+    """Limits that odometry showed: they may lie beyond what a robot's description may say."""
+
+    v: _Observed
+    w: _Observed
+    a: _Observed
+    brake: _Observed
+    aw: _Observed
 
 
 @dataclass(frozen=True)
@@ -34,62 +46,20 @@ class DrivingStyle:
         losing speed.
     """
 
-    limits: Limits
+    limits: ObservedLimits
     backward: bool = True
-    run: float | None = 0.0
-    passing: float = 0.0
-    steady: tuple[float, ...] = _FULL
-    braking: tuple[float, ...] = _FULL
-
-    @staticmethod
-    def from_dict(data: Mapping[str, Any]) -> DrivingStyle:
-        """Return the style whose fields are in `data`, as `dataclasses.asdict` gives them to a JSON file.
-
-        Raises
-        ------
-        SchemaError
-            The data are not of this form.
-        """
-        read = structured(data, _Seen, closed=True)
-        limits = Limits(**asdict(read.limits))
-        return DrivingStyle(limits, read.backward, read.run, read.passing, read.steady, read.braking)
-
-
-def plain_driving(robot: Robot) -> DrivingStyle:
-    """Return the assumption for an action that was not observed: all that the base can do."""
-    return DrivingStyle(robot.limits)
-
-
-@dataclass(frozen=True)
-class _SeenLimits:
-    """As in `Limits`; what was seen of an action may lie beyond what a robot's description may say."""
-
-    v: float
-    w: float
-    a: float
-    brake: float
-    aw: float
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        for name, value in asdict(self).items():
-            require(0.0 < value < 1000.0, name, "a number above 0 and below 1000", value)
-
-
-@dataclass(frozen=True)
-class _Seen:
-    """A `DrivingStyle` in a file."""
-
-    limits: _SeenLimits
-    backward: bool
-    run: Annotated[float, Within(0.0)] | None
-    passing: Annotated[float, Within(0.0)]
-    steady: tuple[Annotated[float, Within(0.0, 1.0)], ...]
-    braking: tuple[Annotated[float, Within(0.0, 1.0)], ...]
+    run: Annotated[float, Within(0.0)] | None = 0.0
+    passing: Annotated[float, Within(0.0)] = 0.0
+    steady: tuple[_Share, ...] = _FULL
+    braking: tuple[_Share, ...] = _FULL
 
     def __post_init__(self) -> None:
         """Check the number of turn rates."""
         for name in ("steady", "braking"):
-            require(
-                len(getattr(self, name)) == LEVELS, name, f"{LEVELS} turn rates", len(getattr(self, name))
-            )
+            count = len(getattr(self, name))
+            require(count == LEVELS, name, f"{LEVELS} turn rates", count)
+
+
+def plain_driving(robot: Robot) -> DrivingStyle:
+    """Return the assumption for an action that was not observed: all that the base can do."""
+    return DrivingStyle(ObservedLimits(**asdict(robot.limits)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,12 +27,7 @@ _BESIDE = {"gate", "calibration"}
 
 @dataclass(frozen=True)
 class _ModelFile:
-    """The fields of a model file.
-
-    features: unit by name; training: digest of the rows, episodes, examples, seed, command, ranges of the
-    starts; accuracy: on fresh episodes, empty if not measured; trees: by measure; kinds and driving: left out
-    by models without them.
-    """
+    """The fields of a model file; features: unit by name; accuracy: empty if not measured."""
 
     action: str
     action_set: str
@@ -44,10 +39,10 @@ class _ModelFile:
     at_goal: AtGoal | None
     trees: dict[Annotated[str, OneOf(tuple(MEASURES))], StoredTree]
     kinds: dict[str, Any] | None = None
-    driving: dict[str, Any] | None = None
+    driving: DrivingStyle | None = None
 
     def __post_init__(self) -> None:
-        """Check that durations are predicted, and the ranges of experience."""
+        """Check what the annotations do not."""
         require("duration" in self.trees, "trees.duration", "a tree", None)
         starts = self.training.get("starts", {})
         require(isinstance(starts, dict), "training.starts", "ranges by name", starts)
@@ -57,9 +52,8 @@ class _ModelFile:
             place = f"training.starts.{short_path(name)}"
             require(sound, place, "a least and a greatest number", bounds)
         for name in ("mae_s", "rmse_s") if self.accuracy else ():
-            value = self.accuracy.get(name, -1.0)
-            sound = _is_finite(value) and value >= 0.0
-            require(sound, f"accuracy.{name}", "a finite number of at least 0", value)
+            value = self.accuracy.get(name)
+            require(_is_finite(value), f"accuracy.{name}", "a finite number", value)
 
 
 class ModelFileError(ValueError):
@@ -94,22 +88,10 @@ def models_folder(top: Path, action_set: str = DEFAULT_SET) -> Path:
 
 
 def save_model(path: Path | str, model: PerformanceModel) -> None:
-    """Write `model` and its metadata, whole or not at all; the same model gives the same bytes.
+    """Write `model`, whole or not at all; the same model gives the same bytes.
 
-    Parameters
-    ----------
-    path : Path or str
-        The JSON file.
-    model : PerformanceModel
-        Its `metadata` gives action_set, training, versions and accuracy.
-
-    Raises
-    ------
-    ModelFileError
-        Another file beside the models has the action's name.
+    Its `metadata` gives action_set, training, versions and accuracy.
     """
-    if model.action in _BESIDE:
-        raise ModelFileError(f"action: expected a name other than {model.action}, which another file has")
     names = dict.fromkeys(name for tree in model.trees.values() for name in tree.names)
     file = _ModelFile(
         action=model.action,
@@ -122,22 +104,15 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         at_goal=model.at_goal,
         trees={measure: stored(tree) for measure, tree in model.trees.items()},
         kinds=kinds_of(model.features.values()) or None,
-        driving=None if model.driving is None else asdict(model.driving),
+        driving=model.driving,
     )
     save(path, KIND, file)
 
 
 def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) -> PerformanceModel:
-    """Read a model.
+    """Read a model that was learned with `robot`; for another one there is a RobotMismatchWarning.
 
-    Parameters
-    ----------
-    path : Path or str
-        The JSON file.
-    robot : Robot
-        For whose limits features are computed; another one than in learning raises a RobotMismatchWarning.
-    features : mapping of str to Feature
-        All features that the file may name; see `Domain.known_features`.
+    `features` are all that the file may name, see `Domain.known_features`.
 
     Raises
     ------
@@ -152,29 +127,25 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
         if units.get(name) != unit:
             known = f"in {units[name]!r}" if name in units else f"one of {', '.join(features)}"
             raise ModelFileError(f"{path}: features.{name}: expected a feature {known}, got unit {unit!r}")
-    trees = {}
     for measure, tree in file.trees.items():
-        where = f"{path}: trees.{measure}"
-        unknown = set(tree.features) - set(units)
-        if unknown:
+        if unknown := set(tree.features) - set(units):
+            expected = "features that the file lists"
             raise ModelFileError(
-                f"{where}.features: expected features that the file lists, got {sorted(unknown)}"
+                f"{path}: trees.{measure}.features: expected {expected}, got {sorted(unknown)}"
             )
-        try:
-            trees[measure] = restored(tree)
-        except ValueError as error:
-            raise ModelFileError(f"{where}.{error}") from error
     if file.robot_digest != robot.digest():
-        _warn_of_robot(path, file, robot)
-    try:
-        driving = None if file.driving is None else DrivingStyle.from_dict(file.driving)
-    except ValueError as error:
-        raise ModelFileError(f"{path}: driving: {error}") from error
+        warnings.warn(
+            f"{path}: robot_digest: this model of {file.action} was learned with ANOTHER ROBOT "
+            f"({file.robot_digest}) than {robot.name} ({robot.digest()}): its predictions may be wrong. "
+            "Run collect and train with this robot's config.",
+            RobotMismatchWarning,
+            stacklevel=2,
+        )
     named = {**{name: features[name] for name in units}, **_made(path, features, file.kinds)}
-    names = ("action_set", "robot_digest", "training", "versions", "accuracy")
+    names = ("action", "action_set", "robot_digest", "training", "versions", "accuracy")
     metadata = {name: getattr(file, name) for name in names}
-    metadata["action"] = file.action
-    return PerformanceModel(file.action, robot, trees, named, metadata, driving, file.at_goal)
+    trees = {measure: restored(tree) for measure, tree in file.trees.items()}
+    return PerformanceModel(file.action, robot, trees, named, metadata, file.driving, file.at_goal)
 
 
 def _made(
@@ -204,22 +175,7 @@ def load_models(
     action_set: str = DEFAULT_SET,
     folder: Path | None = None,
 ) -> dict[str, PerformanceModel]:
-    """Read all models of an action set.
-
-    Parameters
-    ----------
-    robot : Robot
-    features : mapping of str to Feature
-        As for `load_model`.
-    action_set : str
-        Name of the set.
-    folder : Path, optional
-        By default the shipped models/.
-
-    Returns
-    -------
-    dict
-        Models by the names of their actions.
+    """Read all models of an action set, by action; `folder` is the shipped models/ by default.
 
     Raises
     ------
@@ -249,13 +205,3 @@ def load_models(
 def is_model(file: Path) -> bool:
     """Return whether `file` is named as models are: other files, such as the gate's, may lie beside them."""
     return file.stem not in _BESIDE
-
-
-def _warn_of_robot(path: Path | str, file: _ModelFile, robot: Robot) -> None:
-    warnings.warn(
-        f"{path}: robot_digest: this model of {file.action} was learned with ANOTHER ROBOT "
-        f"({file.robot_digest}) than {robot.name} ({robot.digest()}): its predictions may be wrong. "
-        "Run collect and train with this robot's config.",
-        RobotMismatchWarning,
-        stacklevel=3,
-    )

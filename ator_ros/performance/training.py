@@ -16,7 +16,7 @@ from ator_ros.experience.columns import goal_variables_of_columns
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.derived import ANGLE_BETWEEN, Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.driving import LEVELS, DrivingStyle
+from ator_ros.performance.driving import LEVELS, DrivingStyle, ObservedLimits
 from ator_ros.performance.features import (
     CANDIDATES,
     PATHS,
@@ -28,7 +28,7 @@ from ator_ros.performance.features import (
 from ator_ros.performance.model import MEASURES, UNOBSERVED, AtGoal, PerformanceModel, narrowed
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import ModelTree
-from ator_ros.robot.description import Limits, Robot
+from ator_ros.robot.description import Robot
 from ator_ros.world.state import CONTROL_PERIOD
 
 _EPISODES = 300  # more do not change the estimates
@@ -66,7 +66,7 @@ def from_odometry(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
     change = (np.abs(v[after]) - np.abs(v[after - 1])) / step
     base = robot.limits
     greatest, turning = _quantile(np.abs(v), _GREATEST, base.v), _quantile(np.abs(w), _GREATEST, base.w)
-    limits = Limits(
+    limits = ObservedLimits(
         greatest,
         turning,
         _quantile(change[change > 0.0], _OFTEN, base.a),

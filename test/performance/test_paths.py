@@ -11,15 +11,15 @@ import pandas as pd
 import pytest
 
 from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.driving import DrivingStyle, plain_driving
+from ator_ros.performance.driving import DrivingStyle, ObservedLimits, plain_driving
 from ator_ros.performance.features import GENERAL, IDEAL, OBSERVED, feature_table, names_of
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.paths import path_times
 from ator_ros.performance.training import from_odometry, train
-from ator_ros.robot.description import Limits, load_robot
+from ator_ros.robot.description import load_robot
 
 ROBOT = load_robot()
-SLOW = DrivingStyle(Limits(0.5, 1.0, 0.4, 0.3, 2.0))
+SLOW = DrivingStyle(ObservedLimits(0.5, 1.0, 0.4, 0.3, 2.0))
 DESCRIBED = {"drive_time", "drive_turn", "dribble_time", "dribble_turn", "run_up_time"}
 
 

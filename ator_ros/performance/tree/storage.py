@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -40,14 +41,8 @@ class StoredLeaf:
 
     def __post_init__(self) -> None:
         """Check the range."""
-        require(len(self.range) == 2, "range", "two numbers or nulls", list(self.range))
-        low, high = self.bounds()
-        require(low <= high, "range", "the lower bound first", list(self.range))
-
-    def bounds(self) -> tuple[float, float]:
-        """Return the least and the greatest prediction; infinite where there is no bound."""
-        low, high = self.range
-        return -math.inf if low is None else low, math.inf if high is None else high
+        sound = len(self.range) == 2 and (None in self.range or self.range[0] <= self.range[1])  # type: ignore[operator]
+        require(sound, "range", "two numbers or nulls, the lower bound first", list(self.range))
 
 
 @dataclass(frozen=True)
@@ -61,6 +56,9 @@ class StoredSplit:
     above: StoredSplit | StoredLeaf
 
 
+StoredNode = StoredSplit | StoredLeaf
+
+
 @dataclass(frozen=True)
 class StoredTree:
     """A tree: the names of its features in column order, and its root."""
@@ -72,76 +70,70 @@ class StoredTree:
         """Check the names."""
         once = len(set(self.features)) == len(self.features) > 0
         require(once, "features", "names, each once", list(self.features))
+        for node in _preorder(self.root):
+            used = {node.feature} if isinstance(node, StoredSplit) else node.slopes.keys()
+            unknown = sorted(used - set(self.features))
+            require(not unknown, "root", f"the features {', '.join(self.features)}", unknown)
+
+
+def _preorder(node: StoredNode) -> Iterator[StoredNode]:
+    yield node
+    if isinstance(node, StoredSplit):
+        yield from _preorder(node.at_most)
+        yield from _preorder(node.above)
 
 
 def stored(tree: ModelTree) -> StoredTree:
     """Return the tree as dataclasses; `restored` makes the same tree of them."""
-    nodes: list[StoredSplit | StoredLeaf] = []
-    last = len(tree.feature) - 1
-    # From the last node to the first, the nodes below are there before the node itself.
-    for number in reversed(range(len(tree.feature))):
-        samples = float(tree.samples[number])
-        if tree.is_leaf[number]:
-            slopes = zip(tree.names, tree.coefficients[number], strict=True)
-            bounds = (float(tree.lower[number]), float(tree.upper[number]))
-            nodes.append(
-                StoredLeaf(
-                    samples,
-                    float(tree.intercept[number]),
-                    {name: float(slope) for name, slope in slopes if slope},
-                    tuple(bound if math.isfinite(bound) else None for bound in bounds),
-                    float(tree.spread[number]),
-                )
-            )
-        else:
-            at_most, above = (nodes[last - int(child)] for child in tree.children[number])
-            name, threshold = tree.names[tree.feature[number]], float(tree.threshold[number])
-            nodes.append(StoredSplit(samples, name, threshold, at_most, above))
-    return StoredTree(tree.names, nodes[-1])
+    return StoredTree(tree.names, _stored_node(tree, 0))
+
+
+def _stored_node(tree: ModelTree, number: int) -> StoredNode:
+    samples = float(tree.samples[number])
+    if not tree.is_leaf[number]:
+        at_most, above = (_stored_node(tree, int(child)) for child in tree.children[number])
+        name, threshold = tree.names[tree.feature[number]], float(tree.threshold[number])
+        return StoredSplit(samples, name, threshold, at_most, above)
+    slopes = zip(tree.names, tree.coefficients[number].tolist(), strict=True)
+    bounds = (float(tree.lower[number]), float(tree.upper[number]))
+    return StoredLeaf(
+        samples,
+        float(tree.intercept[number]),
+        {name: slope for name, slope in slopes if slope},
+        tuple(bound if math.isfinite(bound) else None for bound in bounds),
+        float(tree.spread[number]),
+    )
 
 
 def restored(tree: StoredTree) -> ModelTree:
-    """Return the tree that was stored; it predicts the same to the last bit.
-
-    Raises
-    ------
-    ValueError
-        A node names a feature that the tree lacks.
-    """
-    columns = {name: column for column, name in enumerate(tree.features)}
-
-    def column_of(name: str) -> int:
-        require(name in columns, "root", f"the features {', '.join(columns)}", name)
-        return columns[name]
-
-    rows: list[tuple[float, ...]] = []
-    coefficients: list[list[float]] = []
-    children: list[list[int]] = []
-    waiting: list[tuple[StoredSplit | StoredLeaf, int, int]] = [(tree.root, -1, 0)]
-    while waiting:
-        node, parent, side = waiting.pop()
-        number, slopes = len(rows), [0.0] * len(columns)
-        if parent >= 0:
-            children[parent][side] = number
-        children.append([number, number])
+    """Return the tree that was stored; it predicts the same to the last bit."""
+    nodes = list(_preorder(tree.root))
+    numbers = {id(node): number for number, node in enumerate(nodes)}
+    column = {name: number for number, name in enumerate(tree.features)}
+    children = np.repeat(np.arange(len(nodes), dtype=np.intp)[:, None], 2, axis=1)
+    feature = np.zeros(len(nodes), dtype=np.intp)
+    coefficients = np.zeros((len(nodes), len(column)))
+    threshold, intercept, lower, upper, spread = np.zeros((5, len(nodes)))
+    for number, node in enumerate(nodes):
         if isinstance(node, StoredSplit):
-            rows.append((column_of(node.feature), node.threshold, 0.0, 0.0, 0.0, 0.0, node.samples))
-            waiting += [(node.above, number, 1), (node.at_most, number, 0)]
+            feature[number], threshold[number] = column[node.feature], node.threshold
+            children[number] = numbers[id(node.at_most)], numbers[id(node.above)]
         else:
+            low, high = node.range
+            intercept[number], spread[number] = node.intercept, node.spread
+            lower[number] = -math.inf if low is None else low
+            upper[number] = math.inf if high is None else high
             for name, slope in node.slopes.items():
-                slopes[column_of(name)] = slope
-            rows.append((0, 0.0, node.intercept, *node.bounds(), node.spread, node.samples))
-        coefficients.append(slopes)
-    feature, threshold, intercept, lower, upper, spread, samples = np.array(rows).T.copy()
+                coefficients[number, column[name]] = slope
     return ModelTree(
         names=tree.features,
-        feature=feature.astype(np.intp),
+        feature=feature,
         threshold=threshold,
-        children=np.array(children, dtype=np.intp),
+        children=children,
         intercept=intercept,
-        coefficients=np.array(coefficients),
+        coefficients=coefficients,
         lower=lower,
         upper=upper,
         spread=spread,
-        samples=samples,
+        samples=np.array([node.samples for node in nodes]),
     )
