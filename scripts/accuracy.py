@@ -21,22 +21,22 @@ from ator_ros.performance.accuracy import accuracy
 from ator_ros.performance.features import IDEAL, PAPER_3, PAPER_11, SIGNED, Feature
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import is_model, load_model
-from ator_ros.performance.training import Training, train
+from ator_ros.performance.training import train
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import AT_REST
 
 PAPER_ERRORS: Mapping[str, str] = {"goToPose": "0.31 / 0.75", "dribbleBall": "0.29 / 0.73"}
 """Mean absolute and root-mean-square error in s that the paper reports, by action."""
 Features = tuple[Feature, ...]
-_Row = tuple[Features, Training]
+_Row = tuple[Features, bool]
 ABLATION: dict[str, _Row] = {
-    "the paper's 3, all 10 Hz examples": (PAPER_3, Training(later_weight=1.0)),
-    "the paper's 3, starts": (PAPER_3, Training()),
-    "the paper's 11, all 10 Hz examples": (PAPER_11, Training(later_weight=1.0)),
-    "the paper's 11, starts": (PAPER_11, Training()),
-    "3, signed angles and velocities, starts": ((*PAPER_3, *SIGNED), Training()),
+    "the paper's 3, all 10 Hz examples": (PAPER_3, True),
+    "the paper's 3, starts": (PAPER_3, False),
+    "the paper's 11, all 10 Hz examples": (PAPER_11, True),
+    "the paper's 11, starts": (PAPER_11, False),
+    "3, signed angles and velocities, starts": ((*PAPER_3, *SIGNED), False),
 }
-"""First rows of the ablation: candidate features, and weights of starts and later examples."""
+"""First rows of the ablation: candidate features, and whether to learn from all examples."""
 
 
 def accuracy_table(models: Iterable[PerformanceModel], published: Mapping[str, str]) -> Iterator[str]:
@@ -110,8 +110,8 @@ def ablation_table(
             continue
         starts = fresh[action]
         starts = starts[(starts["t"] == 0.0) & (starts["v"].abs() <= AT_REST.v)]
-        for label, (features, how) in _rows(domain, action).items():
-            model = train(action, rows, robot, features=features, training=how)
+        for label, (features, all_examples) in _rows(domain, action).items():
+            model = train(action, rows, robot, features=features, all_examples=all_examples)
             result = accuracy(model, starts, seed=seed)
             used, leaves = model.used_features, model.trees["duration"].n_leaves
             yield (
@@ -127,10 +127,10 @@ def _rows(domain: Domain, action: str) -> dict[str, _Row]:
     observed = tuple(feature for feature in chosen if not _is_ideal(feature))
     return {
         **ABLATION,
-        "all, all 10 Hz examples": (everything, Training(later_weight=1.0)),
-        "all, starts": (everything, Training()),
-        "chosen, without ideal times, starts": (observed, Training()),
-        "chosen, starts (shipped)": (chosen, Training()),
+        "all, all 10 Hz examples": (everything, True),
+        "all, starts": (everything, False),
+        "chosen, without ideal times, starts": (observed, False),
+        "chosen, starts (shipped)": (chosen, False),
     }
 
 

@@ -6,7 +6,7 @@ import dataclasses
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -25,7 +25,7 @@ from ator_ros.performance.features import (
     feature_table,
     names_of,
 )
-from ator_ros.performance.model import MEASURES, UNOBSERVED, AtGoal, PerformanceModel, narrowed
+from ator_ros.performance.model import UNOBSERVED, AtGoal, PerformanceModel, narrowed
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
@@ -42,14 +42,9 @@ _BETTER = 0.97  # share of the error that a change of run or passing must leave 
 
 
 def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
-    """Return how an action drives.
+    """Return how an action drives by its rows of an experience table.
 
-    Parameters
-    ----------
-    rows : pandas.DataFrame
-        Its rows of an experience table.
-    robot : Robot
-        Its limits hold where too little was seen.
+    The robot's limits hold where too little was seen.
     """
     rows = rows[rows["episode"].isin(rows["episode"].unique()[:_EPISODES])]
     seen = from_odometry(rows, robot)
@@ -151,29 +146,13 @@ class TrainingError(ValueError):
     """Experience that a model cannot be learned from."""
 
 
-@dataclass(frozen=True)
-class Training:
-    """How a model is learned.
-
-    Attributes
-    ----------
-    start_weight : float
-        How many rows a start of an episode counts as.
-    later_weight : float
-        The same for the examples logged later in an episode; 0 leaves them out.
-    """
-
-    start_weight: float = 1.0
-    later_weight: float = 0.0
-
-
 def train(
     action: str,
     rows: pd.DataFrame,
     robot: Robot,
     *,
     features: Sequence[Feature] = CANDIDATES,
-    training: Training | None = None,
+    all_examples: bool = False,
 ) -> PerformanceModel:
     """Learn the performance model of `action`.
 
@@ -182,24 +161,27 @@ def train(
 
     Parameters
     ----------
-    action : str
-        Name of the action.
     rows : pandas.DataFrame
         Its rows of an experience table.
     robot : Robot
         The robot of the experience.
     features : sequence of Feature
         Candidate features.
-    training : Training, optional
-        Weights.
+    all_examples : bool
+        Learn durations from all rows instead of the starts of episodes.
 
     Raises
     ------
     TrainingError
         Too few episodes have succeeded, or rows lack values of a goal variable that a feature derives from.
     """
-    how = training or Training()
-    _check_values(action, rows, features)
+    for name in declared_by(features):
+        missing = rows[name].isna().sum() if name in rows else len(rows)
+        if missing:
+            raise TrainingError(
+                f"{action}: {name}: expected a value in each row of experience, "
+                f"{missing} of {len(rows)} have none"
+            )
     starts = rows[rows["t"] == 0.0]
     good, good_starts = rows[rows["success"]], starts[starts["success"]]
     if len(good_starts) < LEAST_EPISODES:
@@ -208,76 +190,40 @@ def train(
             f"got {len(good_starts)} of {len(starts)}"
         )
     driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
-    source = _Source(robot, tuple(features), driving)
-    trees = {"duration": _duration_tree(good, source, how)}
-    trees["success"] = _success_tree(starts, source)
+    table = partial(_features_of, robot=robot, features=features, driving=driving)
+    examples = good if all_examples else good_starts
+    durations = examples["time_to_go"].to_numpy(dtype=float)
+    trees = {"duration": duration_tree(table(examples), durations, examples["episode"].to_numpy())}
+    trees["success"] = _success_tree(starts["success"].to_numpy(dtype=float), table(starts))
     for measure in ("accuracy", "heading"):
         values = good_starts[OUTCOMES[measure]].to_numpy(dtype=float)
         if np.isfinite(values).all():
-            trees[measure] = small_tree(source.table(good_starts), values)
-    chosen = {name: trees[name] for name in MEASURES if name in trees}
+            trees[measure] = small_tree(table(good_starts), values)
     named = {feature.name: feature for feature in features}
     at_goal = observed_at_goal(good_starts, robot)
-    return PerformanceModel(action, robot, chosen, named, driving=driving, at_goal=at_goal)
+    return PerformanceModel(action, robot, trees, named, driving=driving, at_goal=at_goal)
 
 
-def _check_values(action: str, rows: pd.DataFrame, features: Sequence[Feature]) -> None:
-    for name in declared_by(features):
-        known = rows[name].notna() if name in rows else np.zeros(len(rows), dtype=bool)
-        if not np.all(known):
-            raise TrainingError(
-                f"{action}: {name}: expected a value in each row of experience, {int(np.sum(~known))} of "
-                f"{len(rows)} have none"
-            )
+def _features_of(
+    rows: pd.DataFrame, robot: Robot, features: Sequence[Feature], driving: DrivingStyle | None
+) -> pd.DataFrame:
+    """Return the features of rows of an experience table."""
+    table = feature_table(direct_of(rows), robot, features, driving)
+    return pd.DataFrame(table, columns=list(names_of(features)))
 
 
-@dataclass(frozen=True)
-class _Source:
-    """What candidate features are computed from."""
-
-    robot: Robot
-    features: tuple[Feature, ...]
-    driving: DrivingStyle | None
-
-    def table(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Return the features of rows of an experience table."""
-        table = feature_table(direct_of(rows), self.robot, self.features, self.driving)
-        return pd.DataFrame(table, columns=list(names_of(self.features)))
-
-
-def _duration_tree(rows: pd.DataFrame, source: _Source, how: Training) -> ModelTree:
-    weight = np.where(rows["t"] == 0.0, how.start_weight, how.later_weight)
-    rows, weight = rows[weight > 0.0], weight[weight > 0.0]
-    groups = rows["episode"].to_numpy()
-    return duration_tree(source.table(rows), rows["time_to_go"].to_numpy(dtype=float), weight, groups)
-
-
-def duration_tree(
-    table: pd.DataFrame,
-    durations: FloatArray,
-    weight: FloatArray | None = None,
-    groups: np.ndarray | None = None,
-) -> ModelTree:
-    """Learn durations (n,) in s from features; `weight` and `groups` as in `ModelTreeRegressor`."""
-    tree = ModelTreeRegressor(smoothing=_SMOOTHING)
-    return narrowed(tree.fit(table, durations, sample_weight=weight, groups=groups).tree_)
+def duration_tree(table: pd.DataFrame, durations: FloatArray, groups: np.ndarray | None = None) -> ModelTree:
+    """Learn durations (n,) in s from features; `groups` as in `ModelTreeRegressor`."""
+    return narrowed(ModelTreeRegressor(smoothing=_SMOOTHING).fit(table, durations, groups=groups).tree_)
 
 
 def cross_validated_errors(
     rows: pd.DataFrame, robot: Robot, features: Sequence[Feature] = CANDIDATES
 ) -> FloatArray:
-    """Return errors in s, shape (n,), of durations predicted by trees of other episodes.
-
-    Parameters
-    ----------
-    rows : pandas.DataFrame
-        Rows of one action, of which `train` can learn; those of starts of episodes that succeeded are used.
-    robot, features
-        As for `train`.
-    """
+    """Return errors in s, shape (n,), of durations predicted by trees of other episodes; see `train`."""
     starts = rows[(rows["t"] == 0.0) & rows["success"]]
     driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
-    table = _Source(robot, tuple(features), driving).table(starts)
+    table = _features_of(starts, robot, features, driving)
     durations, fold = starts["duration"].to_numpy(dtype=float), np.arange(len(starts)) % _FOLDS
     errors = np.empty(len(starts))
     for number in range(_FOLDS):
@@ -289,20 +235,18 @@ def cross_validated_errors(
 
 def small_tree(table: pd.DataFrame, values: FloatArray, *, leaf: int = SMALL_LEAF) -> ModelTree:
     """Learn a tree of at most eight leaves, for a measure that has little to do with the situation."""
-    tree = ModelTreeRegressor(max_leaves=8, min_samples_leaf=leaf, min_groups_leaf=leaf, extrapolation=0.0)
+    tree = ModelTreeRegressor(max_leaves=8, min_samples_leaf=leaf, extrapolation=0.0)
     return narrowed(tree.fit(table, values).tree_)
 
 
-def _success_tree(starts: pd.DataFrame, source: _Source) -> ModelTree:
+def _success_tree(happened: FloatArray, table: pd.DataFrame) -> ModelTree:
     """Learn the probability of success: the rate of all episodes, unless a tree predicts it better.
 
     A few failures make leaves of any shape, and each would repel refinement, as failures cost much. So the
     tree has to have the smaller squared error (Brier score) on episodes that it was not learned from, by more
     than two standard errors.
     """
-    happened = starts["success"].to_numpy(dtype=float)
-    table, fold = source.table(starts), np.arange(len(starts)) % _FOLDS
-    gains = np.zeros(len(starts))
+    fold, gains = np.arange(len(happened)) % _FOLDS, np.zeros(len(happened))
     for number in range(_FOLDS if happened.min() < happened.max() else 0):
         held, seen = fold == number, fold != number
         tree = small_tree(table[seen], happened[seen])
@@ -310,24 +254,14 @@ def _success_tree(starts: pd.DataFrame, source: _Source) -> ModelTree:
         gains[held] = (happened[seen].mean() - happened[held]) ** 2 - (predicted - happened[held]) ** 2
     if gains.mean() > 2.0 * gains.std() / math.sqrt(len(gains)):
         return small_tree(table, happened)
-    return small_tree(table, np.full(len(starts), happened.mean()))
+    return small_tree(table, np.full(len(happened), happened.mean()))
 
 
 def observed_at_goal(starts: pd.DataFrame, robot: Robot) -> AtGoal | None:
     """Return how long an action takes for a robot that is at its goal already.
 
-    Parameters
-    ----------
-    starts : pandas.DataFrame
-        First rows of episodes that succeeded.
-    robot : Robot
-        The robot of the experience.
-
-    Returns
-    -------
-    AtGoal or None
-        With the widest bounds within which durations hardly differ; the usual one if there is no such
-        episode; None if they differ even next to the goal.
+    `starts` are the first rows of episodes that succeeded. The bounds are the widest within which durations
+    hardly differ; None if they differ even next to the goal. Without such episodes it is the usual one.
     """
     geometry = Geometry(direct_of(starts), robot)
     durations = starts["duration"].to_numpy(dtype=float)
@@ -346,14 +280,13 @@ def observed_at_goal(starts: pd.DataFrame, robot: Robot) -> AtGoal | None:
 
 
 def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
-    """Return the direct variables of rows of an experience table, with the goal variables that they hold."""
-    return {name: rows[name].to_numpy(dtype=float) for name in _direct_names(rows)}
+    """Return the direct variables of rows of an experience table, with the goal variables that they hold.
 
-
-def _direct_names(rows: pd.DataFrame) -> list[str]:
-    """Return the columns of direct variables; what other actions of the table declare is left out."""
+    What other actions of the table declare is left out.
+    """
     declared = map(direct_name, goal_variables_of_columns(rows.columns))
-    return [*DIRECT_VARIABLES, *(name for name in declared if rows[name].notna().any())]
+    names = (*DIRECT_VARIABLES, *(name for name in declared if rows[name].notna().any()))
+    return {name: rows[name].to_numpy(dtype=float) for name in names}
 
 
 def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
@@ -410,5 +343,5 @@ def _turns(starts: pd.DataFrame) -> FloatArray:
 
 def digest(rows: pd.DataFrame) -> str:
     """Return a short digest of the rows that a model was learned from."""
-    numbers = rows[[*_direct_names(rows), "t", "time_to_go", "success"]].to_numpy(dtype=float)
+    numbers = rows[[*direct_of(rows), "t", "time_to_go", "success"]].to_numpy(dtype=float)
     return hashlib.sha256(np.ascontiguousarray(numbers).tobytes()).hexdigest()[:16]

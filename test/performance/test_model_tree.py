@@ -44,7 +44,7 @@ def rmse(actual: Array, predicted: Array) -> float:
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.SkipTestWarning")
 @pytest.mark.parametrize("least", [15, 3])
 def test_is_a_scikit_learn_estimator(least):
-    check_estimator(ModelTreeRegressor(min_samples_leaf=least, min_groups_leaf=min(least, 8)))
+    check_estimator(ModelTreeRegressor(min_samples_leaf=least))
 
 
 def test_finds_the_kinks_better_than_a_tree_of_constants():

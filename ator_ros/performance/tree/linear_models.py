@@ -11,7 +11,10 @@ from ator_ros.performance.tree.nodes import IntArray
 
 # Added to the diagonal of the normal equations of standardised features: it settles features that are
 # constant or collinear in a node, and biases the others by a millionth.
-RIDGE = 1e-6
+_RIDGE = 1e-6
+# How much each term of a model counts in v of the corrected error. Quinlan's 1 does not count the choice of
+# the split and keeps half as many leaves again without being more accurate.
+TERM_COST = 2.0
 # Share of the target's squares that keeps an exact fit from looking better than exact by rounding.
 _ROUNDING = 1e-9
 
@@ -60,23 +63,17 @@ def normal_equations(rows: FloatArray, weight: FloatArray) -> FloatArray:
 def solve(moments: FloatArray) -> FloatArray:
     """Return the linear model of one node with all features, shape (1 + n_features,)."""
     left = moments[:-1, :-1] / moments[0, 0]
-    left.flat[:: len(left) + 1] += RIDGE
+    left.flat[:: len(left) + 1] += _RIDGE
     model: FloatArray = np.linalg.solve(left, moments[:-1, -1] / moments[0, 0])
     return model
 
 
 def residual_squares(moments: FloatArray) -> FloatArray:
-    """Return the sum of squared residuals of the linear model with all features, shape (…).
-
-    Parameters
-    ----------
-    moments : array of float, shape (…, 2 + n_features, 2 + n_features)
-        Normal equations.
-    """
+    """Return the sum of squared residuals of the models with all features; any leading shape."""
     weight = moments[..., 0, 0]
     scaled = moments / weight[..., None, None]
     terms = np.arange(moments.shape[-1] - 1)
-    scaled[..., terms, terms] += RIDGE
+    scaled[..., terms, terms] += _RIDGE
     scaled[..., -1, -1] *= 1.0 + _ROUNDING
     # The last element of the Cholesky factor is what the others leave of the target.
     left: FloatArray = weight * np.linalg.cholesky(scaled)[..., -1, -1] ** 2
@@ -84,16 +81,9 @@ def residual_squares(moments: FloatArray) -> FloatArray:
 
 
 def squared_error(models: FloatArray, moments: FloatArray) -> FloatArray:
-    """Return the sum of squared residuals of each node's model on the rows that its moments were summed over.
+    """Return the sum of squared residuals of each node's model on the rows of its moments, shape (n_nodes,).
 
-    Parameters
-    ----------
-    models : array of float, shape (n_nodes, 1 + n_features)
-    moments : array of float, shape (n_nodes, 2 + n_features, 2 + n_features)
-
-    Returns
-    -------
-    array of float, shape (n_nodes,)
+    Shapes are as in `fit_node_models`.
     """
     residual = np.column_stack([-models, np.ones(len(models))])
     error = np.einsum("ni,nij,nj->n", residual, moments, residual)
@@ -106,21 +96,9 @@ def corrected_error(
 ) -> FloatArray:
     """Return M5's estimate of the root-mean-square error on new rows: RMSE × (n + v) / (n − v).
 
-    Parameters
-    ----------
-    squared : array of float, shape (n_nodes,)
-        Sum of squared residuals on the learning rows.
-    weight : array of float, shape (n_nodes,)
-        Total weight of these rows.
-    samples : array of float, shape (n_nodes,)
-        n: how many of them are independent.
-    terms : array of float, shape (n_nodes,)
-        v: how many terms the model has, the constant included.
-
-    Returns
-    -------
-    array of float, shape (n_nodes,)
-        Infinite where there are no more samples than terms.
+    All arrays have shape (n_nodes,): the sum of squared residuals on the learning rows, the total weight of
+    these, n (how many of them are independent), and v (the terms of the model with the constant). It is
+    infinite where there are no more samples than terms.
     """
     spare = samples - terms
     factor = np.where(spare > 0, (samples + terms) / np.where(spare > 0, spare, 1.0), np.inf)
@@ -129,23 +107,7 @@ def corrected_error(
     return estimate
 
 
-@dataclass(frozen=True, eq=False)
-class NodeModels:
-    """Linear models of all nodes after term removal.
-
-    Attributes
-    ----------
-    models : array of float, shape (n_nodes, 1 + n_features)
-        Constant and slopes, for standardised rows; removed terms are 0.
-    error : array of float, shape (n_nodes,)
-        Corrected error of each model.
-    """
-
-    models: FloatArray
-    error: FloatArray
-
-
-def fit_node_models(moments: FloatArray, samples: FloatArray, *, term_cost: float) -> NodeModels:
+def fit_node_models(moments: FloatArray, samples: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Fit every node's linear model and greedily remove terms while the corrected error does not grow.
 
     The work is done by sweeping all nodes' normal equations together: sweeping a column in or out adds or
@@ -157,31 +119,36 @@ def fit_node_models(moments: FloatArray, samples: FloatArray, *, term_cost: floa
         Normal equations of the nodes over standardised rows.
     samples : array of float, shape (n_nodes,)
         Independent samples of each node.
-    term_cost : float
-        How much one term counts in M5's correction (Quinlan: 1).
+
+    Returns
+    -------
+    models : array of float, shape (n_nodes, 1 + n_features)
+        Constant and slopes, for standardised rows; removed terms are 0.
+    error : array of float, shape (n_nodes,)
+        Corrected error of each model.
     """
     weight = moments[:, 0, 0]
     swept = moments / weight[:, None, None]
     n_terms = moments.shape[1] - 1
     features = np.arange(1, n_terms)
-    swept[:, features, features] += RIDGE
+    swept[:, features, features] += _RIDGE
     for term in range(n_terms):
         swept = _sweep(swept, np.full(len(swept), term, dtype=np.intp))
     kept = np.ones((len(swept), n_terms), dtype=bool)
     error = corrected_error(
-        swept[:, -1, -1] * weight, weight, samples, np.full(len(swept), term_cost * n_terms)
+        swept[:, -1, -1] * weight, weight, samples, np.full(len(swept), TERM_COST * n_terms)
     )
     active = np.arange(len(swept))
     while len(active):
         column, squared = _cheapest_removal(swept[active], kept[active])
-        terms = term_cost * (kept[active].sum(axis=1) - 1)
+        terms = TERM_COST * (kept[active].sum(axis=1) - 1)
         candidate = corrected_error(squared * weight[active], weight[active], samples[active], terms)
         better = np.isfinite(squared) & (candidate <= error[active])
         active, column, candidate = active[better], column[better], candidate[better]
         swept[active] = _sweep(swept[active], column)
         kept[active, column] = False
         error[active] = candidate
-    return NodeModels(np.where(kept, swept[:, :-1, -1], 0.0), error)
+    return np.where(kept, swept[:, :-1, -1], 0.0), error
 
 
 def _cheapest_removal(swept: FloatArray, kept: BoolArray) -> tuple[IntArray, FloatArray]:

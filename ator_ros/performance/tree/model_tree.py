@@ -13,36 +13,27 @@ from sklearn.utils.validation import check_consistent_length, check_is_fitted, c
 
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.performance.tree.linear_models import (
+    TERM_COST,
     Standardised,
     corrected_error,
     fit_node_models,
     squared_error,
 )
 from ator_ros.performance.tree.nodes import IntArray, ModelTree
-from ator_ros.performance.tree.partition import GrownNode, GrowthLimits, Partition
+from ator_ros.performance.tree.partition import GrownNode, Partition
 
 # Deviation of a term, as a share of the model's error, below which it is a trace.
 _TRACE = 0.01
 
 Children = Sequence[tuple[int, int] | None]
+"""Nodes below each node, which have higher numbers; None at a grown leaf."""
 
 
 def prune(children: Children, error: FloatArray, weight: FloatArray) -> BoolArray:
     """Return the nodes that become leaves: their own model is expected to err no more than the tree below.
 
-    Parameters
-    ----------
-    children : sequence of (int, int) or None, length n_nodes
-        Nodes below, which have higher numbers; None at a grown leaf.
-    error : array of float, shape (n_nodes,)
-        Corrected error of each node's own linear model.
-    weight : array of float, shape (n_nodes,)
-        Total weight of each node's rows.
-
-    Returns
-    -------
-    array of bool, shape (n_nodes,)
-        True also at grown leaves; what lies below a leaf is cut off.
+    `error` is the corrected error of each node's own linear model, `weight` that of its rows; all arrays have
+    shape (n_nodes,). Grown leaves are leaves, too; what lies below a leaf is cut off.
     """
     is_leaf = np.ones(len(error), dtype=bool)
     best = error.copy()
@@ -62,14 +53,7 @@ def smooth(children: Children, models: FloatArray, samples: FloatArray, *, smoot
 
     M5 filters a prediction p on its way up to the root, p' = (n p + k q) / (n + k) with q predicted by the
     node above. All of these are linear in the features, so that mixing coefficients once predicts the same.
-
-    Parameters
-    ----------
-    children, samples
-        As in `prune`; `samples` are n.
-    models : array of float, shape (n_nodes, 1 + n_features)
-    smoothing : float
-        k, how many samples the model above counts for; 0 for none.
+    `models` have shape (n_nodes, 1 + n_features), `samples` are n, and `smoothing` is k, 0 for none.
     """
     smoothed = models.copy()
     for node, below in enumerate(children):
@@ -84,15 +68,9 @@ def drop_traces(models: FloatArray, moments: FloatArray, error: FloatArray) -> F
 
     Smoothing leaves traces of the terms of all models above. They would clutter the rules and count as
     features that influence performance (paper, section 4.2). A term goes if its deviation over a node's rows
-    is less than a hundredth of the error; the constant takes over its mean.
-
-    Parameters
-    ----------
-    models : array of float, shape (n_nodes, 1 + n_features)
-    moments : array of float, shape (n_nodes, 2 + n_features, 2 + n_features)
-        Normal equations of the nodes.
-    error : array of float, shape (n_nodes,)
-        Root-mean-square error of each model.
+    is less than a hundredth of the error; the constant takes over its mean. `models` have shape (n_nodes,
+    1 + n_features), their normal equations `moments` (n_nodes, 2 + n_features, 2 + n_features), and their
+    root-mean-square errors `error` (n_nodes,).
     """
     features = np.arange(1, models.shape[1])
     weight = moments[:, :1, 0]
@@ -127,19 +105,10 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     Parameters
     ----------
     min_samples_leaf : float, default=25
-        Least weight (rows, without weights) at a leaf.
-    min_groups_leaf : float, default=25
-        Least groups at a leaf, estimated from the mean number of rows per group at the node above.
-    max_depth : int or None, default=None
-        Most comparisons on a path.
+        Least weight (rows, without weights) at a leaf; with groups their number, estimated from the mean
+        number of rows per group at the node above.
     max_leaves : int, default=500
         How far to grow before pruning, best split first.
-    candidates : int, default=15
-        How many thresholds to try per feature and node, at quantiles.
-    term_cost : float, default=2.0
-        How much each term of a model counts in v of the corrected error: more gives smaller trees, 0 leaves
-        the tree as it grew. Quinlan's 1 does not count the choice of the split and keeps half as many leaves
-        again without being more accurate.
     smoothing : float, default=15.0
         How many samples the model of the node above counts for (M5's k); 0 for none.
     extrapolation : float or None, default=1.0
@@ -159,20 +128,12 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self,
         *,
         min_samples_leaf: float = 25,
-        min_groups_leaf: float = 25,
-        max_depth: int | None = None,
         max_leaves: int = 500,
-        candidates: int = 15,
-        term_cost: float = 2.0,
         smoothing: float = 15.0,
         extrapolation: float | None = 1.0,
     ) -> None:
         self.min_samples_leaf = min_samples_leaf
-        self.min_groups_leaf = min_groups_leaf
-        self.max_depth = max_depth
         self.max_leaves = max_leaves
-        self.candidates = candidates
-        self.term_cost = term_cost
         self.smoothing = smoothing
         self.extrapolation = extrapolation
 
@@ -194,7 +155,7 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         groups : array, shape (n,), optional
             Label of the group of each row, for instance its episode.
         """
-        limits = self._limits()
+        self._check_parameters()
         checked = validate_data(self, X, y, dtype=np.float64, y_numeric=True, order="C")
         features, target = (np.asarray(part, dtype=np.float64) for part in checked)
         weight = _weights(sample_weight, features)
@@ -204,51 +165,32 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             features, target, weight = features[counts], target[counts], weight[counts]
             codes = None if codes is None else codes[counts]
         standard = Standardised.from_rows(features, target, weight)
-        nodes = Partition(features, standard.rows, weight, codes, limits).grow()
+        nodes = Partition(
+            features, standard.rows, weight, codes, float(self.min_samples_leaf), self.max_leaves
+        ).grow()
         names = getattr(self, "feature_names_in_", [f"x{column}" for column in range(features.shape[1])])
         self.tree_ = self._finish(nodes, standard, tuple(str(name) for name in names))
         return self
 
     def predict(self, X: ArrayLike) -> FloatArray:
         """Predict the target of each row of `X` (n, n_features), shape (n,)."""
-        tree, features = self._checked(X)
-        return tree.predict(features)
-
-    def predict_with_spread(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Predict the target of each row and the standard deviation to expect of its error, each (n,)."""
-        tree, features = self._checked(X)
-        return tree.predict_with_spread(features)
-
-    def apply(self, X: ArrayLike) -> IntArray:
-        """Return the number of the leaf that each row of `X` (n, n_features) falls into, shape (n,)."""
-        tree, features = self._checked(X)
-        return tree.apply(features)
-
-    def _checked(self, X: ArrayLike) -> tuple[ModelTree, FloatArray]:
         check_is_fitted(self)
-        return self.tree_, validate_data(self, X, dtype=np.float64, order="C", reset=False)
+        tree: ModelTree = self.tree_
+        return tree.predict(validate_data(self, X, dtype=np.float64, order="C", reset=False))
 
-    def _limits(self) -> GrowthLimits:
-        """Check the parameters and return those of the growth."""
+    def _check_parameters(self) -> None:
         for name, kind, least in (
             ("min_samples_leaf", Real, 1),
-            ("min_groups_leaf", Real, 1),
-            ("max_depth", Integral, 0),
             ("max_leaves", Integral, 1),
-            ("candidates", Integral, 1),
-            ("term_cost", Real, 0),
             ("smoothing", Real, 0),
             ("extrapolation", Real, 0),
         ):
             value: Any = getattr(self, name)
-            if value is None and name in ("max_depth", "extrapolation"):
+            if value is None and name == "extrapolation":
                 continue
             if not isinstance(value, kind) or not least <= float(value) < np.inf:
                 wanted = "an integer" if kind is Integral else "a finite number"
                 raise ValueError(f"expected {name} to be {wanted} of at least {least}, got {value!r}")
-        return GrowthLimits(
-            self.min_samples_leaf, self.min_groups_leaf, self.max_depth, self.max_leaves, self.candidates
-        )
 
     def _finish(self, nodes: list[GrownNode], standard: Standardised, names: tuple[str, ...]) -> ModelTree:
         """Fit the linear models, prune, smooth, and lay out what is left as flat arrays in preorder."""
@@ -256,11 +198,11 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         samples = np.array([node.samples for node in nodes], dtype=np.float64)
         moments = np.stack([node.moments for node in nodes])
         weight = moments[:, 0, 0]
-        fitted = fit_node_models(moments, samples, term_cost=self.term_cost)
-        is_leaf = prune(children, fitted.error, weight)
-        smoothed = smooth(children, fitted.models, samples, smoothing=self.smoothing)
+        fitted, error = fit_node_models(moments, samples)
+        is_leaf = prune(children, error, weight)
+        smoothed = smooth(children, fitted, samples, smoothing=self.smoothing)
         models = drop_traces(smoothed, moments, np.sqrt(squared_error(smoothed, moments) / weight))
-        terms = self.term_cost * np.count_nonzero(fitted.models, axis=1).clip(1)
+        terms = TERM_COST * np.count_nonzero(fitted, axis=1).clip(1)
         squared = squared_error(models, moments)
         spread = corrected_error(squared, weight, samples, terms)
         spread = np.where(np.isfinite(spread), spread, np.sqrt(squared / weight)) * standard.scale[-1]

@@ -79,18 +79,7 @@ class ModelTree:
         return tuple(name for name, is_used in zip(self.names, used, strict=True) if is_used)
 
     def apply(self, X: FloatArray) -> IntArray:
-        """Return the leaf that each row falls into.
-
-        Parameters
-        ----------
-        X : array of float, shape (n, n_features)
-            Finite features, columns as in `names`.
-
-        Returns
-        -------
-        array of int, shape (n,)
-            Numbers of nodes.
-        """
+        """Return the number of the leaf, shape (n,), that each row of finite features X falls into."""
         return self.evaluate(*self._rows_of(X))[1]
 
     @property
@@ -198,7 +187,15 @@ def rules(tree: ModelTree) -> Iterator[Rule]:
     while waiting:
         node, bounds = waiting.pop()
         if tree.is_leaf[node]:
-            yield _rule(tree, node, bounds)
+            slopes = zip(tree.names, tree.coefficients[node].tolist(), strict=True)
+            yield Rule(
+                leaf=node,
+                bounds=bounds,
+                intercept=float(tree.intercept[node]),
+                slopes={name: slope for name, slope in slopes if slope},
+                spread=float(tree.spread[node]),
+                samples=float(tree.samples[node]),
+            )
             continue
         name, threshold = tree.names[tree.feature[node]], float(tree.threshold[node])
         lower, upper = bounds.get(name, (-math.inf, math.inf))
@@ -209,20 +206,8 @@ def rules(tree: ModelTree) -> Iterator[Rule]:
 
 def rule_for(tree: ModelTree, situation: FloatArray) -> Rule:
     """Return the rule that holds in one situation, an array of shape (n_features,)."""
-    leaf = int(tree.apply(np.asarray(situation, dtype=np.float64)[None, :])[0])
+    leaf = int(tree.apply(situation[None, :])[0])
     return next(rule for rule in rules(tree) if rule.leaf == leaf)
-
-
-def _rule(tree: ModelTree, leaf: int, bounds: dict[str, tuple[float, float]]) -> Rule:
-    slopes = zip(tree.names, tree.coefficients[leaf], strict=True)
-    return Rule(
-        leaf=leaf,
-        bounds=bounds,
-        intercept=float(tree.intercept[leaf]),
-        slopes={name: float(slope) for name, slope in slopes if slope},
-        spread=float(tree.spread[leaf]),
-        samples=float(tree.samples[leaf]),
-    )
 
 
 @dataclass(frozen=True)
@@ -236,20 +221,18 @@ class RuleWriter:
         does.
     target, target_unit : str
         What is predicted.
-    digits : int
-        Significant digits. The tree itself is not rounded.
     """
 
     units: Mapping[str, str]
     target: str = "time"
     target_unit: str = "s"
-    digits: int = 3
 
     def rule(self, rule: Rule) -> str:
         """Return ``if (1.86m < dist <= 2.3m) & (angle_to_dest <= 49.7°) then time = 1.26*dist + … [s]``."""
         conditions = " & ".join(self._condition(name, *bounds) for name, bounds in rule.bounds.items())
         start = f"if {conditions} then " if conditions else ""
-        return f"{start}{self.target} = {self._formula(rule)}  [{self.target_unit}]  {self._certainty(rule)}"
+        certainty = f"(± {self._digits(rule.spread)} {self.target_unit}, {rule.samples:g} samples)"
+        return f"{start}{self.target} = {self._formula(rule)}  [{self.target_unit}]  {certainty}"
 
     def tree(self, tree: ModelTree) -> str:
         """Return all rules of the tree, one a line."""
@@ -257,7 +240,6 @@ class RuleWriter:
 
     def explanation(self, tree: ModelTree, situation: FloatArray) -> str:
         """Return the rule that holds in one situation (n_features,), and what each of its terms adds."""
-        situation = np.asarray(situation, dtype=np.float64)
         rule = rule_for(tree, situation)
         values = dict(zip(tree.names, situation.tolist(), strict=True))
         lines = [self.rule(rule), f"here {self.target} = {float(tree.predict(situation[None, :])[0]):.3f}"]
@@ -290,9 +272,6 @@ class RuleWriter:
             text += f"{sign}{self._digits(abs(number))}{name}"
         return text
 
-    def _certainty(self, rule: Rule) -> str:
-        return f"(± {self._digits(rule.spread)} {self.target_unit}, {rule.samples:g} samples)"
-
     def _value(self, name: str, value: float) -> str:
         unit = "°" if self._is_angle(name) else self.units.get(name, "")
         return f"{self._digits(value * self._scale(name))}{unit}"
@@ -304,4 +283,4 @@ class RuleWriter:
         return math.degrees(1.0) if self._is_angle(name) else 1.0
 
     def _digits(self, number: float) -> str:
-        return f"{number:.{self.digits}g}"
+        return f"{number:.3g}"

@@ -19,19 +19,9 @@ from ator_ros.performance.tree.nodes import IntArray
 
 # A node whose root-mean-square residual is this fraction of the target's deviation is exact.
 _EXACT = 1e-9
+_CANDIDATES = 15  # thresholds to try per feature and node, at quantiles
 # Deviation, in standard deviations of the target, of a side with no more samples than terms.
 _WORST = 1e6
-
-
-@dataclass(frozen=True)
-class GrowthLimits:
-    """When to stop growing; the words are those of `ModelTreeRegressor`."""
-
-    min_samples_leaf: float
-    min_groups_leaf: float
-    max_depth: int | None
-    max_leaves: int
-    candidates: int
 
 
 @dataclass(eq=False)
@@ -53,7 +43,6 @@ class GrownNode:
     """
 
     order: IntArray
-    depth: int
     moments: FloatArray
     samples: float
     target_range: tuple[float, float]
@@ -85,7 +74,8 @@ class Partition:
         Positive; a row of weight 2 counts as two rows.
     groups : array of int, shape (n,), or None
         Rows of one group are not independent of each other. Consecutive codes from 0.
-    limits : GrowthLimits
+    min_samples_leaf, max_leaves
+        As in `ModelTreeRegressor`.
     nodes : list of GrownNode
         What has grown; a node comes before all nodes below it.
     """
@@ -94,7 +84,8 @@ class Partition:
     rows: FloatArray
     weight: FloatArray
     groups: IntArray | None
-    limits: GrowthLimits
+    min_samples_leaf: float
+    max_leaves: int
     nodes: list[GrownNode] = field(default_factory=list)
 
     def grow(self) -> list[GrownNode]:
@@ -108,22 +99,21 @@ class Partition:
         self._goes_left = np.zeros(len(self.X), dtype=bool)
         self._is_weighted = bool((self.weight != 1.0).any())
         queue: list[tuple[float, int, _Split]] = []
-        self._add(order, 0, queue)
+        self._add(order, queue)
         leaves = 1
-        while queue and leaves < self.limits.max_leaves:
+        while queue and leaves < self.max_leaves:
             _, number, split = heapq.heappop(queue)
             self._split(self.nodes[number], split, queue)
             leaves += 1
         return self.nodes
 
-    def _add(self, order: IntArray, depth: int, queue: list[tuple[float, int, _Split]]) -> int:
+    def _add(self, order: IntArray, queue: list[tuple[float, int, _Split]]) -> int:
         """Add a node with its normal equations, queue its best split, and return its number."""
         rows = order[0]
         table, weight = self.rows[rows], self.weight[rows]
         target = table[:, -1]
         node = GrownNode(
             order=order,
-            depth=depth,
             moments=normal_equations(table, weight),
             samples=float(weight.sum()) if self.groups is None else _count_distinct(self.groups[rows]),
             target_range=(float(target.min()), float(target.max())),
@@ -144,8 +134,8 @@ class Partition:
         self._goes_left[along[: split.position]] = True
         left: BoolArray = self._goes_left.take(node.order)
         n_features = len(node.order)
-        first = self._add(node.order[left].reshape(n_features, -1), node.depth + 1, queue)
-        second = self._add(node.order[~left].reshape(n_features, -1), node.depth + 1, queue)
+        first = self._add(node.order[left].reshape(n_features, -1), queue)
+        second = self._add(node.order[~left].reshape(n_features, -1), queue)
         node.children = (first, second)
         node.order = node.order[:, :0]
 
@@ -155,19 +145,15 @@ class Partition:
         `table` holds the node's standardised rows, in the order of the first feature.
         """
         total = node.moments[0, 0]
-        minimum = max(
-            self.limits.min_samples_leaf,
-            self.limits.min_groups_leaf * (total / node.samples if self.groups is not None else 1.0),
-        )
-        too_deep = self.limits.max_depth is not None and node.depth >= self.limits.max_depth
-        if too_deep or total < 2 * minimum:
+        minimum = self.min_samples_leaf * (total / node.samples if self.groups is not None else 1.0)
+        if total < 2 * minimum:
             return None
         residual = table[:, -1] - table[:, :-1] @ solve(node.moments)
         squared = float(self.weight[node.order[0]] @ residual**2)
         if squared <= _EXACT**2 * total:
             return None
         self._residuals[node.order[0], -1] = residual
-        positions, is_split = self._candidates(node, min(self.limits.candidates, int(total // minimum)))
+        positions, is_split = self._candidates(node, min(_CANDIDATES, int(total // minimum)))
         sums = self._moments_left(node, positions)
         left, right = sums[:, :-1], (sums[:, -1:] - sums)[:, :-1]
         is_split &= (left[..., 0, 0] >= minimum) & (right[..., 0, 0] >= minimum)
