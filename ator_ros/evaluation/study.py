@@ -13,7 +13,6 @@ import pandas as pd
 from ator_ros.evaluation.report import Part, page, policy_table
 from ator_ros.evaluation.toolset import Toolset
 from ator_ros.evaluation.trials import Trial, open_speeds
-from ator_ros.refinement.free_variables import Cause
 from ator_ros.refinement.refiner import Refinement
 from ator_ros.tops.chain import TopChain
 
@@ -80,11 +79,7 @@ def _opening(chain: TopChain, index: int, name: str) -> TopChain:
 
 def _summary(step: int, top: str, name: str, results: list[Refinement]) -> OpenVariable:
     """Return what one variable gained in all situations, and why."""
-    closed = Counter(
-        each.reason if each.cause is Cause.BOUND else f"{each.cause.value}: {each.reason}"
-        for result in results
-        for each in result.not_free
-    )
+    closed = Counter(each.reason for result in results for each in result.not_free)
     refined = [result for result in results if result.free]
     limits = Counter(each for result in refined for variable in result.free for each in variable.limits)
     accepted, free = sum(result.refined for result in refined), len(refined)

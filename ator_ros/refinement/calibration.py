@@ -105,11 +105,6 @@ class Shortfall:
         Bounds in s of what is added.
     model : str
         Digest of the performance model whose predictions it belongs to, see `model_digest`.
-
-    Raises
-    ------
-    ValueError
-        `low` is above `high`.
     """
 
     constant: _Seconds
@@ -132,16 +127,14 @@ class Shortfall:
 
 @dataclass(frozen=True)
 class Calibration:
-    """The shortfalls of the predictions of a set of performance models.
+    """The shortfalls of the predictions of a set of performance models, by action.
 
-    Attributes
-    ----------
-    shortfalls : mapping
-        Action name to shortfall; predictions of other actions stay as they are, and so do those of other
-        models than the shortfall was learned for.
+    Predictions of other actions stay as they are, and so do those of other models than the shortfall was
+    learned for.
     """
 
-    shortfalls: Mapping[str, Shortfall] = field(default_factory=dict)
+    # At most: more than any domain has.
+    shortfalls: Annotated[dict[Annotated[str, Name()], Shortfall], AtMost(100)] = field(default_factory=dict)
 
     def matching(self, models: Mapping[str, Any]) -> Calibration:
         """Return the part that belongs to `models` (action name to performance model)."""
@@ -181,26 +174,18 @@ class Calibration:
             return [prediction for _, prediction in predictions]
         weight = (objective if objective is not None else Objective()).weights.get("duration", 0.0)
         steps = chain_steps(predictions, world, models, robot, chosen)
-        return [
-            self._corrected(chain, prediction, of_chain, weight)
-            for (chain, prediction), of_chain in zip(predictions, steps, strict=True)
-        ]
-
-    def _corrected(
-        self,
-        chain: TopChain,
-        prediction: ChainPrediction,
-        steps: Sequence[PredictedStep | None],
-        weight: float,
-    ) -> ChainPrediction:
-        actions, added = [dict(action) for action in prediction.actions], 0.0
-        for call, step, action in zip(chain.calls, steps, actions, strict=True):
-            shortfall = self.shortfalls.get(call.top.action)
-            if shortfall is not None and step is not None:
-                missing = max(shortfall.of(step), -step.predicted)
-                action["duration"] = step.predicted + missing
-                added += missing
-        return dataclasses.replace(prediction, actions=tuple(actions), cost=prediction.cost + weight * added)
+        found = []
+        for (chain, prediction), of_chain in zip(predictions, steps, strict=True):
+            actions, added = [dict(action) for action in prediction.actions], 0.0
+            for call, step, action in zip(chain.calls, of_chain, actions, strict=True):
+                shortfall = self.shortfalls.get(call.top.action)
+                if shortfall is not None and step is not None:
+                    missing = max(shortfall.of(step), -step.predicted)
+                    action["duration"] = step.predicted + missing
+                    added += missing
+            cost = prediction.cost + weight * added
+            found.append(dataclasses.replace(prediction, actions=tuple(actions), cost=cost))
+        return found
 
 
 def chain_steps(
@@ -256,37 +241,21 @@ def model_digest(model: Any) -> str:
         return ""
     tree = model.trees["duration"]
     sha = hashlib.sha256(",".join(tree.names).encode())
-    for part in (tree.feature, tree.threshold, tree.children, tree.intercept, tree.coefficients):
-        sha.update(np.ascontiguousarray(part, dtype=float).tobytes())
-    for part in (tree.lower, tree.upper, tree.spread):
+    parts = (tree.feature, tree.threshold, tree.children, tree.intercept, tree.coefficients)
+    for part in (*parts, tree.lower, tree.upper, tree.spread):
         sha.update(np.ascontiguousarray(part, dtype=float).tobytes())
     if kinds := kinds_of(model.features[name] for name in tree.names):
         sha.update(json.dumps(kinds, sort_keys=True).encode())
     return sha.hexdigest()[:16]
 
 
-# The file
-
-
 KIND = "calibration"
 CALIBRATION = "calibration.json"
 
 
-@dataclass(frozen=True)
-class _CalibrationFile:
-    """The fields of a calibration's file; shortfalls: by the name of the action."""
-
-    # More than any domain has.
-    shortfalls: Annotated[dict[Annotated[str, Name()], Shortfall], AtMost(100)]
-
-
 def save_calibration(path: Path, calibration: Calibration, training: Mapping[str, Any]) -> None:
     """Write a calibration, with how it was learned, to `path`; atomic."""
-    data = {
-        "shortfalls": {action: asdict(shortfall) for action, shortfall in calibration.shortfalls.items()},
-        "training": dict(training),
-    }
-    save(path, KIND, data)
+    save(path, KIND, {**asdict(calibration), "training": dict(training)})
 
 
 def load_calibration(path: Path) -> Calibration:
@@ -297,16 +266,10 @@ def load_calibration(path: Path) -> Calibration:
     RefinementError
         The file cannot be read or is no calibration; the message names file and field.
     """
-    return Calibration(load(path, KIND, _CalibrationFile, error=RefinementError).shortfalls)
+    return load(path, KIND, Calibration, error=RefinementError)
 
 
 def load_calibration_if_any(folder: Path) -> Calibration:
-    """Read the calibration in `folder`; without one, predictions stay as they are.
-
-    Raises
-    ------
-    RefinementError
-        As in `load_calibration`.
-    """
+    """Read the calibration in `folder` as `load_calibration` does; without one, predictions stay."""
     path = folder / CALIBRATION
     return load_calibration(path) if os.path.lexists(path) else Calibration()

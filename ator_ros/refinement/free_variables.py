@@ -11,7 +11,6 @@ what lies well beyond all starts and goals that a model was trained on is not se
 from __future__ import annotations
 
 import dataclasses
-import enum
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -65,16 +64,6 @@ class FreeVariable:
     limits: tuple[str, ...] = ()
 
 
-class Cause(enum.Enum):
-    """The kind of cause why an open variable is not free, in words."""
-
-    BOUND = "bound"
-    NO_RANGE = "not among the `variables` of the domain"
-    NO_EXPERIENCE = "no experience"
-    NO_EFFECT = "no effect"
-    REGION = "outside the region"
-
-
 @dataclass(frozen=True, slots=True)
 class NotFree:
     """A variable that the plan opens and that is not free: subgoal (from 0), name, and why."""
@@ -82,7 +71,6 @@ class NotFree:
     subgoal: int
     name: str
     reason: str
-    cause: Cause
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,18 +108,9 @@ def analyse(
     robot: Robot,
     ranges: Ranges = USUAL_RANGES,
 ) -> Analysis:
-    """Compute the free variables of a chain.
+    """Compute the free variables of a chain; an action may lack a model.
 
-    Parameters
-    ----------
-    chain : TopChain
-        The chain, of any length.
-    models : mapping
-        Action name to performance model; an action may lack one.
-    robot : Robot
-        Sizes and limits that bound the ranges.
-    ranges : mapping, optional
-        Goal variable to its range; variables without one are never free.
+    Variables without one of the `ranges` are never free.
     """
     free: list[FreeVariable] = []
     not_free: list[NotFree] = []
@@ -139,14 +118,13 @@ def analyse(
     for index, call in enumerate(chain.calls):
         for name in _opened(call):
             reason = bound.get((index, name)) or _why_closed(call, name)
-            found = (reason, Cause.BOUND) if reason else None
-            if found is None and name not in ranges:
-                found = "without a range", Cause.NO_RANGE
-            found = found or _why_unknown(chain, index, name, models)
-            if found is None:
+            if reason is None and name not in ranges:
+                reason = "without a range"
+            reason = reason or _why_unknown(chain, index, name, models)
+            if reason is None:
                 free.append(FreeVariable(index, name, ranges[name](robot, call.goal)))
             else:
-                not_free.append(NotFree(index, name, *found))
+                not_free.append(NotFree(index, name, reason))
     return Analysis(tuple(free), tuple(not_free))
 
 
@@ -168,7 +146,7 @@ def _why_closed(call: TopCall, name: str) -> str | None:
 
 def _why_unknown(
     chain: TopChain, index: int, name: str, models: Mapping[str, PredictsPerformance]
-) -> tuple[str, Cause] | None:
+) -> str | None:
     """Return why the effect of a variable on the performance is unknown."""
     changed = {index: frozenset({direct_name(name)})}
     following = start_variables(name, chain.calls[index].goal.point)
@@ -178,11 +156,10 @@ def _why_unknown(
     lacking = [step for step, action in actions.items() if action not in models]
     if lacking:
         step = lacking[0]
-        reason = f"of unknown effect: step {step + 1} ({actions[step]}), which it may change, has no model"
-        return reason, Cause.NO_EXPERIENCE
+        return f"of unknown effect: step {step + 1} ({actions[step]}), which it may change, has no model"
     if any(changed[step] & models[actions[step]].used_variables for step in changed):
         return None
-    return "used by no performance model of a neighbouring action", Cause.NO_EFFECT
+    return "used by no performance model of a neighbouring action"
 
 
 # Regions
@@ -218,8 +195,7 @@ class Regions:
     names : sequence of tuple of str, one per subgoal
         The free variables.
     models : mapping, optional
-        Action name to performance model, which has the range of experienced distances; an action may lack
-        one.
+        Action name to performance model, whose experience bounds distances; an action may lack one.
     """
 
     def __init__(
@@ -230,21 +206,13 @@ class Regions:
         names: Sequence[tuple[str, ...]],
         models: Mapping[str, Any] = MappingProxyType({}),
     ) -> None:
-        self._world, self._chain, self._models = world, chain, models
+        self._world, self._models = world, models
         self._robot, self._names, self._calls = robot, names, chain.calls
         self._states: list[Mapping[str, float]] = []
         for call in chain.calls if _may_bound(chain, names) else ():
             self._states.append(state_of(world, robot))
             world = projected(world, call, robot)
         self._bounds = [self._bounds_of(index) for index in range(len(self._states))]
-
-    def narrowed_to(self, names: Sequence[tuple[str, ...]]) -> Regions:
-        """Return the same where only `names` are free."""
-        return (
-            self
-            if names == self._names
-            else Regions(self._world, self._chain, self._robot, names, self._models)
-        )
 
     def allowing(self) -> Allowed | None:
         """Return the predicate for candidates of the chain's subgoals; None if nothing limits them."""
@@ -261,8 +229,7 @@ class Regions:
 
     def limits(self, index: int) -> tuple[str, ...]:
         """Return a description of each bound of a subgoal's candidates."""
-        bounds = self._bounds[index] if self._bounds else ()
-        return tuple(f"{rule.source}: {_described(rule.bound)}" for rule in bounds)
+        return tuple(f"{rule.source}: {_described(rule.bound)}" for rule in self._bounds[index])
 
     def bounds(self, index: int) -> bool:
         """Return whether anything bounds the candidates of a subgoal."""
@@ -271,11 +238,10 @@ class Regions:
     def allowed(self, index: int, values: FloatArray) -> BoolArray:
         """Return which candidates (n, k) of a subgoal all bounds allow, shape (n,)."""
         good = np.ones(len(values), dtype=bool)
-        if not self.bounds(index):
-            return good
-        after, own = self._after(index, values)
-        for rule in self._bounds[index]:
-            good &= np.asarray(self._clearance(rule, index, after, own) >= rule.room)
+        if self.bounds(index):
+            after, own = self._after(index, values)
+            for rule in self._bounds[index]:
+                good &= np.asarray(self._clearance(rule, index, after, own) >= rule.room)
         return good
 
     def _clearance(self, rule: _Rule, index: int, after: Mapping[str, Any], own: Mapping[str, Any]) -> Any:
@@ -414,16 +380,9 @@ def experience_of(model: Any) -> Mapping[str, tuple[float, float]]:
 
 
 class Outside(NamedTuple):
-    """A quantity of a step that lies outside the experience of its performance model.
+    """A quantity of a step (from 0) outside its model's experience: `dist`, `turn`, `v` or `speedg`.
 
-    Attributes
-    ----------
-    step : int
-        Counted from 0.
-    name : str
-        Quantity: `dist`, `turn`, `v` or `speedg`.
-    text : str
-        A sentence that names the step, the value and the range.
+    `text` is a sentence that names the step, the value and the range.
     """
 
     step: int
@@ -492,7 +451,7 @@ def within_experience(
         beyond = far.get(variable.subgoal, far.get(variable.subgoal + 1))
         if beyond is not None:
             why = f"next to step {beyond.step + 1}, whose distance is outside the experience"
-            not_free.append(NotFree(variable.subgoal, variable.name, why, Cause.NO_EXPERIENCE))
+            not_free.append(NotFree(variable.subgoal, variable.name, why))
             continue
         narrowed = variable
         for low, high, description in _experience_bounds(variable, chain, models):
@@ -500,7 +459,7 @@ def within_experience(
                 continue
             if min(high, narrowed.domain.high) <= max(low, narrowed.domain.low):
                 why = f"beyond the {description}"
-                not_free.append(NotFree(variable.subgoal, variable.name, why, Cause.NO_EXPERIENCE))
+                not_free.append(NotFree(variable.subgoal, variable.name, why))
                 break
             narrowed = _narrowed(narrowed, low, high, (description,))
         else:
@@ -568,7 +527,7 @@ def within_regions(analysis: Analysis, regions: Regions, chain: TopChain) -> Ana
         points = points[regions.allowed(index, points)]
         if not len(points):
             why = f"without an allowed value: {'; '.join(limits)}"
-            not_free += [NotFree(index, variable.name, why, Cause.REGION) for variable in variables]
+            not_free += [NotFree(index, variable.name, why) for variable in variables]
             continue
         for variable, column in zip(variables, points.T, strict=True):
             room = _ROOM * float(np.ptp(column))
@@ -622,11 +581,12 @@ def allowed_changes(
         if old.goal.values.keys() != new.goal.values.keys():
             where = f"step {step + 1} ({old.top.name})"
             raise InvalidChainError(f"{where}: expected the goal variables of the question")
-        values = _changed(old, new)
+        planned, values = goal_values(old.goal), goal_values(new.goal)
+        values = {name: value for name, value in values.items() if not _same(name, planned[name], value)}
         for name, value in values.items():
             where = f"{name} of step {step + 1} ({old.top.name})"
             if not old.opens(name):
-                raise InvalidChainError(f"{where}: expected {_value(old, name):g} as planned, got {value:g}")
+                raise InvalidChainError(f"{where}: expected {planned[name]:g} as planned, got {value:g}")
             if (step, name) in bound:
                 raise InvalidChainError(f"{where}: expected no change, it is {bound[step, name]}")
             if name not in ranges:
@@ -639,17 +599,6 @@ def allowed_changes(
     return changes
 
 
-def _changed(old: TopCall, new: TopCall) -> dict[str, float]:
-    values = goal_values(new.goal)
-    return {name: value for name, value in values.items() if not _same(name, _value(old, name), value)}
-
-
 def _same(name: str, old: float, new: float) -> bool:
-    if not math.isfinite(new):
-        return False
-    difference = new - old
-    return abs(math.remainder(difference, math.tau) if name == "yaw" else difference) <= _SAME
-
-
-def _value(call: TopCall, name: str) -> float:
-    return goal_values(call.goal)[name]
+    difference = new - old if math.isfinite(new) else math.inf
+    return abs(wrap_angle(difference) if name == "yaw" and difference < math.inf else difference) <= _SAME

@@ -57,9 +57,10 @@ def gate_features(
         abs(wrap_angle(new.goal.pose.yaw - old.goal.pose.yaw))
         for old, new in zip(chain.calls, best.calls, strict=True)
     ]
+    relative = gain / before.cost if before.cost > 0.0 else 0.0
     return {
         "gain": gain,
-        "relative_gain": _share(gain, before.cost),
+        "relative_gain": 1.0 if math.isnan(relative) else relative,  # both are infinite
         "spread": math.hypot(before.spread, after.spread),
         "before": before.cost,
         "turned": max(turns),
@@ -67,13 +68,6 @@ def gate_features(
         "next_distance": first.distance(following),
         "bend": abs(wrap_angle(next_leg - leg)),
     }
-
-
-def _share(gain: float, before: float) -> float:
-    """Return the gain as a share of the cost before, where that is positive; 1 where both are infinite."""
-    if gain == before == math.inf:
-        return 1.0
-    return gain / before if before > 0.0 else 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,10 +135,8 @@ class ThresholdGate(Gate):
             return False, _NO_GAIN
         relation = "is above" if gain > needed else "is not above"
         digits = 2 if f"{gain:.2f}" != f"{needed:.2f}" else 4
-        return (
-            gain > needed,
-            f"predicted gain {gain:.{digits}f} s {relation} the gate's {needed:.{digits}f} s",
-        )
+        reason = f"predicted gain {gain:.{digits}f} s {relation} the gate's {needed:.{digits}f} s"
+        return gain > needed, reason
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,11 +150,6 @@ class TreeGate(Gate):
         otherwise; a leaf has an empty feature.
     label : tuple of str
         The label of each node.
-
-    Raises
-    ------
-    ValueError
-        The columns differ in length, or a child does not come after its parent.
     """
 
     feature: tuple[Annotated[str, OneOf(("", *FEATURES))], ...]
@@ -223,17 +210,12 @@ def opened(gate: Gate) -> OpenGate:
 
 # The file
 
-
 KIND = "gate"
 GATE = "gate.json"
 """Name of the file beside the models."""
 _SHARED = ("widths", "room", "corrected")
 """What all kinds of gate have; a file states what is not as usual."""
-
-
-_KINDS: Mapping[str, type[OpenGate | ThresholdGate | TreeGate]] = {
-    gate.kind: gate for gate in (OpenGate, ThresholdGate, TreeGate)
-}
+_KINDS: Mapping[str, type[Gate]] = {gate.kind: gate for gate in (OpenGate, ThresholdGate, TreeGate)}
 
 
 @dataclass(frozen=True)
@@ -250,12 +232,7 @@ class _GateFile:
     training: dict[str, Any] = field(default_factory=dict)
 
 
-def save_gate(
-    path: Path,
-    gate: OpenGate | ThresholdGate | TreeGate,
-    training: Mapping[str, Any],
-    action_set: str = DEFAULT_SET,
-) -> None:
+def save_gate(path: Path, gate: Gate, training: Mapping[str, Any], action_set: str = DEFAULT_SET) -> None:
     """Write a gate of an action set, with how it was trained, to `path`; atomic."""
     fields = asdict(gate)
     shared = {name: fields.pop(name) for name in _SHARED}
@@ -292,21 +269,9 @@ def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
 
 
 def gate_in(folder: Path, action_set: str, *, otherwise: Gate | None = None) -> Gate:
-    """Read the gate beside the models of an action set; where there is none, return `otherwise`.
+    """Read the gate beside the models of an action set as `load_gate` does.
 
-    Parameters
-    ----------
-    folder : Path
-        Holds the models of the action set.
-    action_set : str
-        Its name.
-    otherwise : Gate, optional
-        By default an open gate.
-
-    Raises
-    ------
-    RefinementError
-        As for `load_gate`.
+    Where there is none, return `otherwise`, by default an open gate.
     """
     if os.path.lexists(folder / GATE):  # a link that leads nowhere is no missing gate
         return load_gate(folder / GATE, action_set)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,33 +14,24 @@ from ator_ros.geometry import FloatArray
 from ator_ros.refinement import RefinementError
 
 
-@dataclass(frozen=True, slots=True)
-class Measure:
-    """One measure of performance as a cost: which fields of a prediction it needs, and the cost they make.
+class Measure(NamedTuple):
+    """One measure of performance as a cost; costs of the actions of a chain add up.
 
-    Attributes
-    ----------
-    needs : tuple of str
-        Names of the prediction's fields, asked of ``PerformanceModel.predict``.
-    cost : callable
-        Gives the cost, shape (n,), of a prediction; costs of the actions of a chain add up.
-    unit : str
-        Unit of the cost before weighting.
+    `field` is the one of a prediction that `cost` turns into costs, both (n,); `unit` is that of the cost
+    before weighting.
     """
 
-    needs: tuple[str, ...]
-    cost: Callable[[Any], FloatArray]
+    field: str
+    cost: Callable[[FloatArray], FloatArray]
     unit: str
 
 
 #: A new measure is a new row, here or in the `measures` given to an objective.
 MEASURES: Mapping[str, Measure] = MappingProxyType(
     {
-        "duration": Measure(("duration",), lambda prediction: prediction.duration, "s"),
-        "success": Measure(
-            ("success",), lambda prediction: 1.0 - prediction.success, "probability of failure"
-        ),
-        "accuracy": Measure(("accuracy",), lambda prediction: prediction.accuracy, "m"),
+        "duration": Measure("duration", lambda duration: duration, "s"),
+        "success": Measure("success", lambda success: 1.0 - success, "probability of failure"),
+        "accuracy": Measure("accuracy", lambda accuracy: accuracy, "m"),
     }
 )
 
@@ -96,7 +87,7 @@ class Objective:
     @cached_property
     def needs(self) -> tuple[str, ...]:
         """The names of the prediction's fields that the cost needs."""
-        return tuple(dict.fromkeys(need for _, _, measure in self._counting for need in measure.needs))
+        return tuple(dict.fromkeys(measure.field for _, _, measure in self._counting))
 
     def cost(self, prediction: Any) -> FloatArray:
         """Return the weighted cost, shape (n,), of a prediction for n candidates.
@@ -106,29 +97,24 @@ class Objective:
         RefinementError
             The performance model does not predict a measure that has a weight.
         """
-        counted: list[tuple[float, Measure]] = []
+        terms: list[FloatArray] = []
         missing: list[str] = []
         for name, weight, measure in self._counting:
-            lacking = [need for need in measure.needs if getattr(prediction, need, None) is None]
-            if not lacking:
-                counted.append((weight, measure))
+            values = getattr(prediction, measure.field, None)
+            if values is not None:
+                terms.append(weight * measure.cost(values))
             elif name not in self.where_predicted:
-                missing += lacking
-        if missing or not counted:
+                missing.append(measure.field)
+        if missing or not terms:
             expected = ", ".join(missing or self.needs)
             raise RefinementError(f"objective: expected models that predict {expected}, got none")
-        terms = [weight * measure.cost(prediction) for weight, measure in counted]
         return np.asarray(sum(terms[1:], start=terms[0]), dtype=float)
 
 
 def expected_time(failure_cost: float) -> Objective:
-    """Return the default objective: the duration, and what failing is expected to cost.
+    """Return the default objective: the duration, and the time in s that a failure costs.
 
-    Parameters
-    ----------
-    failure_cost : float
-        Time in s that one failure costs, such as the time limit of a chain. The probability of failure counts
-        only for models that predict it.
+    The probability of failure counts only for models that predict it.
     """
     weights = {"duration": 1.0, "success": failure_cost}
     return Objective(weights, where_predicted=frozenset({"success"}))

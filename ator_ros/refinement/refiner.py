@@ -291,7 +291,7 @@ class Refiner:
         if regions.allowing() is None:
             return analysis, regions
         analysis = within_regions(analysis, regions, chain)
-        return analysis, regions.narrowed_to(names_of(chain, analysis.free))
+        return analysis, Regions(world, chain, self.robot, names_of(chain, analysis.free), self.models)
 
     def _averages(self, names: Sequence[tuple[str, ...]], axes: Sequence[Sequence[Range]]) -> Averages | None:
         """Return how costs are averaged, with the widths of the gate's file; None if they are not."""

@@ -16,9 +16,11 @@ time is up, the subgoals that have not been searched keep their given values.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -82,17 +84,8 @@ def no_deadline() -> bool:
     return False
 
 
-@dataclass(frozen=True, slots=True)
-class SearchCurve:
-    """The candidates of one subgoal.
-
-    Attributes
-    ----------
-    values : ndarray, shape (n, k)
-        Candidates: values of the subgoal's k free variables.
-    totals : ndarray, shape (n,)
-        Least cost of the whole chain through each candidate.
-    """
+class SearchCurve(NamedTuple):
+    """Candidates (n, k) of one subgoal, and the least cost of the whole chain through each, shape (n,)."""
 
     values: FloatArray
     totals: FloatArray
@@ -104,21 +97,21 @@ class Optimum:
 
     Attributes
     ----------
-    values : tuple of ndarray, shapes (k,)
+    values : sequence of ndarray, shapes (k,)
         Best values of each subgoal's free variables.
     cost : float
         Cost of the chain with these values.
-    curves : tuple of SearchCurve
-        Candidates of the first grid, by subgoal.
+    curves : sequence of SearchCurve
+        First candidates, by subgoal.
     complete : bool
         False if the deadline ended the search.
     given : float or None
         Cost of the given values, where costs are averaged.
     """
 
-    values: tuple[FloatArray, ...]
+    values: Sequence[FloatArray]
     cost: float
-    curves: tuple[SearchCurve, ...]
+    curves: Sequence[SearchCurve]
     complete: bool = True
     given: float | None = None
 
@@ -135,20 +128,16 @@ class Averages:
 
     Attributes
     ----------
-    axes : sequence, one item per subgoal
-        Domains of the subgoal's k free variables.
-    widths : sequence, one item per subgoal
-        Widths of the same variables; candidates that differ in one of width 0 are no neighbors.
+    axes, widths : sequences, one item per subgoal
+        Domains of the subgoal's k free variables, and widths of the kernel; candidates that differ in a
+        variable of width 0 are no neighbors.
     """
 
     axes: Sequence[Sequence[Range]]
     widths: Sequence[Sequence[float]]
 
     def weights(self, index: int, candidates: FloatArray) -> FloatArray | None:
-        """Return the weights (n, n) of all candidates (n, k) of a subgoal in the mean of each.
-
-        None if nothing is averaged.
-        """
+        """Return the weights (n, n) of candidates (n, k) in the mean of each; None if nothing is averaged."""
         if len(candidates) == 1 or not any(self.widths[index]):
             return None
         exponent = np.zeros((len(candidates), len(candidates)))
@@ -202,42 +191,21 @@ def search(
 
 def unsearched(given: Sequence[FloatArray], cost: float) -> Optimum:
     """Return the result of no search: the values of each subgoal, shapes (k,), and their cost."""
-    curves = tuple(SearchCurve(values[None, :], np.array([cost])) for values in given)
-    return Optimum(tuple(given), cost, curves, complete=False)
+    curves = [SearchCurve(values[None, :], np.array([cost])) for values in given]
+    return Optimum(given, cost, curves, complete=False)
 
 
 # Dynamic programming
 
 
 @dataclass(frozen=True, slots=True)
-class BestPath:
-    """The best path through candidates.
+class BestPath(Optimum):
+    """The best path through candidates; its curves hold those that were evaluated.
 
-    Attributes
-    ----------
-    candidates : sequence of ndarray, shapes (n, k)
-        Candidates of each subgoal that were evaluated.
-    values : list of ndarray, shapes (k,)
-        Values of each subgoal on the best path.
-    cost : float
-        Its cost.
-    costs : list of float
-        Cost of each of its steps.
-    totals : list of ndarray, shapes (n,)
-        Least cost of a path through each candidate.
-    complete : bool
-        False if the deadline ended the search.
-    given : float or None
-        Cost of the path through the given values, where costs are averaged.
+    `costs` are those of its steps.
     """
 
-    candidates: Sequence[FloatArray]
-    values: list[FloatArray]
-    cost: float
-    costs: list[float]
-    totals: list[FloatArray]
-    complete: bool
-    given: float | None = None
+    costs: Sequence[float] = ()
 
 
 def least_path(
@@ -278,10 +246,10 @@ def least_path(
     for origin in reversed(origins[1:]):
         path.insert(0, int(origin[path[0]]))
     values = [c[i] for c, i in zip(searched, path, strict=True)]
-    totals = [f + b for f, b in zip(forward, backward, strict=True)]
+    curves = [SearchCurve(c, f + b) for c, f, b in zip(searched, forward, backward, strict=True)]
     steps = [float(cost[i, j]) for cost, i, j in zip(costs, [0, *path], path, strict=False)]
     as_given = _cost_of(given, searched, costs) if averages is not None and given else None
-    return BestPath(searched, values, total, steps, totals, complete, as_given)
+    return BestPath(values, total, curves, complete, as_given, steps)
 
 
 def _pairwise(
@@ -319,14 +287,10 @@ def _cost_of(
 
 
 def averaged(cost: FloatArray, before: FloatArray | None, after: FloatArray | None) -> FloatArray:
-    """Return the cost of a step for n candidates before and m after it, or the mean over both if it is more.
+    """Return the cost (n, m) of a step, or the mean over its neighbors if it is more.
 
-    Parameters
-    ----------
-    cost : ndarray, shape (n, m)
-        Infinite costs are left out of the means of their neighbors.
-    before, after : ndarray, shapes (n, n) and (m, m), or None
-        Weights; None where nothing is averaged.
+    `before` (n, n) and `after` (m, m) are the weights of candidates, None where nothing is averaged. Infinite
+    costs are left out of the means of their neighbors.
     """
     finite = np.isfinite(cost)
     sums, weights = np.where(finite, cost, 0.0), finite.astype(float)
@@ -368,17 +332,15 @@ def _search_grid(
     known = list(given) if given is not None else []
     candidates = [_with_candidate(*each) for each in zip(grids, known, strict=True)] if known else grids
     first = least_path(step_cost, candidates, known, averages, deadline)
-    curves = tuple(
-        SearchCurve(grid, total[: len(grid)]) if searched is offered else SearchCurve(searched, total)
-        for grid, offered, searched, total in zip(
-            grids, candidates, first.candidates, first.totals, strict=True
-        )
-    )
+    curves = [
+        SearchCurve(grid, curve.totals[: len(grid)]) if curve.values is offered else curve
+        for grid, offered, curve in zip(grids, candidates, first.curves, strict=True)
+    ]
     if sum(len(domains) for domains in axes) <= 1 or not first.complete:
-        return Optimum(tuple(first.values), first.cost, curves, first.complete, first.given)
+        return dataclasses.replace(first, curves=curves)
     centers = [
-        best_apart(offered, total, step, most=ZOOM_WINDOWS) if domains else []
-        for offered, total, step, domains in zip(candidates, first.totals, steps, axes, strict=True)
+        best_apart(*curve, step) if domains else []
+        for curve, step, domains in zip(first.curves, steps, axes, strict=True)
     ]
     values, costs = list(first.values), list(first.costs)
     rounds = ROUNDS if any(axes[i] and axes[i + 1] for i in range(len(axes) - 1)) else 1
@@ -387,7 +349,7 @@ def _search_grid(
             if not domains:
                 continue
             if deadline():
-                return Optimum(tuple(values), sum(costs), curves, complete=False, given=first.given)
+                return Optimum(values, sum(costs), curves, complete=False, given=first.given)
             around, step = (centers[index] if number == 0 else [values[index]]), steps[index] * 0.5**number
             windows = [_window(center, step, domains) for center in around]
             window = _distinct(np.vstack([values[index], *windows]))
@@ -395,7 +357,7 @@ def _search_grid(
             best = int(np.argmin(sum(beside[1:], start=beside[0])))
             values[index] = window[best]
             costs[index : index + 2] = [float(cost[best]) for cost in beside]
-    return Optimum(tuple(values), sum(costs), curves, given=first.given)
+    return Optimum(values, sum(costs), curves, given=first.given)
 
 
 def _costs_beside(
@@ -440,16 +402,14 @@ def _first_grids(axes: tuple[tuple[Range, ...], ...]) -> tuple[list[FloatArray],
     return grids, steps
 
 
-def best_apart(
-    candidates: FloatArray, totals: FloatArray, step: FloatArray, *, most: int
-) -> list[FloatArray]:
-    """Return at most `most` of the best candidates, no two within 2.5 `step` (k,) of each other.
+def best_apart(candidates: FloatArray, totals: FloatArray, step: FloatArray) -> list[FloatArray]:
+    """Return the `ZOOM_WINDOWS` best candidates, no two within 2.5 `step` (k,) of each other.
 
     Values are compared as they are: the ends of a circle are far apart.
     """
     chosen: list[FloatArray] = []
     left = totals.copy()
-    for _ in range(min(most, len(candidates))):
+    for _ in range(min(ZOOM_WINDOWS, len(candidates))):
         index = int(np.argmin(left))
         if not np.isfinite(left[index]):
             break
@@ -502,9 +462,11 @@ def _search_boxes(
     known = [] if given is None else list(given)
     offered = [_joined(v, first) for v, first in zip(known, firsts, strict=True)] if known else firsts
     path = least_path(step_cost, offered, known, deadline=deadline)
-    curves = tuple(map(SearchCurve, path.candidates, path.totals))
+    curves = path.curves
     radii = [box.reach(len(first)) for box, first in zip(boxes, firsts, strict=True)]
-    for number in range(_rounds(axes)):
+    # A search of more variables converges later.
+    rounds = min(max(LEAST_ROUNDS, sum(map(len, axes)) + 8), MOST_ROUNDS)
+    for number in range(rounds):
         if not path.complete:
             break
         centers = path.values
@@ -517,13 +479,7 @@ def _search_boxes(
             np.maximum(SHRINKS * radius, REACH * box.apart(center, value))
             for box, radius, center, value in zip(boxes, radii, centers, path.values, strict=True)
         ]
-    return Optimum(tuple(path.values), path.cost, curves, path.complete)
-
-
-def _rounds(axes: Sequence[Sequence[Range]]) -> int:
-    """Return the number of rounds: a search of more variables converges later."""
-    free = sum(map(len, axes))
-    return min(max(LEAST_ROUNDS, free + 8), MOST_ROUNDS)
+    return Optimum(path.values, path.cost, curves, path.complete)
 
 
 def _count(axes: Sequence[Sequence[Range]], index: int) -> int:

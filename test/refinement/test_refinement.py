@@ -126,7 +126,7 @@ class TestFromOutside:
         assert Refiner(ROBOT, pushing).refine(world(), chain).refined
 
     def test_new_measure(self) -> None:
-        measures = {**MEASURES, "risk": Measure(("spread",), lambda prediction: prediction.spread**2, "s^2")}
+        measures = {**MEASURES, "risk": Measure("spread", lambda spread: spread**2, "s^2")}
         model = models() | {"goToPose": FakeModel(turning_time, USED, spread=2.0)}
         plain = Refiner(ROBOT, model).refine(world(), two_steps())
         wary = Refiner(ROBOT, model).refine(

@@ -149,13 +149,13 @@ def test_a_model_that_never_saw_arrivals_at_speed_is_named(tools: Toolset, trial
     models = {**tools.models, "dribbleBall": slow}
     speed = found(dataclasses.replace(tools, models=models), trials)["speed"]
     assert speed.free == 0.0
-    assert speed.explanation == "no experience: beyond the experience of dribbleBall: v from 0.00 to 0.00"
+    assert speed.explanation == "beyond the experience of dribbleBall: v from 0.00 to 0.00"
 
 
 def test_an_action_without_a_model_is_named(tools: Toolset, trials: list[Trial]) -> None:
     models = {"goToPose": tools.models["goToPose"]}
     yaw = found(dataclasses.replace(tools, models=models), trials)["yaw"]
-    assert yaw.explanation.startswith("no experience: of unknown effect: step 2 (dribbleBall)")
+    assert yaw.explanation.startswith("of unknown effect: step 2 (dribbleBall)")
 
 
 def test_a_gate_that_refuses_everything_is_named(tools: Toolset, trials: list[Trial]) -> None:
