@@ -33,14 +33,9 @@ Direct = Mapping[str, Any]
 
 
 class DirectTable(Mapping[str, FloatArray]):
-    """Direct variables of n situations by name, each a row of one table.
+    """Direct variables of n situations by name, each a row of one table, shape (names, n).
 
-    Parameters
-    ----------
-    names : tuple of str
-        All DIRECT_VARIABLES, and after them those that stand for declared goal variables, sorted.
-    table : ndarray, shape (names, n)
-        Their values.
+    The names are all DIRECT_VARIABLES, and after them those that stand for declared goal variables, sorted.
     """
 
     __slots__ = ("_rows", "names", "table")
@@ -73,14 +68,8 @@ def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
     """Bring direct variables into the rows of a table; one that is such a table stays as it is.
 
     Scalars are spread, so that one situation and a thousand go through the same operations: numpy computes
-    them the same to the last bit only then.
-
-    Parameters
-    ----------
-    direct : mapping
-        All DIRECT_VARIABLES by name, each a number or an array of shape (n,); others are ignored.
-    further : iterable of str
-        Names of further ones, which are wanted too.
+    them the same to the last bit only then. `direct` has all DIRECT_VARIABLES and `further` ones by name,
+    each a number or an array of shape (n,); others are ignored.
 
     Raises
     ------
@@ -93,15 +82,14 @@ def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
     missing = [name for name in names if name not in direct]
     if missing:
         raise ValueError(f"direct variables: expected {', '.join(names)}; missing: {', '.join(missing)}")
-    given = [_number_or_array(direct[name]) for name in names]
-    sizes = {values.shape for values in given if isinstance(values, np.ndarray)}
+    given = [np.asarray(direct[name], dtype=float) for name in names]
+    sizes = {values.shape for values in given if values.shape}
     if len(sizes) > 1 or any(len(shape) > 1 for shape in sizes):
         shapes = {name: np.shape(values) for name, values in zip(names, given, strict=True)}
         raise ValueError(f"direct variables: expected numbers or arrays of one shape (n,), got {shapes}")
-    count = next(iter(sizes))[0] if sizes else 1
-    table = np.empty((len(given), count))
+    table = np.empty((len(given), next(iter(sizes))[0] if sizes else 1))
     for row, values in zip(table, given, strict=True):
-        row.fill(values) if isinstance(values, float) else np.copyto(row, values)
+        row[:] = values
     return _finite(DirectTable(names, table))
 
 
@@ -111,10 +99,3 @@ def _finite(direct: DirectTable) -> DirectTable:
         wrong = [name for name, row in direct.items() if not np.isfinite(row).all()]
         raise ValueError(f"direct variables: expected finite numbers; not finite: {', '.join(wrong)}")
     return direct
-
-
-def _number_or_array(value: Any) -> float | FloatArray:
-    if isinstance(value, float):
-        return value
-    array = np.asarray(value, dtype=float)
-    return array if array.shape else float(array)

@@ -29,18 +29,15 @@ class Feature:
 
     Attributes
     ----------
-    name, unit : str
-        SI units; angles in rad.
     derives : frozenset of str
         The direct variables that it is computed from (paper, section 4.2).
     compute : callable
-        Returns its values, shape (n,).
+        Returns its values, shape (n,), in SI units.
     translation, rotation : bool
         Whether it stays the same when the world is moved or turned.
-    ideal : bool
-        Whether it is an ideal time: how long the action would take at the robot's limits.
-    described : bool
-        Whether it is another quantity of such an ideal motion.
+    ideal, described : bool
+        Whether it is an ideal time, which the action would take at the robot's limits, or another quantity of
+        such an ideal motion.
     row : int or None
         The row of `Geometry.rows` that holds its values; None where only `compute` has them.
     motions : MotionFeatures or None
@@ -66,13 +63,8 @@ class Feature:
 class MotionFeatures:
     """Features that are made of the same kinds of ideal motions.
 
-    Attributes
-    ----------
-    choose : callable
-        Returns the kinds that a robot needs; it takes seconds.
-    make : callable
-        Returns the features by name, of kinds that may be among others, and none without them; raises
-        ValueError where they are not what was expected.
+    `choose` returns the kinds that a robot needs; it takes seconds. `make` returns the features by name, of
+    kinds that may be among others, and none without them; it raises ValueError for unexpected kinds.
     """
 
     choose: Callable[[Robot], Kinds]
@@ -171,22 +163,9 @@ def names_of(features: Iterable[Feature]) -> tuple[str, ...]:
 def feature_table(
     direct: Direct, robot: Robot, features: Sequence[Feature], driving: DrivingStyle | None = None
 ) -> FloatArray:
-    """Compute features.
+    """Compute features of n situations, shape (n, len(features)); see `Geometry` and `direct_table`.
 
-    Parameters
-    ----------
-    direct : mapping
-        Direct variables of n situations, see `direct_table`.
-    robot : Robot
-        Limits, and where it holds an object.
-    features : sequence of Feature
-        Which features.
-    driving : DrivingStyle, optional
-        How the action was observed to drive, for `PATHS`.
-
-    Returns
-    -------
-    ndarray, shape (n, len(features))
+    `driving` is how the action was observed to drive, for `PATHS`.
     """
     return table_of(Geometry(direct, robot, driving, further=declared_by(features)), features)
 
@@ -210,10 +189,7 @@ def declared_by(features: Iterable[Feature]) -> tuple[str, ...]:
 
 
 def chosen_for(features: Sequence[Feature], robot: Robot) -> tuple[Feature, ...]:
-    """Return the same features, those of ideal motions with kinds that are chosen for a robot.
-
-    It takes seconds.
-    """
+    """Return the features, those of ideal motions with kinds chosen for a robot; it takes seconds."""
     kinds: dict[str, Sequence[Sequence[float | None]]] = {}
     for motions in dict.fromkeys(feature.motions for feature in features):
         kinds |= motions.choose(robot) if motions is not None else {}
@@ -221,13 +197,7 @@ def chosen_for(features: Sequence[Feature], robot: Robot) -> tuple[Feature, ...]
 
 
 def with_kinds(features: Mapping[str, Feature], kinds: Kinds) -> dict[str, Feature]:
-    """Return the same features by name, those of ideal motions with these kinds.
-
-    Raises
-    ------
-    ValueError
-        The kinds are not what the features are made of.
-    """
+    """Return the features, those of ideal motions with these kinds; raises ValueError for others."""
     made: dict[str, Feature] = {}
     for motions in dict.fromkeys(feature.motions for feature in features.values()):
         made |= motions.make(kinds) if motions is not None else {}

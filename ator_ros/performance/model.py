@@ -27,16 +27,9 @@ MEASURES: dict[str, str] = {"duration": "s", "success": "", "accuracy": "m", "he
 class Prediction:
     """Predicted performance of n situations: arrays of shape (n,), None where not asked for.
 
-    Attributes
-    ----------
-    duration, spread : ndarray or None
-        Expected time in s, and the standard deviation in s of actual times about it.
-    success : ndarray or None
-        Probability.
-    accuracy, heading : ndarray or None
-        Expected errors at the end in m and rad.
-    dist, ideal : ndarray or None
-        Distance in m to the destination, and time in s of the ideal motion; None where no feature is one.
+    `spread` is the standard deviation in s of actual times about the `duration` (s). `accuracy` (m) and
+    `heading` (rad) are errors at the end, `success` is a probability. `dist` (m) is the distance to the
+    destination, `ideal` (s) the time of the ideal motion; None where no feature is one.
     """
 
     duration: FloatArray | None = None
@@ -50,14 +43,9 @@ class Prediction:
 
 @dataclass(frozen=True)
 class AtGoal:
-    """How long an action takes for a robot at rest that is at its goal already.
+    """How long an action takes for a robot at rest up to `dist` (m) and `angle` (rad) from its goal.
 
-    Attributes
-    ----------
-    dist, angle : float
-        Up to which distance (m) and angle (rad) to the goal it is that fast.
-    duration, spread : float
-        Mean and standard deviation in s.
+    `duration` and `spread` are mean and standard deviation in s.
     """
 
     # Beyond 1 m or 1 rad a robot drives or turns to the goal. No server takes a day to answer.
@@ -77,8 +65,6 @@ class PerformanceModel:
 
     Attributes
     ----------
-    action : str
-        Name of the action.
     robot : Robot
         The robot whose limits the features use.
     trees : mapping of str to ModelTree
@@ -142,19 +128,12 @@ class PerformanceModel:
     def predict(self, direct: Direct, measures: tuple[str, ...] = ("duration",)) -> Prediction:
         """Predict the performance of n situations at once.
 
-        Parameters
-        ----------
-        direct : mapping
-            Direct variables, numbers or arrays of shape (n,), see `direct_table`.
-        measures : tuple of str
-            Which fields of the prediction to compute; those that were not learned stay None.
-
-        Raises
-        ------
-        ValueError
-            A direct variable is missing or of another shape.
+        `direct` is as for `direct_table`, which raises ValueError. `measures` are the fields of the
+        prediction to compute; those that were not learned stay None.
         """
-        plan = self._plan(measures)
+        if measures not in self._plans:  # the same ones are asked for mostly
+            self._plans[measures] = self._planned(measures)
+        plan = self._plans[measures]
         geometry = self._geometry(direct)
         rows = geometry.rows
         for row, feature in plan.computed:
@@ -191,14 +170,8 @@ class PerformanceModel:
     def explain(self, direct: Direct, measure: str = "duration") -> str:
         """Return the rule that predicts `measure` in one situation, and what each of its terms adds."""
         tree = self.trees[measure]
-        row = self._table(self._geometry(direct), tree)[0]
+        row = table_of(self._geometry(direct), [self.features[name] for name in tree.names])[0]
         return self._writer(measure).explanation(tree, row)
-
-    def _plan(self, measures: tuple[str, ...]) -> _Plan:
-        """Return what has to be evaluated to predict some measures; the same ones are asked for mostly."""
-        if measures not in self._plans:
-            self._plans[measures] = self._planned(measures)
-        return self._plans[measures]
 
     @cached_property
     def _plans(self) -> dict[tuple[str, ...], _Plan]:
@@ -233,9 +206,6 @@ class PerformanceModel:
         room = len(self._computed)
         return Geometry(direct, self.robot, self.driving, further=self.declared_variables, room=room)
 
-    def _table(self, geometry: Geometry, tree: ModelTree) -> FloatArray:
-        return table_of(geometry, [self.features[name] for name in tree.names])
-
     def _writer(self, measure: str) -> RuleWriter:
         units = {name: self.features[name].unit for name in self.trees[measure].names}
         target = "time" if measure == "duration" else measure
@@ -243,16 +213,9 @@ class PerformanceModel:
 
 
 class _Plan(NamedTuple):
-    """What has to be evaluated for a prediction.
+    """What has to be evaluated for a prediction: features with their rows, and trees with those of theirs.
 
-    Attributes
-    ----------
-    computed : tuple of (int, Feature)
-        The features that have to be computed, each with its row.
-    trees : tuple of (str, ModelTree, array of int)
-        The measures that vary, with the rows of their trees' features.
-    constants : tuple of (str, float)
-        The measures that do not, with their values.
+    `constants` are the measures that do not vary, with their values.
     """
 
     computed: tuple[tuple[int, Feature], ...]

@@ -42,7 +42,7 @@ from ator_ros.refinement.search import (
 )
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
-from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
+from ator_ros.tops.ranges import USUAL_RANGES, Ranges
 from ator_ros.world.state import World
 
 LONGEST_CHAIN = 32
@@ -55,14 +55,10 @@ _CUT_SHORT = "its deadline cut the search short"
 
 @dataclass(frozen=True, slots=True)
 class SubgoalCurve:
-    """What was searched at one subgoal: candidates of its free variables and the best chain through each.
+    """What was searched at one subgoal (counted from 0): candidates of its free variables `names`.
 
     Attributes
     ----------
-    subgoal : int
-        Counted from 0.
-    names : tuple of str, length k
-        The free variables.
     values : ndarray, shape (n, k)
         Candidates in m, rad, m/s.
     totals : ndarray, shape (n,)
@@ -83,19 +79,15 @@ class Refinement:
     ----------
     chain : TopChain
         The refined chain, or the chain of the request when `refined` is False.
-    refined : bool
-        Whether a subgoal was changed.
-    reason : str
-        Why the chain was refined or left alone.
+    refined, reason
+        Whether a subgoal was changed, and why.
     original, best : TopChain
         The chain compared with, which is the chain of the request with its placeholders filled in, and the
         best chain found.
     before, after : ChainPrediction
         Predictions for `original` and for `best`, corrected by the calibration.
-    free : tuple of FreeVariable
-        The variables that were free.
-    not_free : tuple of NotFree
-        The variables that the plan opens and that were not free, with the reasons.
+    free, not_free
+        The variables that were free, and those that the plan opens and that were not, with the reasons.
     without_model : tuple of int
         The steps (from 0) whose action has no performance model.
     curves : tuple of SubgoalCurve
@@ -203,13 +195,17 @@ class Refiner:
             before = after = model.predict(model.given)
             optimum = unsearched(model.given, before.cost)
         else:
-            axes = _axes(chain, analysis.free)
+            axes = [
+                [variable.domain for variable in analysis.free if variable.subgoal == index]
+                for index in range(len(chain.calls))
+            ]
+            widths = [[self.gate.widths.get(name, 0.0) for name in of_subgoal] for of_subgoal in names]
             optimum = search(
                 with_room(model.step_cost, chain, names, self.robot, self.gate.room),
                 axes,
                 model.given,
                 allowed=regions.allowing(),
-                averages=self._averages(names, axes),
+                averages=Averages(axes, widths) if any(map(any, widths)) else None,
                 deadline=deadline,
             )
             before, after = model.predict(model.given), model.predict(optimum.values)
@@ -247,7 +243,13 @@ class Refiner:
         for variable in free:
             if variable.domain.rest is not None:
                 chain = replaced(chain, variable.subgoal, {variable.name: variable.domain.rest})
-        searched = [v for v in free if v.domain.rest is None and self._is_used(chain, v)]
+        # A variable that affects only the action after it keeps its value.
+        searched = [
+            v
+            for v in free
+            if v.domain.rest is None
+            and direct_name(v.name) in self.models[chain.calls[v.subgoal].top.action].used_variables
+        ]
         for index in sorted({variable.subgoal for variable in searched}):
             if deadline():
                 break
@@ -269,11 +271,6 @@ class Refiner:
             chain = replaced(chain, index, dict(zip(names[index], optimum.values[0], strict=True)))
         return chain
 
-    def _is_used(self, chain: TopChain, variable: FreeVariable) -> bool:
-        """Return whether the model of the action that leads to a subgoal uses its variable."""
-        model = self.models[chain.calls[variable.subgoal].top.action]
-        return direct_name(variable.name) in model.used_variables
-
     def bounded(self, world: World, chain: TopChain) -> tuple[Analysis, Regions]:
         """Return the free variables of `chain`, bounded by experience and regions, and the regions.
 
@@ -292,11 +289,6 @@ class Refiner:
             return analysis, regions
         analysis = within_regions(analysis, regions, chain)
         return analysis, Regions(world, chain, self.robot, names_of(chain, analysis.free), self.models)
-
-    def _averages(self, names: Sequence[tuple[str, ...]], axes: Sequence[Sequence[Range]]) -> Averages | None:
-        """Return how costs are averaged, with the widths of the gate's file; None if they are not."""
-        widths = [[self.gate.widths.get(name, 0.0) for name in of_subgoal] for of_subgoal in names]
-        return Averages(axes, widths) if any(map(any, widths)) else None
 
     def _corrected(
         self,
@@ -354,7 +346,11 @@ class Refiner:
             free=analysis.free,
             not_free=analysis.not_free,
             without_model=self._without_model(chain),
-            curves=_curves(model, optimum),
+            curves=tuple(
+                SubgoalCurve(index, names, *curve)
+                for index, (names, curve) in enumerate(zip(model.names, optimum.curves, strict=True))
+                if names
+            ),
             features=features,
             complete=optimum.complete,
         )
@@ -365,10 +361,13 @@ class Refiner:
         """Return the answer where nothing is free."""
         prediction = model.predict(model.given)
         (corrected,) = self._corrected(world, (chain,), (prediction,), (), objective)
+        reason = "nothing is open: the plan commits to every goal variable"
+        if any(call.open for call in chain.calls):
+            reason = f"nothing is free: {_described(chain, analysis.not_free)}"
         return Refinement(
             chain,
             False,
-            _why_nothing_free(chain, analysis.not_free) + self._remarks(chain, analysis, ()),
+            reason + self._remarks(chain, analysis, ()),
             original=chain,
             best=chain,
             before=corrected,
@@ -406,34 +405,11 @@ def _cost_of_step(model: ChainModel, index: int, _: int, before: FloatArray, aft
     return model.step_cost(index, before, after)
 
 
-def _curves(model: ChainModel, optimum: Optimum) -> tuple[SubgoalCurve, ...]:
-    return tuple(
-        SubgoalCurve(index, names, curve.values, curve.totals)
-        for index, (names, curve) in enumerate(zip(model.names, optimum.curves, strict=True))
-        if names
-    )
-
-
-def _axes(chain: TopChain, free: Sequence[FreeVariable]) -> list[list[Range]]:
-    return [
-        [variable.domain for variable in free if variable.subgoal == index]
-        for index in range(len(chain.calls))
-    ]
-
-
-def _why_nothing_free(chain: TopChain, not_free: Sequence[NotFree]) -> str:
-    """Return why nothing of a chain can be refined, in words."""
-    if not any(call.open for call in chain.calls):
-        return "nothing is open: the plan commits to every goal variable"
-    return f"nothing is free: {_described(chain, not_free)}"
-
-
 def _described(chain: TopChain, not_free: Sequence[NotFree]) -> str:
-    tops = [chain.calls[each.subgoal].top.name for each in not_free]
     return _listed(
         [
-            f"{each.name} of step {each.subgoal + 1} ({top}) is {each.reason}"
-            for each, top in zip(not_free, tops, strict=True)
+            f"{each.name} of step {each.subgoal + 1} ({chain.calls[each.subgoal].top.name}) is {each.reason}"
+            for each in not_free
         ]
     )
 
