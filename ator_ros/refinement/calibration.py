@@ -41,18 +41,9 @@ BEYOND = 1.0
 class PredictedStep(NamedTuple):
     """One action of a chain, as its prediction is judged.
 
-    Attributes
-    ----------
-    v, speedg : float
-        Speed in m/s at the start and at the goal.
-    predicted, spread : float
-        Its predicted duration and the standard deviation of actual ones about it, in s.
-    ideal : float
-        Time in s of the ideal motion; `predicted` where the model's features have none.
-    dist : float
-        Distance in m from the start to the destination.
-    heading_open : bool
-        The heading at the goal is free: it was chosen, and for this prediction.
+    `v` and `speedg` are the speeds in m/s at the start and at the goal, `dist` is the distance in m from the
+    start to the destination. `ideal` (s) is the time of the ideal motion; `predicted` (s) where the model's
+    features have none. `heading_open`: the heading at the goal is free, it was chosen for this prediction.
     """
 
     v: float
@@ -138,13 +129,8 @@ class Calibration:
 
     def matching(self, models: Mapping[str, Any]) -> Calibration:
         """Return the part that belongs to `models` (action name to performance model)."""
-        return Calibration(
-            {
-                action: shortfall
-                for action, shortfall in self.shortfalls.items()
-                if model_digest(models.get(action)) == shortfall.model
-            }
-        )
+        items = self.shortfalls.items()
+        return Calibration({name: it for name, it in items if model_digest(models.get(name)) == it.model})
 
     def corrected(
         self,
@@ -156,19 +142,11 @@ class Calibration:
         *,
         chosen: Sequence[bool] | None = None,
     ) -> list[ChainPrediction]:
-        """Return predictions of chains with what they are expected to miss added.
+        """Return predictions of chains of the same TOPs with what they are expected to miss added.
 
-        Parameters
-        ----------
-        predictions : sequence of (TopChain, ChainPrediction)
-            Chains of the same TOPs, and what was predicted of each from `world`.
-        world, models, robot
-            The state from which, the models with which, and the robot for which it was predicted.
-        objective : Objective, optional
-            What the costs are of; by default the duration.
-        chosen : sequence of bool, optional
-            Whether each step's heading is free, see `chosen_headings`; by default as in the chains alone.
-            Parts of a chain do not show what the rest of it binds.
+        `objective` is what the costs are of; by default the duration. `chosen` is whether each step's heading
+        is free, see `chosen_headings`; by default as in the chains alone. Parts of a chain do not show what
+        the rest of it binds.
         """
         if not self.shortfalls:
             return [prediction for _, prediction in predictions]

@@ -57,16 +57,9 @@ class PredictsPerformance(Protocol):
 
 
 def goal_columns(goal: Goal, names: Sequence[str], values: FloatArray) -> Columns:
-    """Return the goal variables of `goal`, those in `names` replaced by candidates.
+    """Return the goal variables of `goal`, those in `names` (k) replaced by candidates (n, k).
 
-    Parameters
-    ----------
-    goal : Goal
-        The subgoal.
-    names : sequence of str, length k
-        Its free variables.
-    values : ndarray, shape (n, k)
-        Candidates. A single one stays a float.
+    A single candidate stays a float.
     """
     columns: Columns = dict(goal_values(goal))
     for column, name in enumerate(names):
@@ -85,20 +78,9 @@ def columns_after(goal: Mapping[str, Any], point: Point, robot: Robot) -> Column
 class StepRows:
     """The direct variables of one step of a chain, for candidates of the subgoals on both its sides.
 
-    Parameters
-    ----------
-    start : sequence of float
-        Start variables x, y, yaw, v, w of the chain itself.
-    goal : Goal
-        The subgoal that the step leads to.
-    names : sequence of str
-        Its free variables.
-    previous : Goal, optional
-        The subgoal at which the step starts; None for the first step.
-    previous_names : sequence of str
-        Its free variables.
-    hold : float
-        Distance in m from the axle to the hold.
+    `start` holds the start variables x, y, yaw, v, w of the chain itself. The step leads to `goal` with the
+    free variables `names`, from `previous` (None for the first step) with `previous_names`. `hold` is the
+    distance in m from the axle to the hold.
     """
 
     def __init__(
@@ -185,9 +167,8 @@ class ChainPrediction:
     Attributes
     ----------
     actions : tuple of mapping
-        For each action the predicted fields: duration (s), spread (s), success (probability), accuracy (m),
-        dist (m) and ideal (s) as in `Prediction`, and what else the objective needs; a field that the model
-        does not predict is left out, and all are for an action without a model.
+        For each action the predicted fields of `REPORTED`, as in `Prediction`, and what else the objective
+        needs; a field that the model does not predict is left out, and all are for an action without a model.
     cost : float
         The objective summed over the actions that have a model.
     """
@@ -228,8 +209,6 @@ class ChainModel:
 
     Parameters
     ----------
-    world, chain, robot
-        The request.
     models : mapping
         Action name to performance model; a step without one costs nothing.
     names : sequence of tuple of str, one per subgoal
@@ -259,7 +238,10 @@ class ChainModel:
         self._objective = objective
         self._fields = tuple(dict.fromkeys(REPORTED + objective.needs))
         #: The chain's own values, shapes (k,).
-        self.given = [_values(call.goal, names) for call, names in zip(chain.calls, self.names, strict=True)]
+        self.given = [
+            np.array([goal_values(call.goal)[name] for name in names], dtype=float)
+            for call, names in zip(chain.calls, self.names, strict=True)
+        ]
         self._given = [values.tolist() for values in self.given]
         self._as_given: dict[str, _Alone] = {}
         self._searched: list[list[_Searched]] = [[] for _ in chain.calls]
@@ -285,25 +267,17 @@ class ChainModel:
 
         Its cost is infinite where that of a step is no number.
         """
-        previous, actions, cost = np.zeros(0), [], 0.0
-        for index, values in enumerate(chain):
-            action, step_cost = self._predict_one(index, previous, values)
-            actions.append(action)
-            cost += step_cost
+        previous, cost = np.zeros(0), 0.0
+        actions: list[dict[str, float]] = []
+        for index, (values, model) in enumerate(zip(chain, self._models, strict=True)):
+            actions.append({})
+            if model is not None:
+                prediction, costs, row = self._known(index, model, previous, values)
+                columns = {name: getattr(prediction, name, None) for name in self._fields}
+                actions[-1] = {name: _row(each, row) for name, each in columns.items() if each is not None}
+                cost += _row(costs, row)
             previous = values
         return ChainPrediction(tuple(actions), cost)
-
-    def _predict_one(
-        self, index: int, before: FloatArray, after: FloatArray
-    ) -> tuple[Mapping[str, float], float]:
-        """Return the predicted fields of one action and its cost, for one candidate on both sides."""
-        model = self._models[index]
-        if model is None:
-            return {}, 0.0
-        prediction, costs, row = self._known(index, model, before, after)
-        named = {name: getattr(prediction, name, None) for name in self._fields}
-        fields = {name: _row(column, row) for name, column in named.items() if column is not None}
-        return fields, _row(costs, row)
 
     def _known(
         self, index: int, model: PredictsPerformance, before: FloatArray, after: FloatArray
@@ -334,7 +308,8 @@ class ChainModel:
         action = self._calls[index].top.action
         if action not in self._as_given:
             steps = [step for step, call in enumerate(self._calls) if call.top.action == action]
-            tables = [self._direct_as_given(step) for step in steps]
+            starts = [np.zeros(0), *self.given]
+            tables = [self._rows[step].table(starts[step][None], self.given[step][None]) for step in steps]
             direct = DirectTable(tables[0].names, np.hstack([each.table for each in tables]))
             with np.errstate(all="ignore"):
                 prediction = self._checked(index, model.predict(direct, self._fields))
@@ -342,10 +317,6 @@ class ChainModel:
             rows = {step: row for row, step in enumerate(steps)}
             self._as_given[action] = _Alone(rows, prediction, cost)
         return self._as_given[action]
-
-    def _direct_as_given(self, index: int) -> DirectTable:
-        before = self.given[index - 1] if index else np.zeros(0)
-        return self._rows[index].table(before[None, :], self.given[index][None, :])
 
     def _cost(self, prediction: Any) -> FloatArray:
         cost: FloatArray = np.fmin(self._objective.cost(prediction), np.inf)  # NaN becomes infinite
@@ -376,25 +347,11 @@ def predict_chain(
     robot: Robot,
     objective: Objective | None = None,
 ) -> ChainPrediction:
-    """Return the prediction for `chain` with its own values, from the state `world`.
-
-    Parameters
-    ----------
-    models : mapping
-        Action name to performance model, one for each action of the chain.
-    objective : Objective, optional
-        Defines the cost; by default the duration.
-    """
+    """Return the prediction for `chain` with its own values; its cost is by default the duration."""
     objective = objective if objective is not None else Objective()
     names: list[tuple[str, ...]] = [()] * len(chain.calls)
     model = ChainModel(world, chain, robot, models=models, names=names, objective=objective)
     return model.predict(model.given)
-
-
-def _values(goal: Goal, names: Sequence[str]) -> FloatArray:
-    """Return the goal variables `names` of a subgoal, shape (k,)."""
-    values = goal_values(goal)
-    return np.array([values[name] for name in names], dtype=float)
 
 
 def _row(value: Any, row: int) -> float:
@@ -411,16 +368,9 @@ def with_room(
     """Return `step_cost`, infinite for arrivals at a free speed that leave no room to stop.
 
     Models do not know where walls are. A robot that arrives at a bay at a speed from which it can neither
-    turn nor stop gets stuck. The chain's own values keep their cost.
-
-    Parameters
-    ----------
-    step_cost : callable
-        Costs of the steps of `chain`.
-    chain, names, robot
-        The chain, and the free variables of each subgoal.
-    room : float
-        Multiple of the stopping distance that must be free, as the gate's file sets it; 0: none.
+    turn nor stop gets stuck. The chain's own values keep their cost. `names` are the free variables of each
+    subgoal, `room` is the multiple of the stopping distance that must be free, as the gate's file sets it; 0:
+    none.
     """
     if room <= 0.0:
         return step_cost

@@ -74,16 +74,9 @@ def gate_features(
 class Gate:
     """Decides from the values of `FEATURES` whether to refine.
 
-    Attributes
-    ----------
-    widths : mapping
-        Widths of the kernel with which costs are averaged before a chain is chosen, see
-        `ator_ros.refinement.search.Averages`.
-    room : float
-        Multiple of the stopping distance that arrivals must leave free, see
-        `ator_ros.refinement.chain_prediction.with_room`.
-    corrected : bool
-        Whether it decides from corrected predictions, see `ator_ros.refinement.calibration`.
+    `widths` are those of `ator_ros.refinement.search.Averages`, `room` is that of
+    `ator_ros.refinement.chain_prediction.with_room`. A `corrected` gate decides from corrected predictions,
+    see `ator_ros.refinement.calibration`.
     """
 
     widths: Widths = field(default_factory=dict)
@@ -113,15 +106,7 @@ class OpenGate(Gate):
 
 @dataclass(frozen=True, slots=True)
 class ThresholdGate(Gate):
-    """Refines where the predicted gain exceeds a threshold that grows with the models' spread.
-
-    Attributes
-    ----------
-    gain : float
-        Least predicted gain in s.
-    spread_factor : float
-        Added to it per second of spread.
-    """
+    """Refines where the predicted gain exceeds `gain` (s) and `spread_factor` times the models' spread."""
 
     gain: float
     spread_factor: float = 0.0
@@ -143,13 +128,8 @@ class ThresholdGate(Gate):
 class TreeGate(Gate):
     """A decision tree that predicts Higher, Equal or Lower from `FEATURES` (paper): Higher is refined.
 
-    Attributes
-    ----------
-    feature, threshold, left, right : tuples, one item per node
-        At node i the branch is left[i] where the value of feature[i] is at most threshold[i], right[i]
-        otherwise; a leaf has an empty feature.
-    label : tuple of str
-        The label of each node.
+    At node i the branch is left[i] where the value of feature[i] is at most threshold[i], right[i] otherwise;
+    a leaf has an empty feature.
     """
 
     feature: tuple[Annotated[str, OneOf(("", *FEATURES))], ...]

@@ -47,9 +47,8 @@ class Objective:
     Parameters
     ----------
     weights : mapping
-        Name of a measure to its weight: "duration" without unit (seconds count as they are), "success" in s
-        per failure, "accuracy" in s per m. Measures that are not named have weight 0. By default only
-        duration counts.
+        Of "duration" without unit (seconds count as they are), of "success" in s per failure, of "accuracy"
+        in s per m. By default only duration counts.
     measures : mapping, optional
         The measures that can be named; by default `MEASURES`.
     where_predicted : frozenset of str
@@ -90,13 +89,7 @@ class Objective:
         return tuple(dict.fromkeys(measure.field for _, _, measure in self._counting))
 
     def cost(self, prediction: Any) -> FloatArray:
-        """Return the weighted cost, shape (n,), of a prediction for n candidates.
-
-        Raises
-        ------
-        RefinementError
-            The performance model does not predict a measure that has a weight.
-        """
+        """Return the weighted cost, shape (n,); raises RefinementError where a measure is not predicted."""
         terms: list[FloatArray] = []
         missing: list[str] = []
         for name, weight, measure in self._counting:

@@ -177,8 +177,7 @@ class Refiner:
         Raises
         ------
         RefinementError
-            The request cannot be evaluated: a chain that is empty or too long, or no finite prediction for
-            any candidate.
+            A chain is empty or too long, or no candidate has a finite prediction.
         """
         objective = objective if objective is not None else expected_time(self.failure_cost)
         analysis, regions = self.bounded(world, chain)
@@ -220,12 +219,7 @@ class Refiner:
 
         Free variables with a rest value (arrival speed: 0) take it; the others those at which the action is
         predicted to be fastest. A variable that affects only the action after it keeps its value, and so does
-        one that is bounded by a region in which no candidate is found.
-
-        Raises
-        ------
-        RefinementError
-            As in `refine`.
+        one that is bounded by a region in which no candidate is found. Raises as `refine` does.
         """
         analysis, regions = self.bounded(world, chain)
         return self._fastest_alone(world, chain, analysis.free, regions, {}, no_deadline)
@@ -272,13 +266,7 @@ class Refiner:
         return chain
 
     def bounded(self, world: World, chain: TopChain) -> tuple[Analysis, Regions]:
-        """Return the free variables of `chain`, bounded by experience and regions, and the regions.
-
-        Raises
-        ------
-        RefinementError
-            The chain is empty or too long.
-        """
+        """Return the free variables of `chain`, bounded by experience and regions, and the regions."""
         if not 1 <= len(chain.calls) <= LONGEST_CHAIN:
             raise RefinementError(f"chain: expected 1 to {LONGEST_CHAIN} actions, got {len(chain.calls)}")
         analysis = analyse(chain, self.models, self.robot, self._ranges)
@@ -473,42 +461,29 @@ def choose(
 ) -> Selection:
     """Refine each of `chains` and choose the best; once the deadline has passed, the rest is only predicted.
 
-    Parameters
-    ----------
-    refiner, world, objective, placeholders, deadline
-        As for `Refiner.refine`.
-    chains : sequence of TopChain or str
-        The chains, or why one cannot be used. One that is no valid plan from `world` is skipped.
+    `chains` are chains, or why one cannot be used; one that is no valid plan from `world` is skipped. The
+    others are as for `Refiner.refine`.
 
     Raises
     ------
     RefinementError
         None of them can be used; the message says why, for each.
     """
-    judged = tuple(_judged(refiner, world, chain, objective, placeholders, deadline) for chain in chains)
+    judged: list[Judged] = []
+    for chain in chains:
+        if isinstance(chain, str):
+            judged.append(Judged(chain))
+        elif violations := chain.violations(world, refiner.robot):
+            judged.append(Judged(f"no valid plan: {'; '.join(violations)}"))
+        else:
+            try:
+                found = refiner.refine(world, chain, objective, placeholders=placeholders, deadline=deadline)
+                judged.append(Judged(found.reason, found))
+            except RefinementError as error:
+                judged.append(Judged(str(error)))
     number = min(range(len(judged)), key=lambda index: judged[index].rank)
     if judged[number].refinement is None:
         first, *others = (each.reason for each in judged)
         reasons = [first, *(f"alternative {index}: {why}" for index, why in enumerate(others, 1))]
         raise RefinementError("; ".join(reasons))
-    return Selection(judged, number)
-
-
-def _judged(
-    refiner: Refiner,
-    world: World,
-    chain: TopChain | str,
-    objective: Objective | None,
-    placeholders: bool,
-    deadline: Deadline,
-) -> Judged:
-    if isinstance(chain, str):
-        return Judged(chain)
-    violations = chain.violations(world, refiner.robot)
-    if violations:
-        return Judged(f"no valid plan: {'; '.join(violations)}")
-    try:
-        found = refiner.refine(world, chain, objective, placeholders=placeholders, deadline=deadline)
-    except RefinementError as error:
-        return Judged(str(error))
-    return Judged(found.reason, found)
+    return Selection(tuple(judged), number)

@@ -165,8 +165,7 @@ def search(
     Parameters
     ----------
     step_cost : callable
-        The cost of a step from the values of the subgoals on both its sides; step 0 starts from an array (1,
-        0).
+        Step 0 starts from an array (1, 0).
     axes : sequence, one item per subgoal
         Domains of the subgoal's free variables; empty where none is free.
     given : sequence, one item per subgoal, optional
