@@ -31,18 +31,6 @@ VERSION = 1
 _FORMAT, _VERSION = "format", "schema_version"
 LARGEST_JSON = 20_000_000
 """Bytes of a JSON file; the largest model that ships has 40 kB."""
-_DIGITS = 300
-# What PyYAML raises on malformed dates, tagged values and deep nesting.
-_YAML_ERRORS = (
-    OSError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    ArithmeticError,
-    RecursionError,
-    yaml.YAMLError,
-)
-_DEEPEST = 100  # levels of lists and tables in YAML
 _LONGEST_NAME = 100  # characters; a file's name may have 255 bytes
 
 
@@ -59,7 +47,9 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
-        temporary.chmod(0o666 & ~_umask())
+        mask = os.umask(0o022)  # it can only be read by setting it
+        os.umask(mask)
+        temporary.chmod(0o666 & ~mask)
         os.replace(temporary, file)
     finally:
         temporary.unlink(missing_ok=True)
@@ -137,13 +127,6 @@ def portable_command(name: str, words: Sequence[str]) -> str:
     return shlex.join([name, *(Path(word).name if "/" in word else word for word in words)])
 
 
-def _umask() -> int:
-    # The umask can only be read by setting it.
-    mask = os.umask(0o022)
-    os.umask(mask)
-    return mask
-
-
 class FileError(ValueError):
     """A file that cannot be used; the message names it."""
 
@@ -165,11 +148,14 @@ def save(
     Fields of a dataclass whose value and default are None are left out.
     """
     fields = content if isinstance(content, Mapping) else unstructured(content)
-    lines = ",\n".join(
-        f" {json.dumps(name)}: {_in_one_line(value) if name in compact else _indented(value)}"
-        for name, value in {**header(kind), **fields}.items()
-    )
-    write_text(path, f"{{\n{lines}\n}}\n")
+    lines = []
+    for name, value in {**header(kind), **fields}.items():
+        if name in compact:
+            text = json.dumps(value, separators=(",", ":"))
+        else:
+            text = json.dumps(value, indent=1, allow_nan=False).replace("\n", "\n ")
+        lines.append(f" {json.dumps(name)}: {text}")
+    write_text(path, "{\n" + ",\n".join(lines) + "\n}\n")
 
 
 def load(
@@ -180,24 +166,12 @@ def load(
     largest: int = LARGEST_JSON,
     error: type[ValueError] = FileError,
 ) -> T:
-    """Read a file of this kind.
-
-    Parameters
-    ----------
-    path : Path or str
-    kind : str
-        As in `save`.
-    schema : type
-        A dataclass; other fields of the file are ignored.
-    largest : int
-        Bytes that the file may have.
-    error : type
-        Type of the errors.
+    """Read a file of this kind, of at most `largest` bytes; fields that its `schema` lacks are ignored.
 
     Raises
     ------
-    FileError
-        Or `error`: the file cannot be read, or is of another kind; the message names file and field.
+    error
+        The file cannot be read, or is of another kind; the message names file and field.
     """
     try:
         return structured(content_of(read_json(Path(path), largest=largest), kind), schema)
@@ -208,13 +182,7 @@ def load(
 
 
 def content_of(data: object, kind: str) -> dict[str, Any]:
-    """Return the fields of a file of this kind without its header.
-
-    Raises
-    ------
-    SchemaError
-        The header is that of another kind or version.
-    """
+    """Return the fields of a file without its header; raises SchemaError for another kind or version."""
     expected = header(kind)
     if not isinstance(data, dict) or data.get(_FORMAT) != expected[_FORMAT]:
         got = short(data.get(_FORMAT)) if isinstance(data, dict) else "no table"
@@ -233,32 +201,8 @@ def content_with_optional_header(data: object, kind: str) -> object:
     return content_of(data, kind) if stated else data
 
 
-def _indented(value: object) -> str:
-    """Return indented JSON, as a field of an object."""
-    return json.dumps(value, indent=1, allow_nan=False).replace("\n", "\n ")  # a string has no line break
-
-
-def _in_one_line(value: object) -> str:
-    return json.dumps(value, separators=(",", ":"))
-
-
-def _parse_int(digits: str) -> int:
-    # A float holds at most 1.8e308.
-    if len(digits) > _DIGITS:
-        raise ValueError(f"expected numbers below 1e{_DIGITS}, got one of {len(digits)} digits")
-    return int(digits)
-
-
 def read_text(path: Path, largest: int) -> str:
-    """Read a text file of at most `largest` bytes.
-
-    Raises
-    ------
-    OSError
-        The file cannot be read.
-    ValueError
-        It is larger, not in UTF-8, or no ordinary file.
-    """
+    """Read a text file in UTF-8 of at most `largest` bytes; raises OSError or ValueError."""
     if not path.is_file() and path.exists():  # opening a pipe would block
         raise ValueError("expected an ordinary file, got a folder, a pipe or a device")
     with path.open("rb") as file:
@@ -269,15 +213,9 @@ def read_text(path: Path, largest: int) -> str:
 
 
 def read_json(path: Path, *, largest: int = LARGEST_JSON) -> Any:
-    """Read a JSON file.
-
-    Raises
-    ------
-    FileError
-        The file cannot be read, has more than `largest` bytes, is not JSON, or is nested too deeply.
-    """
+    """Read a JSON file of at most `largest` bytes; raises FileError."""
     try:
-        return json.loads(read_text(path, largest), parse_int=_parse_int)
+        return json.loads(read_text(path, largest))
     except FileNotFoundError:
         raise FileError(f"{path}: expected a JSON file, there is none") from None
     except (OSError, RecursionError, ValueError) as error:
@@ -285,16 +223,10 @@ def read_json(path: Path, *, largest: int = LARGEST_JSON) -> Any:
 
 
 def read_yaml(path: Path, *, largest: int) -> Any:
-    """Read a YAML file of at most `largest` bytes.
-
-    Raises
-    ------
-    FileError
-        The file cannot be read, is larger, or is not plain YAML.
-    """
+    """Read a plain YAML file of at most `largest` bytes; raises FileError."""
     try:
         return yaml.load(read_text(path, largest), Loader=_PlainLoader)  # noqa: S506 (a SafeLoader)
-    except _YAML_ERRORS as error:
+    except Exception as error:  # PyYAML raises many on malformed dates, tagged values and deep nesting
         raise FileError(f"{path}: expected a readable YAML file: {_problem_of(error)}") from error
 
 
@@ -308,19 +240,12 @@ def _problem_of(error: Exception) -> str:
 class _PlainLoader(yaml.SafeLoader):
     """Reads YAML, but no aliases, with which a few lines expand to billions of values, nor duplicate keys."""
 
-    _depth = 0
-
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """Reject an alias."""
         if self.check_event(yaml.AliasEvent):
             event = self.get_event()  # type: ignore[no-untyped-call]
             raise yaml.YAMLError(f"line {event.start_mark.line + 1}: expected no alias, got *{event.anchor}")
-        self._depth += 1
-        if self._depth > _DEEPEST:  # PyYAML itself takes seconds to fail
-            raise yaml.YAMLError(f"expected at most {_DEEPEST} levels of lists and tables, got more")
-        node = super().compose_node(parent, index)
-        self._depth -= 1
-        return node
+        return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """Reject a duplicate key, whose earlier value PyYAML would drop silently."""

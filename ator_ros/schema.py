@@ -90,23 +90,10 @@ class AtMost:
 
 
 def structured(data: object, schema: type[T], where: str = "", *, closed: bool = False) -> T:
-    """Return `data` as an instance of `schema`.
+    """Return parsed data as an instance of `schema`, a dataclass or a type built of them.
 
-    Parameters
-    ----------
-    data : object
-        Parsed data.
-    schema : type
-        A dataclass, or a type built of them.
-    where : str
-        Path of `data` in its file, for messages.
-    closed : bool
-        Whether fields that the schema lacks are an error; otherwise they are ignored.
-
-    Raises
-    ------
-    SchemaError
-        It does not fit; the message names the first field that does not.
+    Fields that the schema lacks are an error if it is `closed`; otherwise they are ignored. SchemaError names
+    the first field that does not fit, below the path `where`.
     """
     try:
         return (_CLOSED if closed else _OPEN).structure(data, schema)
@@ -201,7 +188,10 @@ def _table(converter: Converter, kind: Any, *, closed: bool) -> Callable[[Any, A
         # cattrs itself drops Annotated from the annotations of a dataclass.
         hints = get_type_hints(kind, include_extras=True)
         hooks: Any = {
-            item.name: override(struct_hook=_as(converter, hints[item.name])) for item in fields(kind)
+            item.name: override(
+                struct_hook=lambda value, _, hint=hints[item.name]: converter.structure(value, hint)
+            )
+            for item in fields(kind)
         }
         inner = make_dict_structure_fn(
             cast("type[Any]", kind),
@@ -220,10 +210,6 @@ def _table(converter: Converter, kind: Any, *, closed: bool) -> Callable[[Any, A
         return inner(value, to)
 
     return structure
-
-
-def _as(converter: Converter, kind: Any) -> Callable[[object, object], Any]:
-    return lambda value, _: converter.structure(value, kind)
 
 
 def _narrowed(converter: Converter, kind: Any) -> Callable[[object, object], Any]:

@@ -36,18 +36,8 @@ _SHARE = 0.02
 class Learner:
     """Stores records, starts rounds of learning, and publishes sets with better models.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the learned sets; no other process may write there, see `exclusive_folder`.
-    info : StoreInfo
-        Robot and domain.
-    begin : callable
-        Starts a round.
-    batch : int
-        New records after which to start one; at least 2 % of all.
-    most : int
-        Episodes of an action set that are kept.
+    No other process may write to the folder of the learned sets, see `exclusive_folder`. `begin` starts a
+    round, after `batch` new records or 2 % of all; `most` episodes of an action set are kept.
 
     Raises
     ------

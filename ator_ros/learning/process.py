@@ -16,19 +16,7 @@ _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_N
 
 
 class RoundProcess:
-    """A round of learning under way.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder of the learned sets.
-    domain, robot, models : str
-        Parameters of the node.
-    observed : bool
-        See `Source`.
-    time : str
-        Time of the set, for its manifest.
-    """
+    """A round of learning under way; the arguments are parameters of the node, and `time` is for `learn`."""
 
     def __init__(
         self, folder: Path, *, domain: str, robot: str, models: str, observed: bool, time: str

@@ -64,10 +64,10 @@ def improved(
 ) -> tuple[Verdicts, PerformanceModel | None]:
     """Judge each tree of an action's model on the newest records; return a model if some tree is better.
 
+    The action, `robot` and `features` are as for `train`.
+
     Parameters
     ----------
-    action, robot, features
-        As for `train`.
     rows : pandas.DataFrame
         Starts of its episodes, oldest first, with `NUMBER`.
     current : PerformanceModel or None
@@ -144,18 +144,10 @@ def _means(data: Mapping[str, TrainingData]) -> dict[str, ModelTree]:
 
 @dataclass(frozen=True)
 class Source:
-    """What a round of learning starts from.
+    """What a round of learning starts from: `folder` has the learned sets and the store of records.
 
-    Attributes
-    ----------
-    folder : Path
-        Folder of the learned sets and the store of records.
-    domain : Domain
-    robot : Robot
-    models : Path
-        Folder of the models that the node was started with; it may be missing.
-    observed : bool
-        Whether to use observed features only, without ideal times of actions.
+    The folder `models`, with which the node was started, may be missing. If `observed`, only observed
+    features are used, without ideal times of actions.
     """
 
     folder: Path
@@ -182,14 +174,7 @@ class Source:
 
 
 def learn(source: Source, *, time: str) -> dict[str, Any]:
-    """Compare models, and make a new set if one is better; it is not published.
-
-    Parameters
-    ----------
-    source : Source
-        Records and models.
-    time : str
-        Time of the set, for its manifest.
+    """Compare models, and make a new set of this time if one is better; it is not published.
 
     Returns
     -------

@@ -32,10 +32,7 @@ _LEAST_DISTANCE = 0.5
 def chain_of(steps: Sequence[PlannedStep], world: World, library: TopLibrary, fence: Fence) -> TopChain:
     """Return the chain of a plan's steps, with places inside the scene's area and the fence.
 
-    Raises
-    ------
-    PlanningError
-        There is no place for a step.
+    PlanningError: there is no place for a step.
     """
     calls: list[TopCall] = []
     for number, step in enumerate(steps, start=1):
@@ -88,14 +85,8 @@ def _place_in(
 ) -> tuple[float, float] | None:
     """Return the place (m) in a region that is nearest to the present place of its thing, or None.
 
-    Parameters
-    ----------
-    region : sequence of Fact
-        Facts that must hold there.
-    top : Top
-        The TOP that brings the thing there; the place keeps its tolerance from the edge, if possible.
-    state, edges
-        State before, and bounds of the places: x_min, y_min, x_max, y_max in m.
+    It keeps the tolerance of the TOP that brings the thing there from the edge, if possible, and lies within
+    the `edges` x_min, y_min, x_max, y_max (m).
     """
     thing = placed_thing(region[0].clause)
     goal = resolved(dict(region[0].binding), state)
