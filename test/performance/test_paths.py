@@ -12,7 +12,7 @@ import pytest
 
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle, ObservedLimits, plain_driving
-from ator_ros.performance.features import GENERAL, IDEAL, OBSERVED, feature_table, names_of
+from ator_ros.performance.features import GENERAL, IDEAL, OBSERVED, feature_table
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.paths import path_times
 from ator_ros.performance.training import from_odometry, train
@@ -20,7 +20,6 @@ from ator_ros.robot.description import load_robot
 
 ROBOT = load_robot()
 SLOW = DrivingStyle(ObservedLimits(0.5, 1.0, 0.4, 0.3, 2.0))
-DESCRIBED = {"drive_time", "drive_turn", "dribble_time", "dribble_turn", "run_up_time"}
 
 
 def time_to(x: float, y: float, turn: float, driving: DrivingStyle, *, speed: float = 0.0) -> float:
@@ -70,10 +69,6 @@ def test_limits_are_read_off_odometry() -> None:
     assert seen.limits.a == pytest.approx(0.2, rel=0.05)
     assert seen.limits.brake == pytest.approx(0.1, rel=0.05)
     assert not seen.backward
-
-
-def test_observed_models_use_nothing_described() -> None:
-    assert not DESCRIBED & set(names_of(OBSERVED))
 
 
 def test_a_model_keeps_how_its_action_drives(tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ from ator_ros.refinement.search import Averages, search
 from ator_ros.tops.ranges import Range
 
 CIRCLE = Range(-math.pi, math.pi, 36, periodic=True)
-SPEED = Range(0.0, 1.0, 6)
 WIDTH = math.radians(8.0)
 
 
@@ -33,18 +32,6 @@ def test_a_choice_keeps_away_from_a_dip_among_high_costs() -> None:
     assert careful.values[0][0] == pytest.approx(-1.0, abs=math.radians(3.0))
     assert careful.given == pytest.approx(5.0 - math.exp(-1.0), abs=0.05)
     assert followed.given is None
-
-
-def test_neighbours_are_near_in_every_variable_also_across_the_end_of_a_circle() -> None:
-    candidates = np.array([[3.13, 0.2], [-3.13, 0.2], [3.13, 0.9], [0.0, 0.2]])
-    weights = Averages([[CIRCLE, SPEED]], [[WIDTH, 0.0]]).weights(0, candidates)
-    assert weights is not None
-    assert weights[0, 1] == pytest.approx(1.0, abs=0.05)  # 0.02 rad apart
-    assert weights[0, 2] == 0.0  # another speed, which has no width
-    assert weights[0, 3] < 1e-9
-    both = Averages([[CIRCLE, SPEED]], [[WIDTH, 0.7]]).weights(0, candidates)
-    assert both is not None
-    assert both[0, 2] == pytest.approx(math.exp(-0.5))
 
 
 def test_a_choice_does_not_lean_over_a_step() -> None:

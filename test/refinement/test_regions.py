@@ -23,10 +23,8 @@ from ator_ros.domains.soccer.tops import SHOOT
 from ator_ros.execution.fence import Fence
 from ator_ros.refinement.free_variables import names_of
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.refinement.search import search
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.conditions import Bearing, Condition, Distance
-from ator_ros.tops.ranges import Range
 
 GOAL = {"x": 4.0, "y": 0.0, "yaw": 0.0, "speed": 0.0}
 MARGIN = 0.16  # by which a dribble may miss, by its post-condition
@@ -175,24 +173,6 @@ class TestFreePlace:
             there = refiner.refine(here, chain).chain.calls[1].goal.pose
             ways.append(math.hypot(there.x - 2.2, there.y - 0.3))
         assert ways[0] < 1.2 <= ways[1]
-
-
-def test_sampled_search_comes_close_to_the_least_cost() -> None:
-    """Six free variables, three of them angles, a bowl whose bottom is known."""
-    circle, speed = Range(-math.pi, math.pi, 36, periodic=True), Range(0.0, 1.0, 6)
-    axes = [[circle, speed], [Range(-3.0, 3.0, 16), Range(-2.0, 2.0, 10), circle, speed], []]
-    bottom = [np.array([2.0, 0.3]), np.array([1.0, -1.0, -2.5, 0.9]), np.zeros(0)]
-
-    def cost(index: int, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        size = max(len(before), len(after))
-        total = np.zeros(size)
-        for values, best in ((after, bottom[index]),) if index < 2 else ():
-            difference = values - best
-            total = total + (1.0 - np.cos(difference)).sum(axis=1)
-        return total if index else total + 1.0
-
-    optimum = search(cost, axes)
-    assert optimum.cost <= 1.0 + 0.02
 
 
 def test_naive_places_follow_from_naive_places_before_not_from_placeholders() -> None:
