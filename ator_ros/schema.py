@@ -181,6 +181,10 @@ def _list(converter: Converter, kind: Any) -> Callable[[object, object], tuple[A
     return structure
 
 
+def _as(converter: Converter, kind: Any) -> Callable[[object, object], Any]:
+    return lambda value, _: converter.structure(value, kind)
+
+
 def _table(converter: Converter, kind: Any, *, closed: bool) -> Callable[[Any, Any], Any]:
     inner: Any
     if is_dataclass(kind):
@@ -188,10 +192,7 @@ def _table(converter: Converter, kind: Any, *, closed: bool) -> Callable[[Any, A
         # cattrs itself drops Annotated from the annotations of a dataclass.
         hints = get_type_hints(kind, include_extras=True)
         hooks: Any = {
-            item.name: override(
-                struct_hook=lambda value, _, hint=hints[item.name]: converter.structure(value, hint)
-            )
-            for item in fields(kind)
+            item.name: override(struct_hook=_as(converter, hints[item.name])) for item in fields(kind)
         }
         inner = make_dict_structure_fn(
             cast("type[Any]", kind),
