@@ -166,11 +166,9 @@ def _why_unknown(
 
 
 class _Rule(NamedTuple):
-    """A bound of a subgoal's candidates.
+    """A bound by a condition or model, the `source`, with a margin `room` to keep.
 
-    `source` names the condition or model that it comes from, `room` is the margin to keep in the unit of the
-    bound, `goal` the goal that it refers to (None for the subgoal's own); `before`: it concerns the state
-    before the step.
+    It refers to a `goal` (None for the subgoal's own) and, if `before`, to the state before the step.
     """
 
     source: str
@@ -188,14 +186,7 @@ class Regions:
     distance to drive is limited to the experience of the action's model, unless the place at which the step
     starts is free, too: then each place is bounded separately.
 
-    Parameters
-    ----------
-    world, chain, robot
-        The request.
-    names : sequence of tuple of str, one per subgoal
-        The free variables.
-    models : mapping, optional
-        Action name to performance model, whose experience bounds distances; an action may lack one.
+    `names` are the free variables of each subgoal; an action may lack a model.
     """
 
     def __init__(
@@ -281,8 +272,11 @@ class Regions:
         room, goal = call.top.place_tolerance, goal_values(following.goal)
         free = _PLACE & set(self._names[index + 1])
         for bound in _bounds_in(following.top.pre):
-            if not (free and _names_goal(bound)):
-                yield _Rule(source, bound, room if _is_place(bound) else 0.0, goal)
+            if isinstance(bound, Region):
+                is_place = bound.variable.endswith((".x", ".y"))
+                yield _Rule(source, bound, room if is_place else 0.0, goal)
+            elif not (free and "goal" in bound.places):
+                yield _Rule(source, bound, room, goal)
 
     def _after(self, index: int, values: FloatArray) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return state and goal variables after a step whose goal has these free values (n, k)."""
@@ -338,14 +332,6 @@ def _placed(term: Term | Region, target: Any) -> Any:
 def _bounds_in(condition: Condition) -> list[Bound]:
     ranges = [term for term in condition.terms if isinstance(term, Region) and term.bounds]
     return [*condition.relations, *ranges]
-
-
-def _is_place(bound: Bound) -> bool:
-    return not isinstance(bound, Region) or bound.variable.endswith((".x", ".y"))
-
-
-def _names_goal(bound: Bound) -> bool:
-    return not isinstance(bound, Region) and "goal" in bound.places
 
 
 def _clearance(bound: Bound, state: Mapping[str, Any], goal: Mapping[str, Any]) -> Any:
@@ -470,14 +456,23 @@ def within_experience(
 def _experience_bounds(
     variable: FreeVariable, chain: TopChain, models: Mapping[str, PredictsPerformance]
 ) -> Iterator[tuple[float, float, str]]:
-    """Yield the bounds of a variable by experience: low, high and a description."""
-    for action, direct in _direct_variables(variable, chain):
+    """Yield the bounds of a variable by experience: low, high and a description.
+
+    The place at which the next action starts is left out, since it is relative to its goal.
+    """
+    call, *following = chain.calls[variable.subgoal : variable.subgoal + 2]
+    affected = [(call.top.action, direct_name(variable.name))]
+    for after in following:
+        starts = start_variables(variable.name, call.goal.point) - {"x", "y", "yaw"}
+        affected += [(after.top.action, direct) for direct in sorted(starts)]
+    for action, direct in affected:
         known = experience_of(models.get(action))
         if direct in known:
             low, high = known[direct]
             yield low, high, f"experience of {action}: {direct} from {low:.2f} to {high:.2f}"
-    if variable.name == "speed" and variable.subgoal + 1 < len(chain.calls):
-        yield from _braking_bounds(chain.calls[variable.subgoal], chain.calls[variable.subgoal + 1], models)
+    if variable.name == "speed":
+        for after in following:
+            yield from _braking_bounds(call, after, models)
 
 
 def _braking_bounds(
@@ -497,19 +492,6 @@ def _braking_bounds(
     yield 0.0, math.sqrt(left**2 + 2.0 * known[1] * distances), description
 
 
-def _direct_variables(variable: FreeVariable, chain: TopChain) -> Iterator[tuple[str, str]]:
-    """Yield the actions that a variable affects, and its direct variable in each.
-
-    The place at which the next action starts is left out, since it is relative to its goal.
-    """
-    call = chain.calls[variable.subgoal]
-    yield call.top.action, direct_name(variable.name)
-    if variable.subgoal + 1 < len(chain.calls):
-        following = chain.calls[variable.subgoal + 1].top.action
-        for direct in sorted(start_variables(variable.name, call.goal.point) - {"x", "y", "yaw"}):
-            yield following, direct
-
-
 def within_regions(analysis: Analysis, regions: Regions, chain: TopChain) -> Analysis:
     """Return `analysis` with the ranges narrowed to the candidates that the regions allow.
 
@@ -523,7 +505,8 @@ def within_regions(analysis: Analysis, regions: Regions, chain: TopChain) -> Ana
             free += variables
             continue
         limits = regions.limits(index)
-        points = _points([variable.domain for variable in variables])
+        low, high = np.array([(variable.domain.low, variable.domain.high) for variable in variables]).T
+        points = low + (high - low) * spread_points(len(variables), 0, _POINTS)
         points = points[regions.allowed(index, points)]
         if not len(points):
             why = f"without an allowed value: {'; '.join(limits)}"
@@ -536,12 +519,6 @@ def within_regions(analysis: Analysis, regions: Regions, chain: TopChain) -> Ana
                 narrowed = _narrowed(variable, float(column.min()) - room, float(column.max()) + room, limits)
             free.append(narrowed)
     return dataclasses.replace(analysis, free=tuple(free), not_free=tuple(not_free))
-
-
-def _points(domains: Sequence[Range]) -> np.ndarray:
-    low = np.array([domain.low for domain in domains])
-    high = np.array([domain.high for domain in domains])
-    return np.asarray(low + (high - low) * spread_points(len(domains), 0, _POINTS))
 
 
 def _narrowed(variable: FreeVariable, low: float, high: float, limits: tuple[str, ...]) -> FreeVariable:

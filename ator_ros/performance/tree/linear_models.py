@@ -23,12 +23,8 @@ _ROUNDING = 1e-9
 class Standardised:
     """Rows centred and scaled for well-conditioned normal equations, and the way back to their units.
 
-    Attributes
-    ----------
-    rows : array of float, shape (n, n_features + 2)
-        Columns: the constant 1, the features, the target; all but the first of mean 0 and deviation 1 (or 0).
-    mean, scale : array of float, shape (n_features + 1,)
-        Of the features and the target.
+    The columns of `rows` (n, n_features + 2) are the constant 1, the features and the target; all but the
+    first have mean 0 and deviation 1 (or 0). `mean` and `scale` are those of features and target.
     """
 
     rows: FloatArray

@@ -26,22 +26,17 @@ class ModelTree:
     ----------
     names : tuple of str
         Names of the features, in the order of the columns of `X`.
-    feature : array of int, shape (n_nodes,)
-        Column that a node compares; 0 at leaves, where it does not matter.
-    threshold : array of float, shape (n_nodes,)
-        A row goes to the first child if its feature is at most this, else to the second; 0 at leaves.
+    feature, threshold : arrays, shape (n_nodes,)
+        A row goes to the first child if its feature in this column is at most the threshold, else to the
+        second; 0 at leaves.
     children : array of int, shape (n_nodes, 2)
         Numbers of the two nodes below; a leaf's own number, twice.
-    intercept : array of float, shape (n_nodes,)
-        Constant term of a leaf's linear model, in the target's unit; 0 at inner nodes.
-    coefficients : array of float, shape (n_nodes, n_features)
-        Slopes of a leaf's linear model, in target unit per feature unit; 0 at inner nodes.
+    intercept, coefficients : arrays of float, shape (n_nodes,) and (n_nodes, n_features)
+        A leaf's linear model, in units of target and features; 0 at inner nodes.
     lower, upper : array of float, shape (n_nodes,)
-        A leaf's predictions are held between these, since a linear model extrapolates without end; 0 at inner
-        nodes.
+        A leaf's predictions are held between these, since a linear model extrapolates without end.
     spread : array of float, shape (n_nodes,)
-        Standard deviation to expect of actual minus predicted at a leaf, in the target's unit; 0 at inner
-        nodes.
+        Standard deviation to expect of actual minus predicted at a leaf, in the target's unit.
     samples : array of float, shape (n_nodes,)
         How many independent samples (groups of rows, if there were groups) a node was learned from.
     """
@@ -106,12 +101,7 @@ class ModelTree:
     def evaluate(self, rows: FloatArray, places: IntArray) -> tuple[FloatArray, IntArray]:
         """Return the prediction for n situations, and their leaves.
 
-        Parameters
-        ----------
-        rows : array of float, shape (any, n)
-            Finite values, those of a feature in a row.
-        places : array of int, shape (n_features,)
-            The row of each of `names`.
+        `rows` (any, n) hold finite values, those of a feature in a row; `places` are the rows of `names`.
         """
         value, leaf = np.empty(rows.shape[1]), np.empty(rows.shape[1], dtype=np.intp)
         _evaluate(
@@ -157,20 +147,10 @@ def _evaluate(
 
 @dataclass(frozen=True)
 class Rule:
-    """One leaf of a model tree.
+    """One leaf of a model tree, with the fields of `ModelTree`.
 
-    Attributes
-    ----------
-    leaf : int
-        Number of the node.
-    bounds : dict of str to (float, float)
-        By feature, in the order of the path: the rule holds where lower < value <= upper; infinite where it
-        is not bounded.
-    intercept : float
-    slopes : dict of str to float
-        By feature, zeros left out.
-    spread, samples : float
-        Standard deviation to expect of the error, and independent samples that the rule was learned from.
+    It holds where lower < value <= upper for the `bounds` of each feature, in the order of the path; infinite
+    where there is no bound. Slopes of 0 are left out.
     """
 
     leaf: int
@@ -212,15 +192,9 @@ def rule_for(tree: ModelTree, situation: FloatArray) -> Rule:
 
 @dataclass(frozen=True)
 class RuleWriter:
-    """Writes rules as text.
+    """Writes rules as text; angles in rad are written in degrees, as the paper does.
 
-    Attributes
-    ----------
-    units : mapping of str to str
-        Unit of each feature; those not named have none. Angles in rad are written in degrees, as the paper
-        does.
-    target, target_unit : str
-        What is predicted.
+    `units` are those of the features, `target` is what is predicted.
     """
 
     units: Mapping[str, str]

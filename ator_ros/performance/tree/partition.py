@@ -26,7 +26,7 @@ _WORST = 1e6
 
 @dataclass(eq=False)
 class GrownNode:
-    """A node while the tree grows.
+    """A node while the tree grows; without children it is a leaf.
 
     Attributes
     ----------
@@ -38,8 +38,6 @@ class GrownNode:
         Groups among the rows, or their total weight if there are no groups.
     target_range : tuple of float
         Least and greatest standardised target.
-    feature, threshold, children : int, float, tuple of int
-        The split; no children at a leaf.
     """
 
     order: IntArray
@@ -70,12 +68,8 @@ class Partition:
         Features in their own units, from which thresholds are taken.
     rows : array of float, shape (n, n_features + 2)
         Standardised rows: constant, features, target.
-    weight : array of float, shape (n,)
-        Positive; a row of weight 2 counts as two rows.
-    groups : array of int, shape (n,), or None
-        Rows of one group are not independent of each other. Consecutive codes from 0.
-    min_samples_leaf, max_leaves
-        As in `ModelTreeRegressor`.
+    weight, groups : arrays, shape (n,)
+        As in `ModelTreeRegressor`, groups as consecutive codes from 0.
     nodes : list of GrownNode
         What has grown; a node comes before all nodes below it.
     """
@@ -140,10 +134,7 @@ class Partition:
         node.order = node.order[:, :0]
 
     def _best_split(self, node: GrownNode, table: FloatArray) -> _Split | None:
-        """Choose the split with the greatest standard-deviation reduction, None if there is none to make.
-
-        `table` holds the node's standardised rows, in the order of the first feature.
-        """
+        """Return the split with the greatest standard-deviation reduction of the node's rows, if any."""
         total = node.moments[0, 0]
         minimum = self.min_samples_leaf * (total / node.samples if self.groups is not None else 1.0)
         if total < 2 * minimum:
@@ -170,10 +161,7 @@ class Partition:
         return _Split(int(feature), int(positions[feature, candidate]), reduction)
 
     def _candidates(self, node: GrownNode, count: int) -> tuple[IntArray, BoolArray]:
-        """Place `count` splits per feature at quantiles: how many rows are to the left, (n_features, count).
-
-        Also gives which of them are splits at all: one side may be empty where many values are equal.
-        """
+        """Return splits per feature at quantiles, by the rows to the left, and which are splits at all."""
         n_features, n = node.order.shape
         total = node.moments[0, 0]
         targets = total * np.arange(1, count + 1) / (count + 1)
@@ -191,10 +179,7 @@ class Partition:
         return np.minimum(positions, n - 1), positions < n
 
     def _moments_left(self, node: GrownNode, positions: IntArray) -> FloatArray:
-        """Sum the normal equations of the rows left of each position, and of all rows.
-
-        Gives shape (n_features, n_candidates + 1, n_columns, n_columns).
-        """
+        """Return the normal equations of the rows left of each position, and of all rows."""
         ends = np.column_stack([positions, np.full(len(positions), node.order.shape[1])])
         columns = self.rows.shape[1]
         moments = np.zeros((*ends.shape, columns, columns))
@@ -209,10 +194,7 @@ class Partition:
         return moments.cumsum(axis=1, out=moments)
 
     def _deviation(self, moments: FloatArray, weight_per_sample: float) -> FloatArray:
-        """Return weight × corrected deviation around the linear models of sides of splits.
-
-        The sides come by their normal equations, shape (…, n_columns, n_columns), the result in (…).
-        """
+        """Return weight × corrected deviation around the linear models of sides, given by their moments."""
         weight = moments[..., 0, 0]
         terms = np.full(weight.shape, moments.shape[-1] - 1.0)
         samples = weight / weight_per_sample
@@ -222,10 +204,7 @@ class Partition:
 
 
 def _value_codes(X: FloatArray, order: IntArray) -> IntArray:
-    """Return the number of each value among the distinct ones of its feature, shape (n_features, n).
-
-    Equal values share a code, so that no split falls between them.
-    """
+    """Return codes of the values of each feature, (n_features, n); no split falls between equal ones."""
     values = np.take_along_axis(X.T, order, axis=1)
     rises = np.zeros(order.shape, dtype=np.intp)
     rises[:, 1:] = values[:, 1:] != values[:, :-1]

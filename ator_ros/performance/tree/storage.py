@@ -17,21 +17,7 @@ _NonNegative = Annotated[float, Within(0.0)]
 
 @dataclass(frozen=True)
 class StoredLeaf:
-    """A leaf.
-
-    Attributes
-    ----------
-    samples : float
-        Training examples.
-    intercept : float
-        Of its linear model.
-    slopes : dict
-        By feature, zeros left out.
-    range : tuple of float or None
-        Least and greatest prediction; None: no bound.
-    spread : float
-        Standard deviation of the residuals.
-    """
+    """A leaf; slopes by feature, zeros left out; range: least and greatest prediction, None: no bound."""
 
     samples: _NonNegative
     intercept: float
