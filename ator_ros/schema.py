@@ -226,17 +226,6 @@ def _narrowed(converter: Converter, kind: Any) -> Callable[[object, object], Any
     return structure
 
 
-def _literal(kind: Any) -> Callable[[object, object], Any]:
-    names = get_args(kind)
-
-    def structure(value: object, _: object) -> object:
-        if not isinstance(value, str) or value not in names:
-            raise _wrong(f"one of {', '.join(names)}", value)
-        return value
-
-    return structure
-
-
 def _either(converter: Converter, kind: Any) -> Callable[[object, object], Any]:
     """Return the hook of a union: the first table with all fields, else the first type that fits."""
     kinds = [inner for inner in get_args(kind) if inner is not NoneType]
@@ -287,7 +276,10 @@ def _converter(*, closed: bool) -> Converter:
             lambda kind: _table(converter, kind, closed=closed),
         ),
         (lambda kind: get_origin(kind) is Annotated, lambda kind: _narrowed(converter, kind)),
-        (lambda kind: get_origin(kind) is Literal, _literal),
+        (
+            lambda kind: get_origin(kind) is Literal,
+            lambda kind: _narrowed(converter, Annotated[str, OneOf(get_args(kind))]),
+        ),
         (lambda kind: get_origin(kind) in (Union, UnionType), lambda kind: _either(converter, kind)),
     )
     for applies, factory in factories:

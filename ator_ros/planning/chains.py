@@ -7,19 +7,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import with_values
 from ator_ros.execution.fence import Fence
-from ator_ros.geometry import FloatArray, Pose, wrap_angles
-from ator_ros.planning.facts import Fact, placed_thing, reach_about, resolved
+from ator_ros.geometry import FloatArray, Pose
+from ator_ros.planning.facts import Fact, placed_thing, resolved
 from ator_ros.planning.goals import PlanningError
 from ator_ros.planning.problem import PlannedStep
+from ator_ros.refinement.free_variables import clearance
 from ator_ros.tops.chain import Top, TopCall, TopChain, projected
-from ator_ros.tops.conditions import State, Statement, lookup, state_of
+from ator_ros.tops.conditions import State, state_of
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World
 
@@ -92,9 +92,10 @@ def _place_in(
     goal = resolved(dict(region[0].binding), state)
     places = _candidates(edges, goal)
     there = {**state, f"{thing}.x": places[:, 0], f"{thing}.y": places[:, 1]}
-    clearance = np.min([_clearance(fact, there, state) for fact in region], axis=0)
+    margins = [clearance(fact.clause, there, resolved(dict(fact.binding), state)) for fact in region]
+    least = np.min([-np.inf if margin is None else margin for margin in margins], axis=0)
     for margin in (top.place_tolerance, 0.0):
-        good = places[np.broadcast_to(clearance >= margin - 1e-9, len(places))]
+        good = places[np.broadcast_to(least >= margin - 1e-9, len(places))]
         if len(good):
             away = np.hypot(
                 good[:, 0] - state.get(f"{thing}.x", 0.0), good[:, 1] - state.get(f"{thing}.y", 0.0)
@@ -113,19 +114,3 @@ def _candidates(edges: tuple[float, float, float, float], goal: Mapping[str, flo
     ys = np.arange(y_min, y_max + spacing / 2, spacing)
     grid = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
     return np.vstack([grid, [goal.get("x", 0.0), goal.get("y", 0.0)]])
-
-
-def _clearance(fact: Fact, there: Mapping[str, Any], state: State) -> Any:
-    """Return the margin with which a fact holds at each place, negative if it does not hold."""
-    goal, clause = resolved(dict(fact.binding), state), fact.clause
-    if not isinstance(clause, Statement):
-        clearance = clause.clearance(there, goal)
-        return -np.inf if clearance is None else clearance
-    target: Any = lookup(clause.target, there, goal) if isinstance(clause.target, str) else clause.target
-    if target is None or clause.variable not in there:
-        return -np.inf
-    apart = there[clause.variable] - target
-    if clause.variable.endswith("yaw"):
-        apart = wrap_angles(np.asarray(apart))
-    low, high = reach_about(clause, float(target))
-    return np.minimum(apart - low, high - apart)

@@ -21,7 +21,7 @@ from ator_ros.planning.facts import (
     region_name,
     resolved,
 )
-from ator_ros.planning.goals import GoalStatement, PlanningError, Unspecified
+from ator_ros.planning.goals import GoalStatement, Unspecified
 from ator_ros.planning.search import Operator, SymbolicProblem
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
@@ -29,8 +29,6 @@ from ator_ros.tops.conditions import Region, State, Statement, state_of
 from ator_ros.tops.objects import fetched, followed
 from ator_ros.world.state import World
 
-MOST_FACTS, MOST_OPERATORS = 200, 200
-"""Larger problems are refused; a domain of a dozen TOPs has much smaller ones."""
 _MOVING = ("robot.", "hold.")
 """Variables that are no destination, as they change on the way."""
 _BEHIND = math.radians(60.0)
@@ -197,11 +195,6 @@ def planning_problem(
     Leaving an object in its region is an operator without steps, so that such plans differ from those that
     move it. With a TOP `driving`, which drives the robot to a pose, an object may also be approached from its
     far side.
-
-    Raises
-    ------
-    PlanningError
-        The problem is too large.
     """
     state = state_of(world, robot)
     builder = _Builder(goal, steps, state)
@@ -223,12 +216,6 @@ def planning_problem(
             builder.operators.setdefault(
                 Operator(both.needs | group, both.adds, both.deletes), (detour, step)
             )
-    facts, operators = len(builder.facts) + len(here), len(builder.operators)
-    if facts > MOST_FACTS or operators > MOST_OPERATORS:
-        raise PlanningError(
-            f"goal: expected TOPs from which at most {MOST_OPERATORS} steps and {MOST_FACTS} conditions "
-            f"follow, got {operators} and {facts}"
-        )
     problem = SymbolicProblem(tuple(builder.operators), initial, wanted)
     return PlanningProblem(tuple(builder.facts), tuple(builder.operators.values()), problem)
 

@@ -30,7 +30,7 @@ from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.refinement.free_variables import analyse
 from ator_ros.refinement.objective import Objective
 from ator_ros.robot.description import Robot
-from ator_ros.schema import AtMost, Name, OneOf, Within
+from ator_ros.schema import Name, OneOf, Within
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 
@@ -124,8 +124,7 @@ class Calibration:
     learned for.
     """
 
-    # At most: more than any domain has.
-    shortfalls: Annotated[dict[Annotated[str, Name()], Shortfall], AtMost(100)] = field(default_factory=dict)
+    shortfalls: dict[Annotated[str, Name()], Shortfall] = field(default_factory=dict)
 
     def matching(self, models: Mapping[str, Any]) -> Calibration:
         """Return the part that belongs to `models` (action name to performance model)."""

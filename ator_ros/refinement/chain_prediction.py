@@ -24,8 +24,6 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain, projected
 from ator_ros.world.state import World
 
-Columns = dict[str, float | FloatArray]
-"""A variable's name to its value, or to an array of shape (n,) for n candidates."""
 Memory = dict[tuple[Any, ...], Any]
 
 REPORTED = ("duration", "spread", "success", "accuracy", "dist", "ideal")
@@ -56,19 +54,11 @@ class PredictsPerformance(Protocol):
 # The situations of a chain
 
 
-def goal_columns(goal: Goal, names: Sequence[str], values: FloatArray) -> Columns:
-    """Return the goal variables of `goal`, those in `names` (k) replaced by candidates (n, k).
+def columns_after(goal: Mapping[str, Any], point: Point, robot: Robot) -> dict[str, float | FloatArray]:
+    """Return the start variables x, y, yaw, v, w of the action that follows a subgoal reached exactly.
 
-    A single candidate stays a float.
+    They are numbers, or arrays of shape (n,) for n candidates, as those of the goal are.
     """
-    columns: Columns = dict(goal_values(goal))
-    for column, name in enumerate(names):
-        columns[name] = values[:, column] if len(values) > 1 else float(values[0, column])
-    return columns
-
-
-def columns_after(goal: Mapping[str, Any], point: Point, robot: Robot) -> Columns:
-    """Return the start variables x, y, yaw, v, w of the action that follows a subgoal reached exactly."""
     x, y, yaw = goal["x"], goal["y"], goal["yaw"]
     if point is Point.HOLD:
         x, y = x - robot.hold * np.cos(yaw), y - robot.hold * np.sin(yaw)

@@ -26,13 +26,12 @@ from ator_ros.refinement.chain_prediction import (
     PredictsPerformance,
     chain_situations,
     columns_after,
-    goal_columns,
 )
 from ator_ros.refinement.search import Allowed, spread_points
 from ator_ros.robot.description import Robot
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopCall, TopChain, projected
-from ator_ros.tops.conditions import Condition, Distance, Region, Relation, Term, lookup, state_of
+from ator_ros.tops.conditions import Condition, Distance, Region, Relation, Statement, Term, lookup, state_of
 from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
 from ator_ros.world.state import World
 
@@ -237,7 +236,8 @@ class Regions:
 
     def _clearance(self, rule: _Rule, index: int, after: Mapping[str, Any], own: Mapping[str, Any]) -> Any:
         state = self._states[index] if rule.before else after
-        return _clearance(rule.bound, state, own if rule.goal is None else rule.goal)
+        margin = clearance(rule.bound, state, own if rule.goal is None else rule.goal)
+        return math.inf if margin is None else margin
 
     def _bounds_of(self, index: int) -> list[_Rule]:
         """Return the bounds that the free variables of a subgoal decide on."""
@@ -281,7 +281,9 @@ class Regions:
     def _after(self, index: int, values: FloatArray) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return state and goal variables after a step whose goal has these free values (n, k)."""
         call, state = self._calls[index], dict[str, Any](self._states[index])
-        goal: dict[str, Any] = dict(goal_columns(call.goal, self._names[index], values))
+        goal: dict[str, Any] = dict(goal_values(call.goal))
+        for name, column in zip(self._names[index], values.T, strict=True):
+            goal[name] = column if len(values) > 1 else float(column[0])
         if call.top.arrives:
             there = columns_after(goal, call.goal.point, self._robot)
             state |= {f"robot.{name}": there[name] for name in ("x", "y", "yaw", "v", "w")}
@@ -334,18 +336,18 @@ def _bounds_in(condition: Condition) -> list[Bound]:
     return [*condition.relations, *ranges]
 
 
-def _clearance(bound: Bound, state: Mapping[str, Any], goal: Mapping[str, Any]) -> Any:
-    """Return the margin by which a bound holds, negative if it does not; infinite for unknown variables."""
-    if not isinstance(bound, Region):
-        clearance = bound.clearance(state, goal)
-        return math.inf if clearance is None else clearance
-    value: Any = state.get(bound.variable)
-    if value is None:
-        return math.inf
-    difference = value - float(bound.target)
-    if bound.variable.endswith("yaw"):
+def clearance(clause: Statement | Relation, state: Mapping[str, Any], goal: Mapping[str, Any]) -> Any:
+    """Return the margin by which a clause holds, negative if it does not; None for unknown variables."""
+    if not isinstance(clause, Statement):
+        return clause.clearance(state, goal)
+    value: Any = state.get(clause.variable)
+    target: Any = lookup(clause.target, state, goal) if isinstance(clause.target, str) else clause.target
+    if value is None or target is None:
+        return None
+    difference = value - target
+    if clause.variable.endswith("yaw"):
         difference = wrap_angles(difference)
-    low, high = bound.reach(float(bound.target))
+    low, high = clause.reach(float(target))
     return np.minimum(difference - low, high - difference)
 
 

@@ -248,11 +248,8 @@ def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
         raise RefinementError(f"{path}: {error}") from error
 
 
-def gate_in(folder: Path, action_set: str, *, otherwise: Gate | None = None) -> Gate:
-    """Read the gate beside the models of an action set as `load_gate` does.
-
-    Where there is none, return `otherwise`, by default an open gate.
-    """
+def gate_in(folder: Path, action_set: str) -> Gate:
+    """Read the gate beside the models of an action set as `load_gate` does; without one it is open."""
     if os.path.lexists(folder / GATE):  # a link that leads nowhere is no missing gate
         return load_gate(folder / GATE, action_set)
-    return OpenGate() if otherwise is None else otherwise
+    return OpenGate()

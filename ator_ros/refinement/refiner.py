@@ -77,10 +77,8 @@ class Refinement:
 
     Attributes
     ----------
-    chain : TopChain
-        The refined chain, or the chain of the request when `refined` is False.
-    refined, reason
-        Whether a subgoal was changed, and why.
+    chain, refined, reason
+        The refined chain, or that of the request if no subgoal was changed, and why.
     original, best : TopChain
         The chain compared with, which is the chain of the request with its placeholders filled in, and the
         best chain found.
@@ -90,8 +88,6 @@ class Refinement:
         The variables that were free, and those that the plan opens and that were not, with the reasons.
     without_model : tuple of int
         The steps (from 0) whose action has no performance model.
-    curves : tuple of SubgoalCurve
-        What was searched.
     features : mapping
         The features that the gate decided from, see `ator_ros.refinement.gate.FEATURES`, of uncorrected
         predictions unless `Gate.corrected`. Empty where nothing was free.
@@ -119,8 +115,6 @@ class Refiner:
 
     Parameters
     ----------
-    robot : Robot
-        Sizes and limits.
     models : mapping
         Action name to performance model; an action may lack one.
     gate : Gate, optional

@@ -40,37 +40,23 @@ BLOCK = 512
 """Pairs of candidates evaluated between two checks of the deadline: a millisecond with the shipped models."""
 
 # The grid
-SINGLE = 120
-"""Candidates for a single free variable: 3 degrees of an angle."""
-ALONE = 432
-"""Grid candidates of a subgoal with several free variables whose neighbors are fixed."""
-PAIRED = 24
-"""Grid candidates of a subgoal next to another one with free variables: all pairs are evaluated."""
-LEAST_STEPS = 3
-ROUNDS = 4
-"""Rounds of coordinate descent for neighboring free subgoals, each in windows half as wide."""
-ZOOM_STEPS = (9, 5)
-"""Steps of a window in each direction, for one and two free variables."""
-ZOOM_WINDOWS = 2
-"""Number of best candidates with a window around them in the first round."""
-MOST_ON_GRID = 2
-"""Free variables of a subgoal that are searched on a grid."""
+_SINGLE = 120  # candidates for a single free variable: 3 degrees of an angle
+_ALONE = 432  # of a subgoal with several free variables whose neighbors are fixed
+_PAIRED = 24  # of a subgoal next to another one with free variables: all pairs are evaluated
+_LEAST_STEPS = 3
+_ROUNDS = 4  # of coordinate descent for neighboring free subgoals, each in windows half as wide
+_ZOOM_STEPS = (9, 5)  # of a window in each direction, for one and two free variables
+_ZOOM_WINDOWS = 2  # number of best candidates with a window around them in the first round
+_MOST_ON_GRID = 2  # free variables of a subgoal that are searched on a grid
 
 # Boxes
-BOX_FIRST = (1, 16, 12, 64, 150)
-"""First candidates of a subgoal by number of free variables."""
-BOX_AROUND = (1, 5, 6, 16, 24)
-"""Candidates in a box by number of free variables."""
-BOX_ALONE = 400
-"""First candidates of a subgoal whose neighbors are fixed."""
-BOX_BESIDE = 48
-"""First candidates of a subgoal with more than two free variables next to another such subgoal."""
-LEAST_ROUNDS, MOST_ROUNDS = 14, 20
-"""Rounds for up to six free variables in total, and for twelve or more."""
-SHRINKS = 0.75
-"""Least factor by which a box shrinks in a round."""
-REACH = 2.0
-"""Least half width of a box in multiples of the last move of the best candidate."""
+_BOX_FIRST = (1, 16, 12, 64, 150)  # first candidates of a subgoal by number of free variables
+_BOX_AROUND = (1, 5, 6, 16, 24)  # candidates in a box by number of free variables
+_BOX_ALONE = 400  # first candidates of a subgoal whose neighbors are fixed
+_BOX_BESIDE = 48  # of one with more than two free variables next to another such one
+_LEAST_ROUNDS, _MOST_ROUNDS = 14, 20  # for up to six free variables in total, and for twelve or more
+_SHRINKS = 0.75  # least factor by which a box shrinks in a round
+_REACH = 2.0  # least half width of a box in multiples of the last move of the best candidate
 _TRIES = 40  # points tested for each wanted candidate, of _POINTS
 _POINTS = 1 << 13
 
@@ -183,7 +169,7 @@ def search(
     NoCandidateError
         No tested point is allowed, and no values are given.
     """
-    if allowed is not None or max(map(len, axes)) > MOST_ON_GRID:
+    if allowed is not None or max(map(len, axes)) > _MOST_ON_GRID:
         return _search_boxes(step_cost, axes, given, allowed, deadline)
     return _search_grid(step_cost, axes, given, averages, deadline)
 
@@ -342,7 +328,7 @@ def _search_grid(
         for curve, step, domains in zip(first.curves, steps, axes, strict=True)
     ]
     values, costs = list(first.values), list(first.costs)
-    rounds = ROUNDS if any(axes[i] and axes[i + 1] for i in range(len(axes) - 1)) else 1
+    rounds = _ROUNDS if any(axes[i] and axes[i + 1] for i in range(len(axes) - 1)) else 1
     for number in range(rounds):
         for index, domains in enumerate(axes):
             if not domains:
@@ -387,10 +373,10 @@ def _first_grids(axes: tuple[tuple[Range, ...], ...]) -> tuple[list[FloatArray],
     grids, steps = [], []
     for index, domains in enumerate(axes):
         neighbors = [axes[i] for i in (index - 1, index + 1) if 0 <= i < len(axes)]
-        budget = PAIRED if any(neighbors) else SINGLE if len(domains) == 1 else ALONE
+        budget = _PAIRED if any(neighbors) else _SINGLE if len(domains) == 1 else _ALONE
         product = float(np.prod([domain.steps for domain in domains]))
         scale = (budget / product) ** (1.0 / max(len(domains), 1))
-        counts = [max(LEAST_STEPS, round(domain.steps * scale)) for domain in domains]
+        counts = [max(_LEAST_STEPS, round(domain.steps * scale)) for domain in domains]
         lines = [
             np.linspace(domain.low, domain.high, count, endpoint=not domain.periodic)
             for domain, count in zip(domains, counts, strict=True)
@@ -402,13 +388,13 @@ def _first_grids(axes: tuple[tuple[Range, ...], ...]) -> tuple[list[FloatArray],
 
 
 def best_apart(candidates: FloatArray, totals: FloatArray, step: FloatArray) -> list[FloatArray]:
-    """Return the `ZOOM_WINDOWS` best candidates, no two within 2.5 `step` (k,) of each other.
+    """Return the `_ZOOM_WINDOWS` best candidates, no two within 2.5 `step` (k,) of each other.
 
     Values are compared as they are: the ends of a circle are far apart.
     """
     chosen: list[FloatArray] = []
     left = totals.copy()
-    for _ in range(min(ZOOM_WINDOWS, len(candidates))):
+    for _ in range(min(_ZOOM_WINDOWS, len(candidates))):
         index = int(np.argmin(left))
         if not np.isfinite(left[index]):
             break
@@ -438,7 +424,7 @@ def _product(lines: Sequence[FloatArray]) -> FloatArray:
 
 def _window(center: FloatArray, step: FloatArray, domains: Sequence[Range]) -> FloatArray:
     """Return candidates, shape (n, k), that divide the steps of the first grid around `center`."""
-    count = ZOOM_STEPS[len(domains) - 1]
+    count = _ZOOM_STEPS[len(domains) - 1]
     window = _product([c + s * np.linspace(-1.0, 1.0, count) for c, s in zip(center, step, strict=True)])
     into_domains(window, domains)
     return window
@@ -464,7 +450,7 @@ def _search_boxes(
     curves = path.curves
     radii = [box.reach(len(first)) for box, first in zip(boxes, firsts, strict=True)]
     # A search of more variables converges later.
-    rounds = min(max(LEAST_ROUNDS, sum(map(len, axes)) + 8), MOST_ROUNDS)
+    rounds = min(max(_LEAST_ROUNDS, sum(map(len, axes)) + 8), _MOST_ROUNDS)
     for number in range(rounds):
         if not path.complete:
             break
@@ -475,7 +461,7 @@ def _search_boxes(
         ]
         path = least_path(step_cost, windows, centers, deadline=deadline)
         radii = [
-            np.maximum(SHRINKS * radius, REACH * box.apart(center, value))
+            np.maximum(_SHRINKS * radius, _REACH * box.apart(center, value))
             for box, radius, center, value in zip(boxes, radii, centers, path.values, strict=True)
         ]
     return Optimum(path.values, path.cost, curves, path.complete)
@@ -486,9 +472,9 @@ def _count(axes: Sequence[Sequence[Range]], index: int) -> int:
     free = len(axes[index])
     beside = max((len(axes[i]) for i in (index - 1, index + 1) if 0 <= i < len(axes)), default=0)
     if not beside:
-        return BOX_ALONE
-    size = BOX_FIRST[min(free, len(BOX_FIRST) - 1)]
-    return min(size, BOX_BESIDE) if free > 2 and beside > 2 else size
+        return _BOX_ALONE
+    size = _BOX_FIRST[min(free, len(_BOX_FIRST) - 1)]
+    return min(size, _BOX_BESIDE) if free > 2 and beside > 2 else size
 
 
 def _joined(first: FloatArray, others: FloatArray) -> FloatArray:
@@ -525,7 +511,7 @@ class _Box:
         free = len(center)
         if not free:
             return np.zeros((1, 0))
-        count = BOX_AROUND[min(free, len(BOX_AROUND) - 1)]
+        count = _BOX_AROUND[min(free, len(_BOX_AROUND) - 1)]
         points = center + radius * (2.0 * spread_points(free, number * count, count) - 1.0)
         into_domains(points, self._domains)
         return _joined(center, self._within(points))

@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 
 from ator_ros.performance.tree.nodes import ModelTree
-from ator_ros.schema import AtMost, Within, require
+from ator_ros.schema import Within, require
 
 _NonNegative = Annotated[float, Within(0.0)]
 
@@ -49,7 +49,7 @@ StoredNode = StoredSplit | StoredLeaf
 class StoredTree:
     """A tree: the names of its features in column order, and its root."""
 
-    features: Annotated[tuple[str, ...], AtMost(200)]  # seven times those there are
+    features: tuple[str, ...]
     root: StoredSplit | StoredLeaf
 
     def __post_init__(self) -> None:
