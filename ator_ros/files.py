@@ -65,12 +65,8 @@ def write_text(path: Path | str, text: str) -> None:
 def exclusive_folder(folder: Path | str) -> Iterator[None]:
     """Lock `folder`, which is created if missing, for this process during the block.
 
-    The lock ends with the process. On a file system without locks there is no protection.
-
-    Raises
-    ------
-    OSError
-        Another process holds the lock, or the folder cannot be created.
+    The lock ends with the process. On a file system without locks there is no protection. Raises OSError if
+    another process holds the lock, or if the folder cannot be created.
     """
     place = Path(folder)
     try:

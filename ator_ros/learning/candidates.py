@@ -38,17 +38,7 @@ Learn = Callable[[IntArray], ModelTree | None]
 
 @dataclass(frozen=True, eq=False)
 class TrainingData:
-    """Records of one of `MEASURES`, oldest first.
-
-    Attributes
-    ----------
-    table : pandas.DataFrame
-        Their features.
-    values : ndarray, shape (n,)
-        The measure.
-    numbers : ndarray of int, shape (n,)
-        See `NUMBER`.
-    """
+    """Records of one of `MEASURES`, oldest first: features, values (n,) of the measure, and `NUMBER` (n,)."""
 
     measure: str
     table: pd.DataFrame

@@ -34,19 +34,17 @@ class RoundVerdict:
 
     Attributes
     ----------
-    episodes : int
-        Number of records of the measure.
-    tested : int
-        Number of the newest of them, on which trees were compared and from which none of these was learned.
+    episodes, tested : int
+        Number of records of the measure, and of the newest of them, on which trees were compared and from
+        which none of these was learned.
     reason : str
         Why the tree stays or is replaced, in a sentence.
-    kind : str
-        Name of the better candidate; empty if there is none.
+    kind, tree
+        Name and tree of the better candidate, if any; spreads of durations are as large as its errors on the
+        tested records.
     before, after : float or None
         Mean losses of the tree in use and of the best candidate: absolute errors (s, m, rad), of success the
         Brier score. None if none was compared or there was no tree.
-    tree : ModelTree or None
-        The better one; spreads of durations are as large as its errors on the tested records.
     """
 
     episodes: int
@@ -69,14 +67,8 @@ def judge(
     """Compare the tree of a measure with all candidates on the newest records, which are new to it.
 
     These are split into folds. Each fold is predicted by candidates learned from all other records. A
-    candidate that is better is learned again from all records.
-
-    Parameters
-    ----------
-    data, names, current, former
-        As for `candidates`.
-    seen : int
-        Number from which on records are new to the tree in use.
+    candidate that is better is learned again from all records. `seen` is the number from which on records are
+    new to the tree in use; the others are as for `candidates`.
     """
     count = len(data.values)
     everything = np.arange(count)
@@ -173,14 +165,8 @@ def p_values(before: FloatArray, after: FloatArray) -> FloatArray:
     Under the null hypothesis the signs of the differences of losses are exchangeable: this is a sign-flip
     permutation test. It assumes no distribution, so outliers decide nothing. All models are compared with the
     same signs, and the p-value is that of the greatest of their statistics (Westfall and Young 1993), so many
-    similar candidates are corrected for like one.
-
-    Parameters
-    ----------
-    before : ndarray, shape (n,)
-        Losses of the present model, at least 0.
-    after : ndarray, shape (n, k)
-        Those of the others, on the same records.
+    similar candidates are corrected for like one. `before` (n,) are losses of the present model, `after` (n,
+    k) those of the others.
     """
     gain = before[:, None] - after
     gain = gain / np.maximum(np.sqrt(np.sum(gain * gain, axis=0)), 1e-12)

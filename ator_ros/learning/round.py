@@ -64,18 +64,9 @@ def improved(
 ) -> tuple[Verdicts, PerformanceModel | None]:
     """Judge each tree of an action's model on the newest records; return a model if some tree is better.
 
-    The action, `robot` and `features` are as for `train`.
-
-    Parameters
-    ----------
-    rows : pandas.DataFrame
-        Starts of its episodes, oldest first, with `NUMBER`.
-    current : PerformanceModel or None
-        The model in use.
-    seen : mapping
-        Measure to the number from which on records are new to its tree.
-    former : mapping
-        Models that were in use before, by the names of their sets, and those of the start.
+    The action, `robot` and `features` are as for `train`. `rows` are starts of its episodes, oldest first,
+    with `NUMBER`. `current` is the model in use, `seen` are the numbers from which on records are new to its
+    trees, by measure, and `former` the models that were in use before, by the names of their sets.
     """
     rows = _plausible(_complete(rows, features))
     if current is not None:

@@ -32,20 +32,10 @@ class LearnedSetError(ValueError):
 
 @dataclass(frozen=True)
 class Manifest:
-    """The fields of set.manifest.
+    """The fields of set.manifest: digest of the other files, and time as in 2026-01-31T12:00:00Z.
 
-    Attributes
-    ----------
-    digest : str
-        Digest of the files of the set, without this one.
-    time : str
-        When it was learned, as in 2026-01-31T12:00:00Z.
-    episodes : mapping
-        Number of records by action set and action.
-    seen : mapping
-        Number from which on records are new to it, by action set, action and, but for durations, measure.
-    reasons : mapping
-        Why trees were replaced, by the same names.
+    `episodes` are numbers of records by SET/ACTION. By the same names, with /MEASURE but for durations,
+    `seen` are the numbers from which on records are new to it, and `reasons` why trees were replaced.
     """
 
     digest: str
@@ -64,13 +54,7 @@ def digest_of(folder: Path) -> str:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Read the manifest of a set and check the digest of its files.
-
-    Raises
-    ------
-    LearnedSetError
-        The manifest cannot be read, or the files have another digest.
-    """
+    """Read the manifest of a set; LearnedSetError if it cannot be read, or the files have another digest."""
     manifest = load(folder / MANIFEST, KIND, Manifest, error=LearnedSetError)
     try:
         found = digest_of(folder)
@@ -112,12 +96,8 @@ def seal(
 def publish(folder: Path, made: Path) -> Path:
     """Give a sealed set its final name and let `current` point to it; return its folder.
 
-    Raises
-    ------
-    LearnedSetError
-        The set is damaged.
-    OSError
-        It cannot be written; then `current` is as it was.
+    Raises LearnedSetError for a damaged set, and OSError if it cannot be written; then `current` is as it
+    was.
     """
     digest = read_manifest(made).digest
     numbers = [int(name.name.partition("-")[0]) for name in sets_in(folder)]

@@ -32,10 +32,6 @@ class DrivingStyle:
 
     Attributes
     ----------
-    limits : Limits
-        Greatest speeds and accelerations.
-    backward : bool
-        Whether it drives backward.
     run : float or None
         Length in m of the straight run up to the object held at the goal; None where the run is as long as
         its change of speed needs.

@@ -188,7 +188,8 @@ class PerformanceModel:
         trees = {name: self.trees[name] for name in wanted if name in self.trees}
         varying = {name: tree for name, tree in trees.items() if tree.constant is None or name == "duration"}
         place = {feature.name: ROWS + number for number, feature in enumerate(self._computed)}
-        rows = {name: _row_of(self.features[name], place) for tree in varying.values() for name in tree.names}
+        named = [self.features[name] for tree in varying.values() for name in tree.names]
+        rows = {each.name: place[each.name] if each.row is None else each.row for each in named}
         return _Plan(
             tuple((rows[feature.name], feature) for feature in self._computed if feature.name in rows),
             tuple(
@@ -221,10 +222,6 @@ class _Plan(NamedTuple):
     computed: tuple[tuple[int, Feature], ...]
     trees: tuple[tuple[str, ModelTree, IntArray], ...]
     constants: tuple[tuple[str, float], ...]
-
-
-def _row_of(feature: Feature, computed: Mapping[str, int]) -> int:
-    return computed[feature.name] if feature.row is None else feature.row
 
 
 def _within_range(measure: str, values: FloatArray) -> FloatArray:

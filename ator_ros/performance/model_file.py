@@ -71,10 +71,7 @@ class RobotMismatchWarning(UserWarning):
 def model_path(action: str, action_set: str = DEFAULT_SET) -> Path:
     """Return the place of a model below models/: goToPose.json, or bezier/goToPose.json for that set.
 
-    Raises
-    ------
-    ModelFileError
-        A name that is no name, and could lead elsewhere.
+    Raises ModelFileError for a name that is none, and could lead elsewhere.
     """
     for field, name in (("action", action), ("action_set", action_set)):
         if not is_name(name):
@@ -114,10 +111,7 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
 
     `features` are all that the file may name, see `Domain.known_features`.
 
-    Raises
-    ------
-    ModelFileError
-        The file is missing, damaged, no model, or of another version.
+    Raises ModelFileError if the file is missing, damaged, no model, or of another version.
     """
     if not Path(path).exists():
         raise ModelFileError(f"{path}: expected a model, there is no such file: run train to make it")

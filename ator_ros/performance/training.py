@@ -300,7 +300,8 @@ def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
     area = robot.scene.area
     moved = {"x": area.x, "xg": area.x, "y": area.y, "yg": area.y}
     relative = {name: starts[name] - moved.get(name, 0.0) for name in names}
-    columns = {**relative, "way": _distances(starts, robot), "turn": _turns(starts)}
+    turns = np.abs(wrap_angles((starts["yawg"] - starts["yaw"]).to_numpy(dtype=float)))
+    columns = {**relative, "way": _distances(starts, robot), "turn": turns}
     return {name: [float(values.min()), float(values.max())] for name, values in columns.items()}
 
 
@@ -334,11 +335,6 @@ def _distances(starts: pd.DataFrame, robot: Robot) -> FloatArray:
         starts["yg"] - starts["y"] - back * np.sin(starts["yaw"]),
     ).to_numpy(dtype=float)
     return distances
-
-
-def _turns(starts: pd.DataFrame) -> FloatArray:
-    """Return the angles in rad between the headings at start and goal."""
-    return np.abs(wrap_angles((starts["yawg"] - starts["yaw"]).to_numpy(dtype=float)))
 
 
 def digest(rows: pd.DataFrame) -> str:

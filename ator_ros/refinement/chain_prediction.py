@@ -197,17 +197,9 @@ class _Searched(NamedTuple):
 class ChainModel:
     """The cost of the steps of one chain, from one state of the world, for candidates of its free variables.
 
-    Parameters
-    ----------
-    models : mapping
-        Action name to performance model; a step without one costs nothing.
-    names : sequence of tuple of str, one per subgoal
-        The free variables; candidates have a column for each.
-    objective : Objective
-        What a step costs.
-    memory : dict, optional
-        Cache of predictions by situation, shared by the chain models of one request, which predict the same
-        grids.
+    A step without a model costs nothing. Candidates have a column for each of the free variables `names` of a
+    subgoal. `memory` caches predictions by situation; chain models of one request, which predict the same
+    grids, share it.
     """
 
     def __init__(

@@ -157,7 +157,7 @@ def search(
     given : sequence, one item per subgoal, optional
         Values of each subgoal, shape (k,), that are among the candidates, so that the result is never worse.
     allowed : callable, optional
-        Limits the candidates; given values are evaluated in any case.
+        Limits the candidates, but for given values.
     averages : Averages, optional
         How costs are averaged over neighbors on the grid; candidates that are spread evenly have none.
     deadline : callable, optional

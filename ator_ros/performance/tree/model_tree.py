@@ -144,16 +144,10 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         sample_weight: ArrayLike | None = None,
         groups: ArrayLike | None = None,
     ) -> Self:
-        """Learn the tree.
+        """Learn the tree from X (n, n_features) and y (n,).
 
-        Parameters
-        ----------
-        X : array of float, shape (n, n_features)
-        y : array of float, shape (n,)
-        sample_weight : array of float, shape (n,), optional
-            A row of weight 2 counts as two rows, one of weight 0 as none.
-        groups : array, shape (n,), optional
-            Label of the group of each row, for instance its episode.
+        A row of `sample_weight` 2 counts as two rows, one of weight 0 as none. `groups` are labels of the
+        group of each row, for instance its episode.
         """
         self._check_parameters()
         checked = validate_data(self, X, y, dtype=np.float64, y_numeric=True, order="C")

@@ -205,7 +205,7 @@ class RuleWriter:
         """Return ``if (1.86m < dist <= 2.3m) & (angle_to_dest <= 49.7°) then time = 1.26*dist + … [s]``."""
         conditions = " & ".join(self._condition(name, *bounds) for name, bounds in rule.bounds.items())
         start = f"if {conditions} then " if conditions else ""
-        certainty = f"(± {self._digits(rule.spread)} {self.target_unit}, {rule.samples:g} samples)"
+        certainty = f"(± {rule.spread:.3g} {self.target_unit}, {rule.samples:g} samples)"
         return f"{start}{self.target} = {self._formula(rule)}  [{self.target_unit}]  {certainty}"
 
     def tree(self, tree: ModelTree) -> str:
@@ -243,18 +243,12 @@ class RuleWriter:
         text = ""
         for number, name in terms:
             sign = ("-" if number < 0 else "") if not text else (" - " if number < 0 else " + ")
-            text += f"{sign}{self._digits(abs(number))}{name}"
+            text += f"{sign}{abs(number):.3g}{name}"
         return text
 
     def _value(self, name: str, value: float) -> str:
-        unit = "°" if self._is_angle(name) else self.units.get(name, "")
-        return f"{self._digits(value * self._scale(name))}{unit}"
-
-    def _is_angle(self, name: str) -> bool:
-        return self.units.get(name) == "rad"
+        unit = self.units.get(name, "")
+        return f"{value * self._scale(name):.3g}{'°' if unit == 'rad' else unit}"
 
     def _scale(self, name: str) -> float:
-        return math.degrees(1.0) if self._is_angle(name) else 1.0
-
-    def _digits(self, number: float) -> str:
-        return f"{number:.3g}"
+        return math.degrees(1.0) if self.units.get(name) == "rad" else 1.0
