@@ -21,51 +21,34 @@ from ator_ros.nodes.qos import SERVICES
 from ator_ros.world.state import World
 
 _POLL = 0.002
-_LONG = 20.0  # s
-_CHECK_PERIOD = 0.1
+_SPIN = 0.1
 _RETRY = 3.0
 """Real s after which a request is sent again: DDS drops an answer to a client not yet discovered."""
 
 
-class SpinThread:
+class SpinThread(threading.Thread):
     """Spins an executor in a thread of its own.
 
     Shutting down an rclpy executor destroys entities that a spinning thread still uses, so the thread is
     ended first.
-
-    Parameters
-    ----------
-    executor : SingleThreadedExecutor
-        Shut down at the end.
     """
 
     def __init__(self, executor: SingleThreadedExecutor) -> None:
-        self._executor, self._is_ending = executor, False
-        self._thread = threading.Thread(target=self._spin, daemon=True)
+        super().__init__(daemon=True)
+        self._executor, self._ending = executor, threading.Event()
 
-    @property
-    def is_alive(self) -> bool:
-        """Whether neither `end` nor an exception has ended it."""
-        return self._thread.is_alive()
-
-    def start(self) -> None:
-        """Spin from now on."""
-        self._thread.start()
-
-    def _spin(self) -> None:
+    def run(self) -> None:
+        """Spin until `end` is called."""
         with contextlib.suppress(ExternalShutdownException):
-            while not self._is_ending and self._executor.context.ok():
-                self._executor.spin_once()
+            while not self._ending.is_set() and self._executor.context.ok():
+                self._executor.spin_once(timeout_sec=_SPIN)
 
     def end(self, timeout: float | None = None) -> None:
         """Wait until the running callback has returned, at most `timeout` real s; shut the executor down."""
-        if self.is_alive:
-            self._executor.create_task(self._stop)
-            self._thread.join(timeout)
+        self._ending.set()
+        if self.is_alive():
+            self.join(timeout)
         self._executor.shutdown()
-
-    def _stop(self) -> None:
-        self._is_ending = True
 
 
 class ClientNode:
@@ -110,9 +93,9 @@ class ClientNode:
         except RuntimeError as cause:  # of rcl, in several lines
             text = " ".join(str(cause).split())
             raise error(f"expected arguments of ROS, got {list(arguments)}: {text}") from cause
-        executor = SingleThreadedExecutor(context=self._context)
-        executor.add_node(self.node)
-        self._executor, self._thread = executor, SpinThread(executor)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._thread = SpinThread(self._executor)
 
     def start(self) -> None:
         """Spin from now on; publishers, subscriptions and clients were created before."""
@@ -124,12 +107,17 @@ class ClientNode:
         The request must be idempotent, because it may be sent again.
         """
         end = time.monotonic() + self.timeout
-        while True:
-            future = self.send(client, request)
-            if self._arrives(future, min(end, time.monotonic() + _RETRY)):
-                break
-            client.remove_pending_request(future)
-            self._expect_before(end, f"an answer of the service {client.srv_name}")
+        future = self.send(client, request)
+        while not future.done():
+            retry = time.monotonic() + _RETRY
+            self.until(
+                lambda: future.done() or time.monotonic() > retry,  # noqa: B023 (called at once)
+                f"an answer of the service {client.srv_name}",
+                end=end,
+            )
+            if not future.done():
+                client.remove_pending_request(future)
+                future = self.send(client, request)
         answer = future.result()
         if not getattr(answer, "success", True):
             raise self._error(f"{client.srv_name}: {answer.message}")
@@ -145,41 +133,22 @@ class ClientNode:
     def in_thread(self, request: Callable[[], Future]) -> Future:
         """Send a goal from the spinning thread: ActionClient loses answers that precede the call's return."""
         task = self._executor.create_task(request)
-        self.until(task.done, "the thread that spins")
-        sent: Future = task.result()
+        sent: Future = self.answer(task, "the thread that spins")
         return sent
 
     def answer(self, future: Future, what: str) -> Any:
         """Wait for an answer; raise without one."""
-        end = time.monotonic() + self.timeout
-        while not self._arrives(future, end):
-            self._expect_before(end, f"an answer of {what}")
+        self.until(future.done, f"an answer of {what}")
         return future.result()
 
-    def _arrives(self, future: Future, end: float) -> bool:
-        """Wait until `end` for an answer, and return whether it came."""
-        arrived = threading.Event()
-        future.add_done_callback(lambda _: arrived.set())
-        while not arrived.wait(_CHECK_PERIOD):
-            self._check()
-            if time.monotonic() > end:
-                return False
-        return True
-
-    def until(self, happened: Callable[[], bool], what: str) -> None:
-        """Wait until something has happened; log what is waited for after 20 s; raise after the timeout."""
-        start, is_logged = time.monotonic(), False
+    def until(self, happened: Callable[[], bool], what: str, *, end: float | None = None) -> None:
+        """Wait until something has happened; raise after the timeout, or at `end` (monotonic s)."""
+        last = time.monotonic() + self.timeout if end is None else end
         while not happened():
-            self._expect_before(start + self.timeout, what)
-            if not is_logged and time.monotonic() > start + _LONG:
-                is_logged = True
-                self.node.get_logger().warning(f"waiting for {what}")
+            self._check()
+            if time.monotonic() > last:
+                raise self._error(f"expected {what} within {self.timeout:g} s, it did not come")
             time.sleep(_POLL)
-
-    def _expect_before(self, end: float, what: str) -> None:
-        self._check()
-        if time.monotonic() > end:
-            raise self._error(f"expected {what} within {self.timeout:g} s, it did not come")
 
     def close(self) -> None:
         """Stop spinning and destroy the node."""
@@ -219,10 +188,6 @@ class SimulationClient:
         clients = (self._robot, self._pause, *self._objects.values())
         return all(client.wait_for_service(max(0.0, end - time.monotonic())) for client in clients)
 
-    def can_place(self, name: str) -> bool:
-        """Return whether the simulation can place an object."""
-        return name in self._objects
-
     def place_robot(self, pose: Pose) -> Future:
         """Place the robot at rest; does not wait."""
         return self._own.send(self._robot, _at_pose(pose))
@@ -243,15 +208,16 @@ class SimulationClient:
         self.paused = False
         return answer
 
-    def place(self, world: World) -> None:
-        """Pause time and place robot and objects; objects that `world` lacks are removed."""
+    def place(self, world: World) -> list[str]:
+        """Pause time and place robot and objects, others are removed; return the names of what was placed."""
         self.pause(paused=True)
         for client in self._objects.values():
             self._own.call(client, PlaceObject.Request(remove=True))
         self._own.call(self._robot, _at_pose(world.robot.pose))
-        for name, there in world.objects.items():
-            if self.can_place(name):
-                self._own.call(self._objects[name], _at_point(there.x, there.y))
+        placed = [name for name in world.objects if name in self._objects]
+        for name in placed:
+            self._own.call(self._objects[name], _at_point(world.objects[name].x, world.objects[name].y))
+        return placed
 
 
 def _at_pose(pose: Pose) -> PlaceRobot.Request:

@@ -8,7 +8,7 @@ from typing import Any
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.node import Node
 
-from ator_ros.nodes.diagnosis import is_base, motion_cause, node_of, subscriptions_of, type_name
+from ator_ros.nodes.diagnosis import bases, motion_cause, node_of, type_name
 from ator_ros.nodes.messages import stamp_of, twist_of
 from ator_ros.nodes.parameters import STAMPED
 from ator_ros.nodes.qos import COMMANDS
@@ -91,12 +91,8 @@ class CommandPublisher:
 
     def cause(self) -> str:
         """Return why a base may not follow the commands, else which nodes receive them."""
-        infos = self._node.get_publishers_info_by_topic(_TOPIC)
-        rivals = {node_of(info) for info in infos} - {self._node.get_fully_qualified_name()}
-        facts = subscriptions_of(self._node, _TOPIC, self.kind, COMMANDS)
-        return motion_cause(facts, self.mismatch(), rivals)
+        return motion_cause(self._node, _TOPIC, self.kind, self.mismatch())
 
     def _bases(self) -> dict[str, str]:
         """Return the types that bases subscribe to, by node."""
-        infos = self._node.get_subscriptions_info_by_topic(_TOPIC)
-        return {node_of(info): info.topic_type for info in infos if is_base(info)}
+        return {node_of(info): info.topic_type for info in bases(self._node, _TOPIC)}

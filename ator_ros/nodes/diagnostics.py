@@ -14,7 +14,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
-from ator_ros.nodes.diagnosis import rival_senders, strange_senders
+from ator_ros.nodes.diagnosis import rival_senders, type_mismatch
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.printable import printable
 
@@ -28,31 +28,18 @@ _LONGEST = 500
 _REMEMBERED = 1000
 
 
-class LongestGap:
-    """The longest gap between regular events since it was last read."""
-
-    def __init__(self) -> None:
-        self._last, self._longest = math.nan, 0.0
-
-    def record(self, now: float) -> None:
-        """Record an event at `now` s."""
-        if now - self._last > self._longest:
-            self._longest = now - self._last
-        self._last = now
-
-    def take(self) -> str:
-        """Return the longest gap in ms as text, and reset."""
-        longest, self._longest = self._longest, 0.0
-        return f"{1000.0 * longest:.1f}"
-
-
-class Ticks(LongestGap):
+class Ticks:
     """How long ticks take, and the longest gap between them."""
 
     def __init__(self) -> None:
-        super().__init__()
-        self._slowest = 0.0
+        self._last, self._longest, self._slowest = math.nan, 0.0, 0.0
         self._newest: deque[float] = deque(maxlen=_REMEMBERED)
+
+    def record(self, now: float) -> None:
+        """Record a tick that begins at `now` s."""
+        if now - self._last > self._longest:
+            self._longest = now - self._last
+        self._last = now
 
     def took(self, duration: float) -> None:
         """Record how long a tick took, in s."""
@@ -61,13 +48,13 @@ class Ticks(LongestGap):
 
     def diagnostics(self) -> dict[str, object]:
         """Return the diagnostics: the longest gap and tick are those since the last call."""
-        slowest, self._slowest = self._slowest, 0.0
-        most = f"{1000.0 * np.quantile(self._newest, 0.99):.1f}" if self._newest else "none yet"
-        return {
-            "longest time between ticks (ms)": self.take(),
-            "longest tick (ms)": f"{1000.0 * slowest:.1f}",
-            f"99 % of the last {_REMEMBERED} ticks within (ms)": most,
-        }
+        longest, slowest, self._longest, self._slowest = self._longest, self._slowest, 0.0, 0.0
+        values: dict[str, object] = {"longest time between ticks (ms)": f"{1000.0 * longest:.1f}"}
+        if self._newest:
+            values["longest tick (ms)"] = f"{1000.0 * slowest:.1f}"
+            within = 1000.0 * np.quantile(self._newest, 0.99)
+            values[f"99 % of the last {_REMEMBERED} ticks within (ms)"] = f"{within:.1f}"
+        return values
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,8 +114,9 @@ class Diagnostics:
     def publish(self) -> None:
         """Publish the health now."""
         health = self._health()
-        strange = strange_senders(self._node, self._topics), rival_senders(self._node, self._states)
-        if new := [text for text in strange if text and text not in self._strange]:
+        mismatches = (type_mismatch(self._node, *topic) for topic in self._topics.items())
+        strange = [text for text in (*mismatches, rival_senders(self._node, self._states)) if text]
+        if new := [text for text in strange if text not in self._strange]:
             self._node.get_logger().warning("; ".join(new))
         self._strange = strange
         self._log_lasting(health.lasting)

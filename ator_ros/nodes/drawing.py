@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -23,22 +23,17 @@ from ator_ros.nodes.goal_run import GoalRun
 from ator_ros.nodes.messages import pose_of, stamp_of
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.robot.description import Robot
-from ator_ros.tops.chain import TopChain
 from ator_ros.view.shapes import ORANGE, Arrow, Segments, Shape, executed_chain_shapes, surroundings
-from ator_ros.world.scene import Scene
 from ator_ros.world.state import ObjectState, World
 
 _ABOVE_FLOOR = 0.02
 _SHAFT = 0.05
 _POINT = 0.05
 """Radius in m with which an object of unknown size is drawn."""
-_PERIOD = 0.2
-"""Time in s, on odometry's clock, between two updates of the path, which an action may plan in each tick."""
-_OBJECTS_PERIOD = 0.1
+_PATH_PERIOD, _OBJECTS_PERIOD, _STATUS_PERIOD = 0.2, 0.1, 0.5
+"""Times in s, on odometry's clock, between two updates."""
 _ROUNDING = 1e-6
-_STATUS_PERIOD = 0.5
 _MOST_POSES = 60
-_NO_PATH = np.zeros((0, 3))
 
 
 class ExecutionDrawing:
@@ -51,15 +46,6 @@ class ExecutionDrawing:
         chain_under_way (ator_interfaces/ChainPerformance): the active chain, at each change and twice a
             second, without predictions; its outcome has code 0 until it ends.
         scene_markers (visualization_msgs/MarkerArray): area, bays, and the domain's lines.
-
-    Parameters
-    ----------
-    node : Node
-        The node that publishes.
-    domain, robot : Domain, Robot
-        Their surroundings are drawn.
-    frame : str
-        The frame of odometry.
     """
 
     def __init__(self, node: Node, domain: Domain, robot: Robot, frame: str) -> None:
@@ -70,72 +56,50 @@ class ExecutionDrawing:
         self._surroundings = LazyPublisher(node, MarkerArray, "scene_markers")
         self._surroundings.publish(lambda: marker_array(surroundings(domain, robot), "scene", frame))
         self._under_way = LazyPublisher(node, ChainPerformance, "chain_under_way")
-        self._published: tuple[tuple[object, ...], float] = ((), -math.inf)
-        self._drawn: tuple[TopChain | None, int] = (None, 0)
-        self._path_drawn, self._checked, self._objects_drawn = _NO_PATH, -math.inf, -math.inf
+        self._stage: tuple[object, ...] = ()
+        self._status_at = self._path_at = self._objects_at = -math.inf
 
     def follow(self, run: GoalRun, world: World | None) -> None:
         """Publish the status of a goal, and draw its chain until it ends; `world` is the newest state."""
-        if world is not None:
-            self._publish_status(run, world)
-        self._draw(run.supervisor, world)
-
-    def _publish_status(self, run: GoalRun, world: World) -> None:
-        stage, when = self._published
-        if run.stage != stage or abs(world.time - when) >= _STATUS_PERIOD:
-            self._published = run.stage, world.time
-            self._under_way.publish(partial(run.so_far, world))
-
-    def _draw(self, run: Supervisor, world: World | None) -> None:
-        active = run.phase is Phase.EXECUTING and world is not None
-        drawn = (run.executor.chain if active else None, run.executor.index)
         now = 0.0 if world is None else world.time
-        if drawn == self._drawn and abs(now - self._checked) < _PERIOD:
-            return
-        self._checked = now
-        if drawn != self._drawn:
-            self._drawn, start = drawn, run.start
-            pose = Pose(0.0, 0.0, 0.0) if start is None else start.robot.pose
-            self._chain.publish(partial(self._chain_message, pose, *drawn))
-        path = run.path()
-        path = _NO_PATH if path is None else path
-        if not np.array_equal(path, self._path_drawn):
-            self._path_drawn = path
-            self._path.publish(partial(self._path_message, path, now))
+        is_new, self._stage = run.stage != self._stage, run.stage
+        if is_new:
+            self._chain.publish(partial(self._chain_message, run.supervisor))
+        if world is not None and (is_new or abs(now - self._status_at) >= _STATUS_PERIOD):
+            self._status_at = now
+            self._under_way.publish(partial(run.so_far, world))
+        if is_new or abs(now - self._path_at) >= _PATH_PERIOD:
+            self._path_at = now
+            self._path.publish(partial(self._path_message, run.supervisor.path(), now))
 
     def objects(self, world: World) -> None:
         """Draw the objects of the newest state, at most ten times a second."""
-        early = abs(world.time - self._objects_drawn) < _OBJECTS_PERIOD - _ROUNDING
+        early = abs(world.time - self._objects_at) < _OBJECTS_PERIOD - _ROUNDING
         if early or not self._objects.get_subscription_count():
             return
-        self._objects_drawn = world.time
-        self._objects.publish(object_array(world.objects, self._scene, self._frame))
+        self._objects_at = world.time
+        spheres = (_sphere(there, self._scene.radius(name)) for name, there in world.objects.items())
+        self._objects.publish(_array(spheres, "objects", self._frame))
 
-    def _chain_message(self, start: Pose, chain: TopChain | None, step: int) -> MarkerArray:
-        shapes = [] if chain is None else executed_chain_shapes(start, chain, step)
+    def _chain_message(self, run: Supervisor) -> MarkerArray:
+        shapes: list[Shape] = []
+        if run.phase is Phase.EXECUTING and run.start is not None:
+            start = run.start.robot.pose
+            shapes = executed_chain_shapes(start, run.executor.chain, run.executor.index)
         return marker_array(shapes, "chain", self._frame)
 
-    def _path_message(self, path: FloatArray, now: float) -> Path:
+    def _path_message(self, path: FloatArray | None, now: float) -> Path:
         message = Path()
         message.header.frame_id, message.header.stamp = self._frame, stamp_of(now)
-        kept = np.unique(np.linspace(0, max(len(path) - 1, 0), _MOST_POSES).round().astype(int))
-        for row in path[kept[: len(path)]].tolist():
-            message.poses.append(PoseStamped(header=message.header, pose=pose_of(Pose(*row))))
+        if path is not None and len(path):
+            kept = np.linspace(0, len(path) - 1, min(len(path), _MOST_POSES)).round().astype(int)
+            for row in path[kept].tolist():
+                message.poses.append(PoseStamped(header=message.header, pose=pose_of(Pose(*row))))
         return message
 
 
 class LazyPublisher:
-    """A latched topic whose newest message is built only once it has a subscriber, early or late.
-
-    Parameters
-    ----------
-    node : Node
-        The node that publishes.
-    kind : type
-        Of the messages.
-    topic : str
-        Name of the topic.
-    """
+    """A latched topic whose newest message is built only once it has a subscriber, early or late."""
 
     def __init__(self, node: Node, kind: type[Any], topic: str) -> None:
         self._factory: Callable[[], Any] | None = None
@@ -155,20 +119,8 @@ class LazyPublisher:
 
 def marker_array(shapes: Iterable[Shape], space: str, frame: str) -> MarkerArray:
     """Return markers in the namespace `space`; all that were there before are deleted."""
-    return _array(
-        (
-            _segments(shape) if isinstance(shape, Segments) else _arrow(shape)
-            for shape in shapes
-            if not isinstance(shape, Segments) or len(shape.points)
-        ),
-        space,
-        frame,
-    )
-
-
-def object_array(objects: Mapping[str, ObjectState], scene: Scene, frame: str) -> MarkerArray:
-    """Return spheres where objects are; those that were there before are deleted."""
-    return _array((_sphere(there, scene.radius(name)) for name, there in objects.items()), "objects", frame)
+    drawn = [shape for shape in shapes if not isinstance(shape, Segments) or len(shape.points)]
+    return _array((_segments(s) if isinstance(s, Segments) else _arrow(s) for s in drawn), space, frame)
 
 
 def _array(drawn: Iterable[Marker], space: str, frame: str) -> MarkerArray:

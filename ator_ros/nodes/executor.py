@@ -33,7 +33,7 @@ from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Ticks
 from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
 from ator_ros.nodes.inputs import ObjectSources, RobotSource, TfListener
-from ator_ros.nodes.models import LEARNED, model_diagnostics, problems_of, startup_text, warmed_up_predictors
+from ator_ros.nodes.models import LEARNED, warmed_up_predictors
 from ator_ros.nodes.parameters import (
     DOMAIN,
     FENCE,
@@ -142,8 +142,7 @@ class ExecutorNode(Node):
         of the fence.
     Subscribes to
         odom (nav_msgs/Odometry), or /tf and /tf_static, and the topics of the domain's objects: their stamps,
-        `latency` later, are the time of the control programs. /clock for a second now and then while odometry
-        is missing, to name a paused simulation.
+        `latency` later, are the time of the control programs.
     Publishes
         cmd_vel (geometry_msgs/Twist or TwistStamped, see `stamped_commands`): while a goal is active, unless
         a server executes it.
@@ -185,7 +184,7 @@ class ExecutorNode(Node):
         self.get_logger().info(
             f"ready for chains of {robot.name} (domain {domain.name}, ROS domain "
             f"{self.context.get_domain_id()}), from {sources} in {self._settings['frame']} to cmd_vel; "
-            f"{startup_text(self._sets.present.models, self._sets.source)}"
+            f"{self._sets.startup_text()}"
         )
 
     def _offer(self, robot: Robot) -> None:
@@ -303,7 +302,6 @@ class ExecutorNode(Node):
         now = time.monotonic()
         silence, ending = now - self._odom_at, self._remotes.ending()
         fresh = silence <= self._odom_timeout
-        self._diagnosis.watch(now, missing=silence > 0.5 * self._odom_timeout)
         if self._run is None:
             return
         if ending and fresh:
@@ -445,7 +443,6 @@ class ExecutorNode(Node):
             "times real time, by odometry": f"{self._inputs.pace:.2f}",
             "last error": self._last_error,
             **self._digests,
-            **model_diagnostics(self._sets.present.models),
             **self._sets.diagnostics(),
         }
         lost = self._objects.missing(known)
@@ -457,9 +454,8 @@ class ExecutorNode(Node):
             missing = f"{', '.join(lost)}: expected recent messages; {cause}"
         elif self._run is not None:  # without a goal inputs are read less often than they come
             missing = self._diagnosis.rate_problem("odom", self._odom_timeout)
-        problems = problems_of(self._sets.present.models), self._remotes.problem
         return Health(
-            "; ".join(filter(None, problems)),
+            "; ".join(filter(None, (self._sets.problem, self._remotes.problem))),
             error=stale and self._run is not None,
             values=values,
             lasting="; ".join(filter(None, (missing, self._commands.mismatch()))),

@@ -23,7 +23,6 @@ from ator_ros.files import exclusive_folder
 from ator_ros.learning.learner import Learner
 from ator_ros.learning.process import RoundProcess
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
-from ator_ros.nodes.models import read_models
 from ator_ros.nodes.parameters import (
     DOMAIN,
     MODELS,
@@ -99,9 +98,6 @@ class LearningNode(Node):
         except (ExperienceError, OSError) as error:
             self._open.close()
             raise SetupError(f"parameter learned: {error}") from error
-        for action_set in self._domain.action_sets:
-            # Logs a warning if they are of another robot.
-            read_models(self, robot, action_set, settings["models"], self._domain)
         for topic in topics:
             self.create_subscription(ActionPerformance, topic, self._take, RESULTS)
         self.create_service(Trigger, "~/learn_now", self._learn_now)

@@ -6,28 +6,19 @@ import functools
 import time
 import traceback
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import RefineSubgoal
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.compiled import use_cores
 from ator_ros.execution.fence import Fence
 from ator_ros.nodes import messages
 from ator_ros.nodes.diagnostics import Diagnostics, Health
 from ator_ros.nodes.drawing import LazyPublisher, marker_array
-from ator_ros.nodes.models import (
-    LEARNED,
-    LearnedSets,
-    Refiners,
-    load_refiners,
-    model_diagnostics,
-    problems_of,
-    set_gates,
-    startup_text,
-)
+from ator_ros.nodes.models import LEARNED, LearnedSets, Loaded, load_refiners
 from ator_ros.nodes.parameters import (
     DOMAIN,
     FENCE,
@@ -45,6 +36,7 @@ from ator_ros.nodes.plans import PlanService
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.refinement import RefinementError
+from ator_ros.refinement.gate import Gate, OpenGate, opened
 from ator_ros.refinement.objective import LEAST_WEIGHT, MOST_WEIGHT
 from ator_ros.refinement.refiner import Refinement, Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
@@ -101,7 +93,9 @@ class RefinementNode(Node):
         self._domain = domain = domain_of(self._settings)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         models, learned = self._settings["models"], self._settings["learned"]
-        self._sets = LearnedSets(self, models, learned, self._load, self._prepare)
+        load = functools.partial(load_refiners, self, domain, self._libraries, fence=self._fence)
+        self._gates: dict[str, Gate] = {}
+        self._sets = LearnedSets(self, domain, models, learned, load, self._take)
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._answered, self._refused, self._cut_short = 0, 0, 0
         self._last_refusal, self._last_time = "", 0.0
@@ -110,34 +104,36 @@ class RefinementNode(Node):
         frame = self._settings["frame"]
         self._plans = PlanService(self, domain, self._libraries, fence=self._fence, frame=frame)
         self._diagnostics = Diagnostics(self, self._health)
-        models = startup_text(self._sets.present.models, self._sets.source)
-        gate = self._sets.present.gate_text(gated=self._settings["gate"])
         self.get_logger().info(
             f"refining chains for {robot.name} (domain {domain.name}, ROS domain "
-            f"{self.context.get_domain_id()}); {models}; {gate}"
+            f"{self.context.get_domain_id()}); {self._sets.startup_text()}; {self._gate_text()}"
         )
 
-    def _load(self, folder: str) -> Refiners:
-        gated, cost = self._settings["gate"], self._failure_cost(self._settings)
-        where = self._domain, self._libraries, folder
-        return load_refiners(self, *where, fence=self._fence, gated=gated, failure_cost=cost)
+    def _gate_text(self) -> str:
+        """Return what decides on refinements by the default action set."""
+        if DEFAULT_SET not in self._gates:
+            return "chains stay as they are sent"
+        if not self._settings["gate"]:
+            return "gate is false: a chain is changed whenever a gain is predicted"
+        if isinstance(self._gates[DEFAULT_SET], OpenGate):
+            return "no gate: a chain is changed whenever a gain is predicted; train or gate learns one"
+        return "with a gate"
 
-    def _failure_cost(self, settings: Mapping[str, Any]) -> float:
-        """Return the cost of a failure in s for requests without one."""
-        cost: float = settings["failure_cost"]
-        return cost if cost >= 0.0 else self._domain.time_limit
+    def _take(self, refiners: Loaded[Refiner]) -> None:
+        """Use the gates of refiners that were just loaded."""
+        self._gates = {name: refiner.gate for name, refiner in refiners.by_set.items()}
+        self._prepare(refiners, self._settings)
 
-    def _prepare(self, refiners: Refiners, changes: Mapping[str, Any] = MappingProxyType({})) -> None:
-        """Apply the parameters `gate` and `failure_cost`, with `changes` to them, to refiners."""
-        settings = {**self._settings, **changes}
-        set_gates(self, refiners, gated=settings["gate"])
-        for refiner in refiners.by_set.values():
-            refiner.failure_cost = self._failure_cost(settings)
+    def _prepare(self, refiners: Loaded[Refiner], settings: Mapping[str, Any]) -> None:
+        """Apply the parameters `gate` and `failure_cost` to refiners."""
+        cost = settings["failure_cost"]
+        for name, refiner in refiners.by_set.items():
+            refiner.gate = self._gates[name] if settings["gate"] else opened(self._gates[name])
+            refiner.failure_cost = cost if cost >= 0.0 else self._domain.time_limit
 
     def _change(self, values: Mapping[str, Any]) -> None:
         """Apply new values of `gate` and `failure_cost`."""
-        if values.keys() & {"gate", "failure_cost"}:
-            self._prepare(self._sets.present, values)
+        self._prepare(self._sets.present, {**self._settings, **values})
 
     def _serve(self, request: RefineSubgoal.Request, _: RefineSubgoal.Response) -> RefineSubgoal.Response:
         """Answer a request; a defect must not end the node."""
@@ -172,12 +168,11 @@ class RefinementNode(Node):
 
     def _health(self) -> Health:
         present = self._sets.present
-        problem = problems_of(present.models)
+        problem = self._sets.problem
         return Health(
             problem if present.by_set else problem or "no models for any action set",
             error=not present.by_set,
             values={
-                **model_diagnostics(present.models),
                 **self._sets.diagnostics(),
                 "requests answered": self._answered,
                 "requests refused": self._refused,

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import gc
 import inspect
-import itertools
 import os
 import re
 import signal
 import sys
 import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +21,9 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from ator_ros.files import FileError, read_yaml
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.parameters import Parameter, SetupError
-from ator_ros.printable import printable, short
+from ator_ros.printable import printable
 from ator_ros.resources import ResourceError
 
 _WAKE_UP = 0.1
@@ -36,12 +34,8 @@ _RCL_SOURCE = re.compile(r", at \S+:\d+")
 """Where rcl's errors, which have several lines, name their place in its source."""
 _LONGEST_REASON = 1000
 """Characters of the line with which a node ends: a path may have 255 in each of its parts."""
-_LARGEST = 1_000_000  # bytes of a parameter file; ours have some 2 kB, and PyYAML takes seconds for 1 MB
-_SETTINGS = "ros__parameters"
-
-
-_EXPECTED = (SetupError, ResourceError, ParameterException, RuntimeError)
-"""Errors for the user; rcl's are RuntimeErrors."""
+_EXPECTED = (SetupError, ResourceError, ParameterException, RuntimeError, ValueError)
+"""Errors for the user; rcl's are RuntimeErrors, and rclpy raises ValueError for a parameter []."""
 
 
 def run_node(
@@ -58,7 +52,6 @@ def run_node(
     for number in (signal.SIGINT, signal.SIGTERM):  # for good: a second one must not disturb the end
         signal.signal(number, lambda received, _: stopped.append(received))
     try:
-        check_parameters(arguments, {parameter.name: parameter.description for parameter in parameters})
         _command_line(make, parameters).parse_args(remove_ros_args(arguments)[1:])
         stay_on_this_machine(os.environ)
         # rclpy's own handlers would invalidate the context before the robot has been stopped.
@@ -101,59 +94,3 @@ def _command_line(make: Callable[[], Node], parameters: Sequence[Parameter]) -> 
         epilog="\n".join(["parameters:", *lines]) if lines else None,
         formatter_class=RawDescriptionHelpFormatter,
     )
-
-
-def check_parameters(arguments: Sequence[str], descriptions: Mapping[str, str]) -> None:
-    """Check what rclpy and rcl do not report clearly; call this before they read the command line.
-
-    rcl waits for ever for a pipe as a parameter file, and ignores a text that holds no parameters. rclpy
-    raises a ValueError without the parameter's name for an empty list, whose type is unknown.
-
-    Parameters
-    ----------
-    arguments : sequence of str
-        The command line.
-    descriptions : mapping of str to str
-        Descriptions of the node's parameters by name.
-
-    Raises
-    ------
-    SetupError
-        A parameter is an empty list; a file cannot be read, or holds something else than parameters.
-    """
-    for argument, following in itertools.pairwise(arguments):
-        if argument in ("-p", "--param"):
-            name, _, value = following.partition(":=")
-            _refuse_empty({name: [] if value.replace(" ", "") == "[]" else value}, descriptions)
-        if argument != "--params-file":
-            continue
-        try:
-            content = read_yaml(Path(following), largest=_LARGEST)
-        except FileError as error:
-            raise SetupError(f"--params-file: {error}") from error
-        if content is not None and not _holds_parameters(content):
-            raise SetupError(
-                f"--params-file: {following}: expected a table of nodes, each with {_SETTINGS}, "
-                f"got {short(content)}"
-            )
-        _refuse_empty(content or {}, descriptions)
-
-
-def _refuse_empty(content: Mapping[Any, Any], descriptions: Mapping[str, str]) -> None:
-    """Raise SetupError for the first empty list in nested tables."""
-    for name, value in content.items():
-        if isinstance(value, Mapping):
-            _refuse_empty(value, descriptions)
-        elif value == []:
-            description = descriptions.get(name, "")
-            raise SetupError(
-                f"parameter {name}{f' ({description})' if description else ''}: "
-                "expected a value, or a list of one or more, got []"
-            )
-
-
-def _holds_parameters(content: Any) -> bool:
-    """Return whether each branch of nested tables, which are namespaces and nodes, leads to parameters."""
-    if not isinstance(content, Mapping) or not content:
-        return False
-    return _SETTINGS in content or all(map(_holds_parameters, content.values()))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
@@ -19,28 +18,8 @@ _FASTEST = 10.0
 """Greatest speed in m/s that an object is placed with: in one step of the physics it moves by its radius."""
 
 
-@dataclass(frozen=True, slots=True)
-class Stop:
-    """A stop of a robot: simulated times (s) of the last command to move, and of the standstill."""
-
-    robot: str
-    last_command: float
-    stood: float
-
-
 class SimulatedRobot:
-    """One robot of the world: its description, observations and commands.
-
-    Parameters
-    ----------
-    name : str
-        Its name; empty where there is no other.
-    robot : Robot
-        Shape, masses and limits.
-    sensors : Sensors
-        Its sensors.
-    start : Pose
-        At the start and after a reset.
+    """One robot of the world: its name ("" where there is no other), description, sensors and start.
 
     Attributes
     ----------
@@ -56,32 +35,32 @@ class SimulatedRobot:
 
     def begin(self) -> None:
         """Forget all commands."""
-        self._commanded, self._command = -math.inf, STOP
-        self._driven: float | None = None
+        self._command, self._commanded_at, self._driven_at = STOP, -math.inf, math.nan
 
-    def commanded(self, command: Command, time: float) -> None:
-        """Note a command that came at `time` (s)."""
-        self._commanded, self._command = time, command
+    def command(self, command: Command, time: float) -> None:
+        """Record a command that came at `time` (s)."""
+        self._command, self._commanded_at = command, time
         if command != STOP:
-            self._driven = time
+            self._driven_at = time
 
-    def steered(self, time: float) -> bool:
+    def is_commanded(self, time: float) -> bool:
         """Return whether a command holds at `time` (s)."""
-        return time - self._commanded < COMMAND_TIMEOUT
+        return time - self._commanded_at < COMMAND_TIMEOUT
 
     @property
-    def commanded_to_move(self) -> bool:
+    def is_commanded_to_move(self) -> bool:
         """Whether the last command was to move."""
         return self._command != STOP
 
-    def observe(self, world: World) -> Stop | None:
-        """Observe the true state; return the stop if the robot has come to stand."""
+    def observe(self, world: World) -> str:
+        """Observe the true state; return a sentence if the robot has come to stand."""
         self.observed = self.sensors.observe(world)
-        driving = self.steered(world.time) and self.commanded_to_move
-        if self._driven is None or driving or not world.robot.is_standing:
-            return None
-        stop, self._driven = Stop(self.name, self._driven, world.time), None
-        return stop
+        driving = self.is_commanded_to_move and self.is_commanded(world.time)
+        if math.isnan(self._driven_at) or driving or not world.robot.is_standing:
+            return ""
+        driven_at, self._driven_at = self._driven_at, math.nan
+        who = f"robot {self.name}" if self.name else "the robot"
+        return f"{who} stands since {world.time:.2f} s, last commanded to move at {driven_at:.2f} s"
 
 
 class SimulatedWorld:
@@ -103,86 +82,70 @@ class SimulatedWorld:
     def __init__(
         self, robots: Sequence[SimulatedRobot], object_starts: Mapping[str, tuple[float, float]]
     ) -> None:
-        self._robots = tuple(robots)
-        self._scene = robots[0].robot.scene
+        self.robots = tuple(robots)
+        self._floor = robots[0].robot.scene.area.floor
         self._object_starts = object_starts
-        for number, robot in enumerate(self._robots):
+        for robot in self.robots:
             self._check_inside(robot.start.x, robot.start.y, f"robot_start {robot.name}".strip())
-            for other in self._robots[:number]:
-                _check_apart(robot, robot.start, other, other.start, "robot_start")
         for name, place in object_starts.items():
             self._check_inside(*place, f"{name}_start")
         self._begin()
-        self._check_starts()
-
-    def _check_starts(self) -> None:
-        """Raise MessageError where a robot or an object starts in another body."""
-        for name, place in self._object_starts.items():
-            self._check_clear(self._simulation.object_overlap(name, *place), f"{name}_start")
-        for number, robot in enumerate(self._robots):
+        for name, place in object_starts.items():
+            _check_clear(self._simulation.object_overlap(name, *place), f"{name}_start")
+        for number, robot in enumerate(self.robots):
             overlap = self._simulation.robot_overlap(robot.start, number=number)
-            self._check_clear(overlap, f"robot_start {robot.name}".strip())
+            _check_clear(overlap, f"robot_start {robot.name}".strip())
 
     def _begin(self) -> None:
-        first, *others = (each.robot for each in self._robots)
+        first, *others = (each.robot for each in self.robots)
         self._simulation = Simulation(first, others=others)
-        for number, robot in enumerate(self._robots):
+        for number, robot in enumerate(self.robots):
             self._simulation.place_robot(robot.start, number=number)
             robot.begin()
         for name, place in self._object_starts.items():
             self._simulation.place_object(name, *place)
-        self._changed()
+        for number in range(len(self.robots)):
+            self._reset_sensors(number)
 
-    def _changed(self, *numbers: int) -> None:
-        """Reset the sensors of some robots, by default of all."""
-        for number in numbers or range(len(self._robots)):
-            robot = self._robots[number]
-            robot.sensors.reset()
-            robot.observed = robot.sensors.observe(self._simulation.world(number=number))
+    def _reset_sensors(self, number: int) -> None:
+        robot = self.robots[number]
+        robot.sensors.reset()
+        robot.observed = robot.sensors.observe(self._simulation.world(number=number))
 
-    def _appears(self, name: str) -> None:
+    def _observe_object(self, name: str) -> None:
         """Reset the sensors of all robots for one object; their odometry stays."""
-        for number, robot in enumerate(self._robots):
-            world = self._simulation.world(number=number)
-            robot.sensors.placed(name, world)
-            robot.observed = robot.sensors.observe(world)
+        for number, robot in enumerate(self.robots):
+            robot.sensors.placed(name)
+            robot.observed = robot.sensors.observe(self._simulation.world(number=number))
 
     @property
     def time(self) -> float:
         """Simulated time in s since the start or the last reset."""
         return self._simulation.time
 
-    def steered(self) -> frozenset[int]:
-        """Return the numbers of the robots that a command holds for."""
-        return frozenset(number for number, robot in enumerate(self._robots) if robot.steered(self.time))
+    def awaited(self) -> set[int]:
+        """Return the numbers of the robots whose next command a tick waits for: a command holds for them.
 
-    def awaited(self) -> frozenset[int]:
-        """Return the numbers of the robots whose next command a tick waits for.
-
-        Where there are several, one that was commanded to stop is not waited for, as the others need
-        their odometry.
+        Of several robots those that were commanded to stop are left out, as the others need their odometry.
         """
-        steered = self.steered()
-        if len(self._robots) == 1:
-            return steered
-        return frozenset(number for number in steered if self._robots[number].commanded_to_move)
+        return {
+            number
+            for number, robot in enumerate(self.robots)
+            if robot.is_commanded(self.time) and (robot.is_commanded_to_move or len(self.robots) == 1)
+        }
 
-    def commanded_to_move(self, number: int) -> bool:
-        """Return whether a robot's last command was to move."""
-        return self._robots[number].commanded_to_move
-
-    def tick(self) -> Iterator[Stop]:
-        """Advance by one control tick; return which robots have come to stand."""
+    def tick(self) -> list[str]:
+        """Advance by one control tick; return a sentence for each robot that has come to stand."""
         self._simulation.tick()
         stops = [
-            robot.observe(self._simulation.world(number=number)) for number, robot in enumerate(self._robots)
+            robot.observe(self._simulation.world(number=number)) for number, robot in enumerate(self.robots)
         ]
-        return filter(None, stops)
+        return [stop for stop in stops if stop]
 
     def command(self, command: Command, number: int) -> None:
         """Send a base a velocity command."""
         self._simulation.command(command, number=number)
-        self._robots[number].commanded(command, self.time)
+        self.robots[number].command(command, self.time)
 
     def reset(self) -> None:
         """Make a new world; its time starts at 0."""
@@ -197,18 +160,13 @@ class SimulatedWorld:
         MessageError
             Outside the floor, in another robot, an object or a wall, or faster than the robot's limits.
         """
-        placed = self._robots[number]
-        limits = placed.robot.limits
+        limits = self.robots[number].robot.limits
         self._check_inside(pose.x, pose.y, "pose.pose.position")
         messages.number(v, "v", low=-limits.v, high=limits.v, unit="m/s")
         messages.number(w, "w", low=-limits.w, high=limits.w, unit="rad/s")
-        for other, robot in enumerate(self._robots):
-            if other != number:
-                there = self._simulation.world(number=other).robot.pose
-                _check_apart(placed, pose, robot, there, "pose.pose.position")
-        self._check_clear(self._simulation.robot_overlap(pose, number=number), "pose.pose.position")
+        _check_clear(self._simulation.robot_overlap(pose, number=number), "pose.pose.position")
         self._simulation.place_robot(pose, v=v, w=w, number=number)
-        self._changed(number)
+        self._reset_sensors(number)
 
     def place_object(self, name: str, x: float, y: float, *, vx: float, vy: float) -> None:
         """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s.
@@ -221,30 +179,21 @@ class SimulatedWorld:
         self._check_inside(x, y, "position.point")
         for axis, value in (("x", vx), ("y", vy)):
             messages.number(value, f"velocity.{axis}", low=-_FASTEST, high=_FASTEST, unit="m/s")
-        self._check_clear(self._simulation.object_overlap(name, x, y), "position.point")
+        _check_clear(self._simulation.object_overlap(name, x, y), "position.point")
         self._simulation.place_object(name, x, y, vx=vx, vy=vy)
-        self._appears(name)
+        self._observe_object(name)
 
     def remove_object(self, name: str) -> None:
         """Take an object off the floor."""
         self._simulation.remove_object(name)
-        self._appears(name)
-
-    def _check_clear(self, overlap: str, where: str) -> None:
-        """Raise MessageError for a place where a body would overlap another one."""
-        if overlap:
-            raise MessageError(f"{where}: expected a free place, got one that overlaps {overlap}")
+        self._observe_object(name)
 
     def _check_inside(self, x: float, y: float, where: str) -> None:
-        x_min, y_min, x_max, y_max = self._scene.area.floor
+        x_min, y_min, x_max, y_max = self._floor
         messages.number(x, f"{where}.x", low=x_min, high=x_max, unit="m")
         messages.number(y, f"{where}.y", low=y_min, high=y_max, unit="m")
 
 
-def _check_apart(robot: SimulatedRobot, pose: Pose, other: SimulatedRobot, there: Pose, where: str) -> None:
-    """Raise MessageError where two robots might overlap."""
-    least, distance = robot.robot.reach + other.robot.reach, pose.distance(there)
-    if distance < least:
-        raise MessageError(
-            f"{where}: expected {robot.name} at least {least:.2f} m from {other.name}, got {distance:.2f} m"
-        )
+def _check_clear(overlap: str, where: str) -> None:
+    if overlap:
+        raise MessageError(f"{where}: expected a free place, got one that overlaps {overlap}")

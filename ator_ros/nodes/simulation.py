@@ -20,10 +20,9 @@ from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.domains.domain import domain_for
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose, quaternion_from_yaw
-from ator_ros.nodes import messages
-from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, LongestGap
+from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Ticks
 from ator_ros.nodes.inputs import TFMessage
-from ator_ros.nodes.messages import stamp_of
+from ator_ros.nodes.messages import object_odometry_of, odometry_of, stamp_of
 from ator_ros.nodes.parameters import (
     DOMAIN,
     FRAME,
@@ -38,7 +37,7 @@ from ator_ros.nodes.parameters import (
 )
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA, SERVICES, STATES
 from ator_ros.nodes.running import run_node
-from ator_ros.nodes.simulated_world import SimulatedRobot, SimulatedWorld, Stop
+from ator_ros.nodes.simulated_world import SimulatedRobot, SimulatedWorld
 from ator_ros.printable import quoted
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.sensors import ObjectErrors, SensorConfig, Sensors
@@ -47,7 +46,6 @@ from ator_ros.simulation.urdf import WHEEL_NAMES, Wheels, robot_urdf
 from ator_ros.world import messages as checks
 from ator_ros.world.messages import MessageError
 from ator_ros.world.scene import Area
-from ator_ros.world.state import World
 
 WORLD = "world"
 """The frame in which robots of one simulation begin."""
@@ -92,10 +90,9 @@ _COMMON = (
     Parameter("heading_drift", 0.0, "odometry's heading error in rad after 1 m of driving", 0.0, 1.0),
     Parameter("latency", 0.0, "simulated s after which odom and objects come, with their stamps", 0.0, 0.3),
 )
+_ERRORS = tuple(field.name for field in dataclasses.fields(ObjectErrors))
 _ASIDE = 1.0
 """m between objects, and between robots, that are where they start by default."""
-_MOST_YAW = 1e6
-"""rad; far more than turns that a start is given in, and a float64 still resolves 1e-10."""
 _MOST = 16
 """Robots of one simulation."""
 _FASTEST_PERIOD = 0.0005
@@ -114,12 +111,12 @@ class SimulationNode(Node):
 
     Subscribes to
         cmd_vel (geometry_msgs/Twist or TwistStamped): clipped to the robot's limits; 0.5 s of simulated time
-        after the last command the robot stands, see `BaseController`.
+        after the last command the robot stands, see `SimulatedBase`.
     Publishes, every tick, as the robot's sensors see it, stamped with the simulated time of what they see
         odom (nav_msgs/Odometry): the middle of the axle, twist in the robot's frame.
         NAME of each object of the scene (nav_msgs/Odometry): position and velocity, both in the
         header's frame; nothing while the object is not there.
-        joint_states, robot_description; tf of all robots: see `RobotStatePublisher`.
+        joint_states, robot_description; tf of all robots: see `RobotTopics`.
     Publishes
         /clock (rosgraph_msgs/Clock), when `publish_clock`: every tick.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
@@ -138,45 +135,37 @@ class SimulationNode(Node):
 
     def __init__(self) -> None:
         super().__init__("simulation", automatically_declare_parameters_from_overrides=True)
-        self._settings = declare_with_domain(self, parameters_for, self._change)
-        self._names = names_of(self._settings)
-        robots = robots_of(self._settings)
+        self._settings = settings = declare_with_domain(self, parameters_for, self._change)
+        robots = robots_of(settings)
         self._digests = [robot.digest() for robot in robots]
-        self._simulated = simulated_of(self._settings, robots)
-        self._world = world_of(self._settings, self._simulated)
-        self._paused = False
-        self._deadline, self._due = 0.0, False
+        self._world = world_of(settings, simulated_of(settings, robots))
+        self._paused, self._deadline, self._rejected = False, 0.0, ""
         self._unhurried = 0
         """How many of the next ticks take as long as in reality, unless they wait for a command."""
         self._awaited: set[int] = set()
-        self._rejected = ""
         self._clock_publisher = None
-        if self._settings["publish_clock"]:
+        if settings["publish_clock"]:
             self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR_DATA)
-        self._command_type = TwistStamped if self._settings["stamped_commands"] else Twist
+        self._command_type = TwistStamped if settings["stamped_commands"] else Twist
         self._topics = [self._topics_of(number) for number in range(len(robots))]
-        factor = self._settings["real_time_factor"]
-        self._waits = self._waits_at(factor)
-        self._gaps = LongestGap()
-        self._ticks, self._counted = 0, (time.monotonic(), 0)
+        self._ticks, self._count, self._counted = Ticks(), 0, (time.monotonic(), 0)
+        factor = settings["real_time_factor"]
         self._timer = self.create_timer(_period_at(factor), self._tick, clock=STEADY)
         commands = {topics.resolved("cmd_vel"): self._command_type for topics in self._topics}
         self._diagnostics = Diagnostics(self, self._health, commands)
         speed = f"at {factor:g} times real time" if factor else "as fast as possible"
-        named = zip((robot.name for robot in robots), self._names, strict=True)
-        who = [f"{kind} as {name}" if name else kind for kind, name in named]
-        domain = domain_for(self._settings["domain"], self._settings["robot"]).name
-        where = f"domain {domain}, ROS domain {self.context.get_domain_id()}"
+        who = [f"{r.robot.name} as {r.name}" if r.name else r.robot.name for r in self._world.robots]
+        domain = domain_for(settings["domain"], settings["robot"]).name
         self.get_logger().info(
-            f"simulating {', '.join(who)} {speed} ({where}): cmd_vel ({self._command_type.__name__}) to odom"
-            f"{''.join(f', {name}' for name in robots[0].scene.objects)}"
+            f"simulating {', '.join(who)} {speed} (domain {domain}, ROS domain "
+            f"{self.context.get_domain_id()}): cmd_vel ({self._command_type.__name__}) to "
+            f"{', '.join(('odom', *robots[0].scene.objects))}"
         )
 
     def _topics_of(self, number: int) -> RobotTopics:
         """Offer topics and services of one robot."""
-        robot, settings = self._simulated[number], self._settings
-        frames = {name: settings[name] for name in ("frame", "robot_frame")}
-        topics = RobotTopics(self, robot, **frames)
+        robot, settings = self._world.robots[number], self._settings
+        topics = RobotTopics(self, robot, frame=settings["frame"], robot_frame=settings["robot_frame"])
         callback = partial(self._command, number)
         self.create_subscription(self._command_type, topics.resolved("cmd_vel"), callback, SENSOR_DATA)
         services: dict[str, tuple[type[Any], Callable[[Any], str]]] = {
@@ -184,59 +173,53 @@ class SimulationNode(Node):
             "reset": (Trigger, self._reset),
             "pause": (SetBool, self._pause),
         }
-        for name in topics.objects:
+        for name in robot.robot.scene.objects:
             services[f"place_{name}"] = PlaceObject, partial(self._place_object, number, name)
         for name, (kind, handle) in services.items():
-            self.create_service(kind, topics.resolved(name), self._guarded(handle), qos_profile=SERVICES)
+            callback = partial(self._serve, handle)
+            self.create_service(kind, topics.resolved(name), callback, qos_profile=SERVICES)
         return topics
 
     # Time
 
-    def _waits_at(self, factor: float) -> bool:
-        """Return whether ticks wait for commands. At real time or slower they do not, except in lockstep."""
-        return bool(self._settings["lockstep"]) or factor == 0.0 or factor > 1.0
-
     def _change(self, values: Mapping[str, Any]) -> None:
         """Apply a new real-time factor."""
         if "real_time_factor" in values:
-            factor = values["real_time_factor"]
-            self._waits, self._due, self._deadline = self._waits_at(factor), False, 0.0
-            self._unhurried = 0
-            self._timer.timer_period_ns = round(1e9 * _period_at(factor))
+            self._deadline, self._unhurried = 0.0, 0
+            self._timer.timer_period_ns = round(1e9 * _period_at(values["real_time_factor"]))
             self._timer.reset()
-            self._counted = (time.monotonic(), self._ticks)
+            self._counted = (time.monotonic(), self._count)
 
     def _tick(self) -> None:
         now = time.monotonic()
         if now < self._deadline:
-            self._due = self._settings["real_time_factor"] > 0.0
             return
-        self._due = False
         if self._paused:
             self._deadline = now + _PAUSED_PERIOD
         else:
-            self._gaps.record(now)
+            self._ticks.record(now)
             for stop in self._world.tick():
-                self.get_logger().debug(_stop_text(stop))
-            self._ticks += 1
-            self._awaited = set(self._world.awaited()) if self._waits else set()
+                self.get_logger().debug(stop)
+            self._count += 1
             self._schedule(now)
         self._publish()
 
     def _schedule(self, now: float) -> None:
         """Set the earliest time of the next tick; the timer may fire before."""
         factor, wait = self._settings["real_time_factor"], self._settings["command_wait"]
+        is_fast = not 0.0 < factor <= 1.0
+        self._awaited = self._world.awaited() if is_fast or self._settings["lockstep"] else set()
         if self._awaited:
             self._deadline = now + wait / len(self._topics)
-            self._unhurried = _LAPSE if wait > 0.0 and not 0.0 < factor <= 1.0 else 0
+            self._unhurried = _LAPSE if wait > 0.0 and is_fast else 0
         elif self._unhurried > 0:
             self._unhurried -= 1
             self._deadline = max(self._deadline, now - TICK) + TICK
-            self._counted = (now, self._ticks)  # ticks that wait on purpose are not slow
+            self._counted = (now, self._count)  # ticks that wait on purpose are not slow
 
     def _publish(self) -> None:
         if self._clock_publisher is not None:
-            self._clock_publisher.publish(Clock(clock=messages.stamp_of(self._world.time)))
+            self._clock_publisher.publish(Clock(clock=stamp_of(self._world.time)))
         for topics in self._topics:
             topics.publish()
 
@@ -244,8 +227,8 @@ class SimulationNode(Node):
 
     def _command(self, number: int, message: Twist | TwistStamped) -> None:
         topics = self._topics[number]
+        where = topics.resolved("cmd_vel")
         try:
-            where = topics.resolved("cmd_vel")
             if isinstance(message, TwistStamped):
                 given = message.header.frame_id
                 checks.frame(given, f"{where}.header.frame_id", expected=topics.robot_frame)
@@ -253,40 +236,32 @@ class SimulationNode(Node):
         except MessageError as error:
             self._reject(str(error))
             return
-        if not (number in self._awaited or self._world.commanded_to_move(number)):
+        if not (number in self._awaited or self._world.robots[number].is_commanded_to_move):
             return  # stop commands do not advance the clock
         self._awaited.discard(number)
         if not (self._paused or self._awaited):
             self._deadline = 0.0
-            if self._due:  # its timer came before the command
-                self._tick()
 
     def _reject(self, reason: str) -> None:
         self._rejected = reason
         self.get_logger().warning(f"ignored: {reason}", throttle_duration_sec=_WARNING_PERIOD)
 
-    def _guarded(self, handle: Callable[[Any], str]) -> Callable[[Any, Any], Any]:
-        """Return a service callback that answers with the text of `handle`, or with its error."""
-
-        def serve(request: Any, response: Any) -> Any:
-            try:
-                response.message = handle(request)
-                response.success = True
-                self._publish()
-            except MessageError as error:
-                response.message = str(error)
-                response.success = False
-                self._reject(str(error))
-            return response
-
-        return serve
+    def _serve(self, handle: Callable[[Any], str], request: Any, response: Any) -> Any:
+        """Answer a request with the text of `handle`, or with its error."""
+        try:
+            response.message, response.success = handle(request), True
+            self._publish()
+        except MessageError as error:
+            response.message, response.success = str(error), False
+            self._reject(str(error))
+        return response
 
     def _place_robot(self, number: int, request: PlaceRobot.Request) -> str:
         frame = self._topics[number].frame
         checks.frame(request.pose.header.frame_id, "pose.header.frame_id", expected=frame)
         pose = checks.pose_from(request.pose.pose, "pose.pose")
         self._world.place_robot(pose, number, v=request.v, w=request.w)
-        who = self._names[number] or "robot"
+        who = self._world.robots[number].name or "robot"
         return f"{who} at x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.yaw:.3f} rad"
 
     def _place_object(self, number: int, name: str, request: PlaceObject.Request) -> str:
@@ -306,14 +281,14 @@ class SimulationNode(Node):
 
     def _pause(self, request: SetBool.Request) -> str:
         self._paused, self._deadline = bool(request.data), 0.0
-        self._counted = (time.monotonic(), self._ticks)  # no pause counts as slow
+        self._counted = (time.monotonic(), self._count)  # no pause counts as slow
         return "paused" if self._paused else "running"
 
     def _health(self) -> Health:
         now, wanted = time.monotonic(), self._settings["real_time_factor"]
         since, ticks = self._counted
-        factor = (self._ticks - ticks) * TICK / (now - since)
-        self._counted = (now, self._ticks)
+        factor = (self._count - ticks) * TICK / (now - since)
+        self._counted = (now, self._count)
         slow = not self._paused and now - since > _LEAST_COUNTED and factor < 0.9 * wanted
         return Health(
             f"expected {wanted:g} times real time, it is {factor:.2f}" if slow else "",
@@ -321,19 +296,12 @@ class SimulationNode(Node):
                 "simulated time (s)": f"{self._world.time:.2f}",
                 "real-time factor": f"{factor:.2f}",
                 "paused": self._paused,
-                "commands": "coming" if self._world.steered() else "none",
-                "longest time between ticks (ms)": self._gaps.take(),
+                **self._ticks.diagnostics(),
                 "last error": self._rejected,
                 "robot digest": ", ".join(self._digests),
                 "parameters digest": digest_of(self._settings),
             },
         )
-
-
-def _stop_text(stop: Stop) -> str:
-    """Return the log message of a stop."""
-    who = f"robot {stop.robot}" if stop.robot else "the robot"
-    return f"{who} stands since {stop.stood:.2f} s, last commanded to move at {stop.last_command:.2f} s"
 
 
 def _period_at(factor: float) -> float:
@@ -386,25 +354,16 @@ def robots_of(settings: Mapping[str, Any]) -> list[Robot]:
 
 
 def world_of(settings: Mapping[str, Any], robots: Sequence[SimulatedRobot]) -> SimulatedWorld:
-    """Return the world at its start.
-
-    Raises
-    ------
-    SetupError
-        A start is outside the floor, or two are one.
-    """
+    """Return the world at its start; raises SetupError if a start is outside the floor, or two overlap."""
+    scene, places = robots[0].robot.scene, {}
     try:
-        return SimulatedWorld(robots, _object_starts(settings, robots[0].robot))
-    except ValueError as error:
+        for name in scene.objects:
+            start = settings[f"{name}_start"]
+            checks.count(start, f"parameter {name}_start", least=2, most=2)
+            places[name] = scene.area.at(*start)[:2]
+        return SimulatedWorld(robots, places)
+    except MessageError as error:
         raise SetupError(str(error)) from error
-
-
-def _object_starts(settings: Mapping[str, Any], robot: Robot) -> dict[str, tuple[float, float]]:
-    places = {name: settings[f"{name}_start"] for name in robot.scene.objects}
-    for name, place in places.items():
-        checks.count(place, f"parameter {name}_start", least=2, most=2)
-    centred = {name: robot.scene.area.at(*place) for name, place in places.items()}
-    return {name: (there.x, there.y) for name, there in centred.items()}
 
 
 def simulated_of(settings: Mapping[str, Any], robots: Sequence[Robot]) -> list[SimulatedRobot]:
@@ -413,12 +372,12 @@ def simulated_of(settings: Mapping[str, Any], robots: Sequence[Robot]) -> list[S
         drift=settings["drift"],
         heading_drift=settings["heading_drift"],
         latency=settings["latency"],
-        objects={name: _errors_of(settings, name) for name in robots[0].scene.objects},
+        objects={
+            name: ObjectErrors(**{kind: settings[f"{name}_{kind}"] for kind in _ERRORS})
+            for name in robots[0].scene.objects
+        },
     )
-    try:
-        starts = _starts(settings["robot_start"], len(robots), robots[0].scene.area)
-    except MessageError as error:
-        raise SetupError(str(error)) from error
+    starts = _starts(settings["robot_start"], len(robots), robots[0].scene.area)
     named = zip(names_of(settings), robots, starts, strict=True)
     return [
         SimulatedRobot(name, robot, Sensors(config, settings["seed"] + number), start)
@@ -428,27 +387,31 @@ def simulated_of(settings: Mapping[str, Any], robots: Sequence[Robot]) -> list[S
 
 def _starts(numbers: Sequence[float], count: int, area: Area) -> list[Pose]:
     """Return the start of each robot: those given, then each `_ASIDE` to the left of the last."""
-    checks.count(numbers, "parameter robot_start", least=3, most=3 * count)
-    if len(numbers) % 3:
-        raise SetupError(f"parameter robot_start: expected x, y and yaw of each, got {len(numbers)} numbers")
-    for yaw in numbers[2::3]:
-        checks.number(yaw, "parameter robot_start: yaw", low=-_MOST_YAW, high=_MOST_YAW, unit="rad")
+    if len(numbers) % 3 or not 3 <= len(numbers) <= 3 * count:
+        raise SetupError(
+            f"parameter robot_start: expected x, y and yaw of 1 to {count} robots, got {len(numbers)} numbers"
+        )
     starts = [area.at(*numbers[at : at + 3]) for at in range(0, len(numbers), 3)]
     while len(starts) < count:
         starts.append(starts[-1].compose(Pose(0.0, _ASIDE, 0.0)))
     return starts
 
 
-def _errors_of(settings: Mapping[str, Any], name: str) -> ObjectErrors:
-    kinds = (field.name for field in dataclasses.fields(ObjectErrors))
-    return ObjectErrors(**{kind: settings[f"{name}_{kind}"] for kind in kinds})
-
-
 # Topics
 
 
 class RobotTopics:
-    """Publishes the sensor data of one robot; its name is the namespace of its topics and frames.
+    """Publishes what the sensors of one robot observe, tf, joint states and the URDF.
+
+    The robot's name is the namespace of its topics and frames. Robots of one node share `tf`, in which their
+    frames are children of the frame `world`.
+
+    Publishes
+        odom, NAME of each object (nav_msgs/Odometry): what the sensors observe.
+        tf (tf2_msgs/TFMessage): from the frame of odometry to the robot's own, where there are subscribers.
+        tf_static (tf2_msgs/TFMessage, transient local), with a name: from `world` to the frame of odometry.
+        joint_states (sensor_msgs/JointState): the wheels, where there are subscribers.
+        robot_description (std_msgs/String, transient local): URDF.
 
     Parameters
     ----------
@@ -463,82 +426,42 @@ class RobotTopics:
     ----------
     frame, robot_frame : str
         These frames, with the name.
-    objects : tuple of str
-        The names of the objects that it may observe.
     """
 
     def __init__(self, node: Node, robot: SimulatedRobot, *, frame: str, robot_frame: str) -> None:
-        self._robot = robot
-        self._prefix = f"{robot.name}/" if robot.name else ""
+        self._robot, described = robot, robot.robot
         self.frame, self.robot_frame = self.resolved(frame), self.resolved(robot_frame)
         self._odom = node.create_publisher(Odometry, self.resolved("odom"), STATES)
         self._objects = {
             name: node.create_publisher(Odometry, self.resolved(name), STATES)
-            for name in robot.robot.scene.objects
+            for name in described.scene.objects
         }
-        self.objects = tuple(self._objects)
-        self._state_publisher = RobotStatePublisher(
-            node, robot.robot, frame=self.frame, robot_frame=self.robot_frame, prefix=self._prefix
-        )
+        self._wheels = Wheels(described)
+        self._joints = node.create_publisher(JointState, self.resolved("joint_states"), RESULTS)
+        self._tf = None if TFMessage is None else node.create_publisher(TFMessage, "tf", RESULTS)
+        if TFMessage is not None and robot.name:
+            self._fixed = node.create_publisher(TFMessage, "tf_static", LATCHED)
+            origin = transform_of(0.0, Pose(0.0, 0.0, 0.0), frame=WORLD, child=self.frame)
+            self._fixed.publish(TFMessage(transforms=[origin]))
+        self._description = node.create_publisher(String, self.resolved("robot_description"), LATCHED)
+        self._description.publish(String(data=robot_urdf(described)))
 
     def resolved(self, name: str) -> str:
         """Return the name of a topic, a service or a frame of this robot."""
-        return f"{self._prefix}{name}"
+        return f"{self._robot.name}/{name}" if self._robot.name else name
 
     def publish(self) -> None:
         """Publish the last observation."""
-        world = self._robot.observed
+        world, state = self._robot.observed, self._robot.observed.robot
         # Objects come first: subscribers that act on odom then have the objects of the same tick.
         for name, there in world.objects.items():
             height = self._robot.robot.scene.radius(name)
-            message = messages.object_odometry_of(world.time, there, frame=self.frame, height=height)
+            message = object_odometry_of(world.time, there, frame=self.frame, height=height)
             self._objects[name].publish(message)
-        odometry = messages.odometry_of(world.time, world.robot, frame=self.frame, child=self.robot_frame)
-        self._odom.publish(odometry)
-        self._state_publisher.publish(world)
-
-
-class RobotStatePublisher:
-    """Publishes tf, joint states and the URDF as the driver of a base does; all names are relative.
-
-    Robots of one node share `tf`, in which their frames are children of the frame `world`.
-
-    Publishes
-        tf (tf2_msgs/TFMessage): from the frame of odometry to the robot's own, where there are subscribers.
-        tf_static (tf2_msgs/TFMessage, transient local), with a prefix: from `world` to the frame of odometry.
-        joint_states (sensor_msgs/JointState): the wheels, where there are subscribers.
-        robot_description (std_msgs/String, transient local): URDF.
-
-    Parameters
-    ----------
-    node : Node
-        Owns the publishers.
-    robot : Robot
-        The robot.
-    frame, robot_frame : str
-        The frame of odometry, and the robot's own.
-    prefix : str
-        Put before the names of all topics but tf.
-    """
-
-    def __init__(self, node: Node, robot: Robot, *, frame: str, robot_frame: str, prefix: str = "") -> None:
-        self._frame, self._robot_frame = frame, robot_frame
-        self._wheels = Wheels(robot)
-        self._joints = node.create_publisher(JointState, f"{prefix}joint_states", RESULTS)
-        self._tf = None if TFMessage is None else node.create_publisher(TFMessage, "tf", RESULTS)
-        if TFMessage is not None and prefix:
-            self._fixed = node.create_publisher(TFMessage, "tf_static", LATCHED)
-            origin = transform_of(0.0, Pose(0.0, 0.0, 0.0), frame=WORLD, child=frame)
-            self._fixed.publish(TFMessage(transforms=[origin]))
-        self._description = node.create_publisher(String, f"{prefix}robot_description", LATCHED)
-        self._description.publish(String(data=robot_urdf(robot)))
-
-    def publish(self, world: World) -> None:
-        """Publish the pose of the robot and the angles of its wheels."""
-        state = world.robot
+        self._odom.publish(odometry_of(world.time, state, frame=self.frame, child=self.robot_frame))
         self._wheels.roll(world.time, state.v, state.w)
         if self._tf is not None and self._tf.get_subscription_count():
-            there = transform_of(world.time, state.pose, frame=self._frame, child=self._robot_frame)
+            there = transform_of(world.time, state.pose, frame=self.frame, child=self.robot_frame)
             self._tf.publish(TFMessage(transforms=[there]))
         if self._joints.get_subscription_count():
             message = JointState(name=list(WHEEL_NAMES), position=list(self._wheels.angles))

@@ -17,10 +17,9 @@ from action_msgs.msg import GoalInfo
 from action_msgs.srv import CancelGoal
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Path
-from rcl_interfaces.srv import GetParameters, SetParameters
+from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
@@ -52,8 +51,6 @@ _DISCOVERY = 2.0
 _PLACED = 2.0
 """Real s after which what the simulation has placed counts as placed, observed or not."""
 _RESUME = 1.0
-_MOST_OWN = 100
-"""Goals of this client that are remembered."""
 _CHAIN_TIMEOUT = 5.0
 """Seconds without status after which a chain counts as lost; the executor publishes it twice a second."""
 _OBJECT_TIMEOUT = 1.0
@@ -67,22 +64,13 @@ _ROBOT_FROM = {STATE.name: "odom", "robot_frame": "base_link"}
 _RECORDS = QoSProfile(depth=100, reliability=LATCHED.reliability, durability=LATCHED.durability)
 _OUTCOMES = {ending.value: ending.name.lower().replace("_", " ") for ending in Ending}
 _LONGEST_NAME, _LONGEST_REASON = 60, 300
-_LEARNING = ("records since the last round", "last switch")
+_LEARNING = ("learned set", "learning", "records since the last round", "last switch")
+"""Diagnostics of refinement and learning that are reported, and the errors of old and new models."""
 _LEARNING_ERROR = ": error on the newest"
 
 
 class WorldMonitor:
-    """The newest state of a robot and of a domain's objects.
-
-    Parameters
-    ----------
-    node : Node
-        The node that subscribes.
-    domain, robot : Domain, Robot
-        The objects, and the robot's limits.
-    frame : str
-        The frame of all poses.
-    """
+    """The newest state of a robot and of a domain's objects, all poses in `frame`."""
 
     def __init__(self, node: Node, domain: Domain, robot: Robot, *, frame: str) -> None:
         self._node, self._robot, self._frame = node, robot, frame
@@ -96,18 +84,11 @@ class WorldMonitor:
         self._sources = ObjectSources(node, sources, self._take_object, self._reject, self._tf, frame=frame)
 
     def follow_robot(self, settings: Mapping[str, Any]) -> None:
-        """Subscribe to the robot's state, with the parameters of its executor; once.
-
-        Raises
-        ------
-        SetupError
-            The robot's state comes from tf, and tf2_msgs is not installed.
-        """
-        if self._source is None:
-            settings = {**settings, "frame": self._frame}
-            self._source = RobotSource(
-                self._node, settings, self._robot, self._take_robot, self._reject, self._warn, self._tf
-            )
+        """Subscribe to the robot's state, with the parameters of its executor; raises SetupError."""
+        settings = {**settings, "frame": self._frame}
+        self._source = RobotSource(
+            self._node, settings, self._robot, self._take_robot, self._reject, self._warn, self._tf
+        )
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
         self._newest, self._received_at = (stamp, robot), time.monotonic()
@@ -123,9 +104,8 @@ class WorldMonitor:
     def _warn(self, text: str) -> None:
         self._node.get_logger().warning(text, throttle_duration_sec=_WARNING_PERIOD)
 
-    @property
     def silence(self) -> float:
-        """Real s since the last state of the robot."""
+        """Return the real s since the last state of the robot."""
         return time.monotonic() - self._received_at
 
     def world(self) -> World | None:
@@ -153,31 +133,20 @@ class GoalMonitor:
         chain_under_way, performance/chain (ator_interfaces/ChainPerformance): status and records.
         planned_path (nav_msgs/Path): the planned path of the active action.
 
-    Parameters
-    ----------
-    node : Node
-        The node that subscribes.
-    libraries : mapping of str to TopLibrary
-        By action set.
-    frame : str
-        Of all poses.
-
     Attributes
     ----------
-    history : History
-        The executed chains, including the last one before the monitor was created.
-    external : ExternalGoal or None
-        The last goal of another client; None if the last goal was ours, or could not be read.
-    path : ndarray, shape (n, 2), or None
-        The planned path of the active action, x and y in m; None without one.
+    history, external, path
+        See `ator_ros.view.backend.Backend`.
     """
 
-    def __init__(self, node: Node, libraries: Mapping[str, TopLibrary], *, frame: str) -> None:
-        self._node, self._libraries, self._frame = node, libraries, frame
+    def __init__(
+        self, node: Node, world: WorldMonitor, libraries: Mapping[str, TopLibrary], *, frame: str
+    ) -> None:
+        self._node, self._world, self._libraries, self._frame = node, world, libraries, frame
         self.history = History()
         self.external: ExternalGoal | None = None
         self.path: FloatArray | None = None
-        self._own: dict[str, Run] = {}
+        self._own_runs: dict[str, Run] = {}
         self._active = ("", Run(OTHERS, ended=True))
         self._is_new, self._last_status = True, (0.0, 0.0)
         self._status = node.create_subscription(ChainPerformance, "chain_under_way", self._take, LATCHED)
@@ -186,9 +155,7 @@ class GoalMonitor:
 
     def expect(self, chain_id: str, run: Run) -> None:
         """Follow a goal that this client is about to send, and keep `run` up to date."""
-        self._own[chain_id] = run
-        if len(self._own) > _MOST_OWN:
-            del self._own[next(iter(self._own))]
+        self._own_runs[chain_id] = run
         self._active, self._is_new = (chain_id, run), True
 
     @property
@@ -198,26 +165,21 @@ class GoalMonitor:
         return None if run.ended else chain_id
 
     def _take(self, message: ChainPerformance) -> None:
-        run = self._own.get(message.chain_id)
+        run, former = self._own_runs.get(message.chain_id), self.external
         if run is not None:
             self.external = None
         else:
-            run = self._take_external(message)
-        if run is None or run.ended:
-            return
-        self._active, self._is_new = (message.chain_id, run), True
-        _update(run, message)
-
-    def _take_external(self, message: ChainPerformance) -> Run | None:
-        former = self.external
-        run = Run(OTHERS) if former is None or former.chain_id != message.chain_id else former.run
-        try:
-            self.external = self._external_goal(message, run)
-        except MessageError as error:
-            self.external = None
-            self._warn(f"chain_under_way: ignored: {error}")
-            return None
-        return run
+            is_new = former is None or former.chain_id != message.chain_id
+            run = Run(OTHERS) if former is None or is_new else former.run
+            try:
+                self.external = self._external_goal(message, run)
+            except MessageError as error:
+                self.external = None
+                self._warn(f"chain_under_way: ignored: {error}")
+                return
+        if not run.ended:
+            self._active, self._is_new = (message.chain_id, run), True
+            _update(run, message)
 
     def _external_goal(self, message: ChainPerformance, run: Run) -> ExternalGoal:
         """Read another client's goal; raises MessageError."""
@@ -237,7 +199,7 @@ class GoalMonitor:
         )
 
     def _take_record(self, message: ChainPerformance) -> None:
-        run = self._own.get(message.chain_id)
+        run = self._own_runs.get(message.chain_id)
         if run is None and self.external is not None and self.external.chain_id == message.chain_id:
             run = self.external.run
         if run is not None and not run.ended:  # of the status only the newest message is sure to arrive
@@ -256,14 +218,13 @@ class GoalMonitor:
     def _warn(self, text: str) -> None:
         self._node.get_logger().warning(text, throttle_duration_sec=_WARNING_PERIOD)
 
-    def watch(self, stamp: float) -> None:
+    def watch(self) -> None:
         """End the active run as lost if its executor has gone, or has published no status for too long.
 
-        Parameters
-        ----------
-        stamp : float
-            Time in s of the robot's newest state; while it stands still no status is expected.
+        While the stamps of the robot's state stand still no status is expected.
         """
+        world = self._world.world()
+        stamp = 0.0 if world is None else world.time
         _, run = self._active
         now = time.monotonic()
         if self._is_new:
@@ -317,7 +278,7 @@ def _places(situation: Situation) -> Iterable[Pose]:
         yield Pose(at.x, at.y, 0.0)
 
 
-class RosBackend:
+class RosBackend(GoalMonitor):
     """Running nodes, observed and used through a client node; see `ator_ros.view.backend.Backend`.
 
     Parameters
@@ -353,34 +314,26 @@ class RosBackend:
         start_timeout: float = 60.0,
         timeout: float = 5.0,
     ) -> None:
-        self._own = own = ClientNode(
+        self._client = client = ClientNode(
             "view", domain=ros_domain, arguments=arguments, check=check,
             timeout=start_timeout, error=BackendError,
         )  # fmt: skip
-        self._frame, self._timeouts = frame, (start_timeout, timeout)
-        self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
-        self.can_place = False
+        libraries = {name: domain.library(robot, name) for name in domain.action_sets}
+        node = client.node
+        super().__init__(node, WorldMonitor(node, domain, robot, frame=frame), libraries, frame=frame)
+        self._timeouts = start_timeout, timeout
+        self.can_place, self.learned, self.refused = False, "", ""
         self._is_shared = False
         self._refused: dict[str, str] = {}
-        node = own.node
-        self._world = WorldMonitor(node, domain, robot, frame=frame)
-        self._goals = GoalMonitor(node, self._libraries, frame=frame)
-        self._simulation = SimulationClient(own, robot.scene.objects)
+        self._learned: dict[str, str] = {}
+        self._simulation = SimulationClient(client, robot.scene.objects)
         self._refinement = node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
-        self._factors = [  # of a simulation of this robot, or of several
-            node.create_client(SetParameters, f"{space}simulation/set_parameters") for space in ("", "/")
-        ]
         self._settings = node.create_client(GetParameters, "executor/get_parameters")
         self._server = ActionClient(node, ExecuteChain, "execute_chain")
         self._cancel = node.create_client(CancelGoal, "execute_chain/_action/cancel_goal")
-        self._learned: dict[str, str] = {}
-        self._reports: dict[str, Callable[[Mapping[str, str]], str]] = {
-            node.resolve_service_name("refinement"): lambda values: values.get("learned set", ""),
-            node.resolve_service_name("learning"): _learning_report,
-            "/learning": _learning_report,  # one may learn for all robots
-        }
+        self._learners = (*map(node.resolve_service_name, ("refinement", "learning")), "/learning")
         node.create_subscription(DiagnosticArray, "/diagnostics", self._take_diagnostics, RESULTS)
-        own.start()
+        client.start()
 
     def ready(self, *, simulated: bool) -> None:
         """Wait for refinement and executor, and if `simulated` for the simulation.
@@ -392,23 +345,24 @@ class RosBackend:
         SetupError
             The robot's state comes from tf, and tf2_msgs is not installed.
         """
-        self._own.timeout = self._timeouts[0]
+        self._client.timeout = self._timeouts[0]
         if simulated:
-            self._own.until(self._simulation.is_available, "the simulation's services")
-        self._own.until(self._refinement.service_is_ready, f"the service {self._refinement.srv_name}")
-        self._own.until(self._server.server_is_ready, "the action execute_chain")
+            self._client.until(self._simulation.is_available, "the simulation's services")
+        self._client.until(self._refinement.service_is_ready, f"the service {self._refinement.srv_name}")
+        self._client.until(self._server.server_is_ready, "the action execute_chain")
         self._world.follow_robot(self._robot_settings())
         self.can_place = simulated or self._simulation.is_available(_DISCOVERY)
-        alone, several = self._factors
-        self._is_shared = not alone.service_is_ready() and several.service_is_ready()
+        node = self._client.node
+        nodes = node.get_node_names_and_namespaces()
+        self._is_shared = ("simulation", node.get_namespace()) not in nodes and ("simulation", "/") in nodes
         if not simulated:  # they may end, and the page waits for every answer
-            self._own.timeout = self._timeouts[1]
+            self._client.timeout = self._timeouts[1]
 
     def _robot_settings(self) -> dict[str, str]:
         """Ask the executor for the source of the robot's state."""
         if not self._settings.wait_for_service(_DISCOVERY):
             return _ROBOT_FROM
-        answer = self._own.call(self._settings, GetParameters.Request(names=list(_ROBOT_FROM)))
+        answer = self._client.call(self._settings, GetParameters.Request(names=list(_ROBOT_FROM)))
         values = dict(zip(_ROBOT_FROM, (value.string_value for value in answer.values), strict=False))
         return {name: values.get(name) or usual for name, usual in _ROBOT_FROM.items()}
 
@@ -418,45 +372,25 @@ class RosBackend:
             answer, end = self._simulation.resume(), time.monotonic() + _RESUME
             while not answer.done() and time.monotonic() < end:
                 time.sleep(0.01)
-        self._own.close()
+        self._client.close()
 
     # State
-
-    @property
-    def silence(self) -> float:
-        """Real s since the last state of the robot."""
-        return self._world.silence
 
     def world(self) -> World | None:
         """Return the newest state; objects that are no longer observed are not in it."""
         return self._world.world()
 
-    @property
-    def history(self) -> History:
-        """The executed chains, of all clients."""
-        return self._goals.history
-
-    @property
-    def external(self) -> ExternalGoal | None:
-        """The last goal of another client; None if the last goal was ours."""
-        return self._goals.external
-
-    @property
-    def path(self) -> FloatArray | None:
-        """The planned path of the active action, shape (n, 2): x and y in m; None without one."""
-        return self._goals.path
-
-    @property
-    def learned(self) -> str:
-        """The report on learned models and on learning; empty if nothing is learned."""
-        return "; ".join(text for text in tuple(self._learned.values()) if text)
+    def silence(self) -> float:
+        """Return the real s since the last state of the robot."""
+        return self._world.silence()
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            report = self._reports.get(status.name)
-            if report is not None:
-                values = {value.key: value.value for value in status.values}
-                self._learned[status.name] = printable(report(values), _LONGEST_REASON)
+            if status.name in self._learners:
+                values = (v for v in status.values if v.key in _LEARNING or _LEARNING_ERROR in v.key)
+                text = ", ".join(f"{value.key} {value.value}" for value in values)
+                self._learned[status.name] = printable(text, _LONGEST_REASON)
+        self.learned = "; ".join(filter(None, self._learned.values()))
 
     # Refinement
 
@@ -473,40 +407,28 @@ class RosBackend:
             want_curve=True,
             as_given=as_given,
         )
-        answer = self._own.call(self._refinement, request)
+        answer = self._client.call(self._refinement, request)
         if not answer.accepted:
             raise BackendError(answer.reason)
-        try:
-            return self._read_answer(answer, self._libraries[draft.action_set])
-        except MessageError as error:
-            raise BackendError(str(error)) from error
+        library = self._libraries[draft.action_set]
+        return Answer(
+            chain_from(answer.original, library, frame=self._frame, where="original"),
+            chain_from(answer.chain, library, frame=self._frame),
+            answer.refined,
+            answer.reason,
+            tuple(action.duration for action in answer.before_actions),
+            tuple(action.duration for action in answer.after_actions),
+            tuple(map(_curve_from, answer.curves)),
+            tuple(Candidate(each.predicted.duration, each.cost, each.reason) for each in answer.alternatives),
+            answer.chosen,
+        )
 
     def _chains(self, draft: Draft) -> list[TopChain]:
         """Write the chain of a draft and its alternatives."""
         chains = (draft.chain, *draft.alternatives)
         return [chain_of(chain, action_set=draft.action_set, frame=self._frame) for chain in chains]
 
-    def _read_answer(self, answer: RefineSubgoal.Response, library: TopLibrary) -> Answer:
-        """Read an answer; raises MessageError if a chain or a curve in it cannot be read."""
-        naive = chain_from(answer.original, library, frame=self._frame, where="original")
-        return Answer(
-            naive,
-            chain_from(answer.chain, library, frame=self._frame),
-            answer.refined,
-            answer.reason,
-            tuple(action.duration for action in answer.before_actions),
-            tuple(action.duration for action in answer.after_actions),
-            tuple(_curve_from(curve, len(naive.calls)) for curve in answer.curves),
-            tuple(Candidate(each.predicted.duration, each.cost, each.reason) for each in answer.alternatives),
-            answer.chosen,
-        )
-
     # Simulation
-
-    @property
-    def refused(self) -> str:
-        """Why the simulation did not place robot or objects as requested last; empty if it did."""
-        return "; ".join(f"{name}: {why}" for name, why in tuple(self._refused.items()))
 
     def place_robot(self, pose: Pose) -> None:
         """Place the robot at rest; does not wait."""
@@ -520,14 +442,15 @@ class RosBackend:
         try:
             place().add_done_callback(partial(self._placed, name))
         except BackendError as error:
-            self._refused[name] = str(error)
+            self._note_placement(name, str(error))
 
     def _placed(self, name: str, future: Future) -> None:
         answer = future.result()
-        if answer is None or answer.success:
-            self._refused.pop(name, None)
-        else:
-            self._refused[name] = answer.message
+        self._note_placement(name, "" if answer is None or answer.success else answer.message)
+
+    def _note_placement(self, name: str, error: str) -> None:
+        self._refused[name] = error
+        self.refused = "; ".join(f"{name}: {why}" for name, why in self._refused.items() if why)
 
     def place(self, world: World) -> None:
         """Place robot and objects, remove other objects, and wait until they are observed there.
@@ -535,13 +458,13 @@ class RosBackend:
         Time stands still afterwards, unless other robots live in the same simulation, or this fails.
         """
         self._refused.clear()
+        self.refused = ""
         paused = False
         try:
-            self._simulation.place(world)
-            placed = [name for name in world.objects if self._simulation.can_place(name)]
+            placed = self._simulation.place(world)
             self._world.expect_messages()  # which the executor then has received, too
             end = time.monotonic() + _PLACED
-            self._own.until(
+            self._client.until(
                 lambda: self._world.is_fresh(placed) or time.monotonic() > end, "robot and objects"
             )
             paused = not self._is_shared
@@ -552,14 +475,6 @@ class RosBackend:
     def pause(self, *, paused: bool) -> None:
         """Pause or resume time."""
         self._simulation.pause(paused=paused)
-
-    def set_factor(self, factor: float) -> None:
-        """Set the simulated seconds per real second."""
-        value = Parameter("real_time_factor", value=factor).to_parameter_msg()
-        there = [client for client in self._factors if client.service_is_ready()] or self._factors
-        answer = self._own.call(there[0], SetParameters.Request(parameters=[value]))
-        if not answer.results[0].successful:
-            raise BackendError(answer.results[0].reason)
 
     # Execution
 
@@ -582,42 +497,35 @@ class RosBackend:
             chain=chain, refine=refine, objective=objective_of(draft.objective), alternatives=others
         )
         goal_id = uuid.uuid4()
-        self._goals.expect(goal_id.hex, run)
-        future = self._own.in_thread(
+        self.expect(goal_id.hex, run)
+        future = self._client.in_thread(
             lambda: self._server.send_goal_async(goal, goal_uuid=_goal_info(goal_id.hex).goal_id)
         )
         try:
-            self._own.until(lambda: run.started or _is_rejected(future), "the status of execute_chain")
+            self._client.until(lambda: run.started or _is_rejected(future), "the status of execute_chain")
         except BackendError:
             self._request_cancel(goal_id.hex)  # it may have been accepted, and would not be watched
             raise
         if _is_rejected(future):
             raise BackendError("the executor accepts no goal")
 
-    def watch(self) -> None:
-        """End the active run as lost if its executor has gone or is silent."""
-        world = self._world.world()
-        self._goals.watch(0.0 if world is None else world.time)
-
     def stop(self) -> None:
         """Cancel the active goal, of any client, and wait until it has ended."""
-        goal = self._goals.active_goal
+        goal = self.active_goal
         if goal is None:
             return
         try:
+            self._client.call(self._cancel, CancelGoal.Request(goal_info=_goal_info(goal)))
             if self.can_place:
                 self.pause(paused=False)  # the robot can brake only while time passes
+            self._client.until(lambda: self.active_goal != goal, "the end of the chain")
         finally:
-            try:
-                self._own.call(self._cancel, CancelGoal.Request(goal_info=_goal_info(goal)))
-                self._own.until(lambda: self._goals.active_goal != goal, "the end of the chain")
-            finally:
-                if self._goals.active_goal == goal:
-                    self._goals.lose()
+            if self.active_goal == goal:
+                self.lose()
 
     def _request_cancel(self, goal: str) -> None:
         with contextlib.suppress(BackendError):
-            self._own.send(self._cancel, CancelGoal.Request(goal_info=_goal_info(goal)))
+            self._client.send(self._cancel, CancelGoal.Request(goal_info=_goal_info(goal)))
 
 
 def _goal_info(chain_id: str) -> GoalInfo:
@@ -637,19 +545,7 @@ def objective_of(objective: Objective) -> ObjectiveMessage:
     return ObjectiveMessage(**weights | dict.fromkeys(objective.where_predicted, -1.0))
 
 
-def _curve_from(curve: SearchCurve, steps: int) -> SubgoalCurve:
+def _curve_from(curve: SearchCurve) -> SubgoalCurve:
     names, totals = tuple(curve.variables), np.asarray(curve.totals, dtype=float)
-    if curve.subgoal >= steps or len(curve.values) != len(names) * len(totals):
-        raise MessageError(
-            f"curves: expected {len(names)} values for each of {len(totals)} totals, and a subgoal "
-            f"from 0 to {steps - 1}; got {len(curve.values)} values, and subgoal {curve.subgoal}"
-        )
     values = np.asarray(curve.values, dtype=float).reshape(len(totals), len(names))
     return SubgoalCurve(curve.subgoal, names, values, totals)
-
-
-def _learning_report(values: Mapping[str, str]) -> str:
-    """Return the state of the node `learning`, and the errors of old and new models."""
-    parts = [f"learning is {values.get('learning', '')}"]
-    parts += [f"{name}: {values[name]}" for name in _LEARNING if name in values]
-    return ", ".join(parts + [f"{name} {value}" for name, value in values.items() if _LEARNING_ERROR in name])

@@ -51,8 +51,7 @@ class SensorConfig:
     latency : float
         Time in s from a state to its messages, rounded up to a tick: odometry and objects arrive that late,
         with the time of the state; `ObjectErrors.delay` is added to it. The first state, and the first after
-        a reset or a placement of the robot, arrives at once, and then nothing newer for that time. A placed
-        object is observed at once.
+        a reset or a placement of the robot, arrives at once, and then nothing newer for that time.
     objects : mapping of str to ObjectErrors
         Errors of each object by its name; others are observed exactly.
     """
@@ -67,10 +66,6 @@ class SensorConfig:
         """Whether there are no errors."""
         exact_objects = all(errors == ObjectErrors() for errors in self.objects.values())
         return exact_objects and not (self.drift or self.heading_drift or self.latency)
-
-
-REALISTIC = SensorConfig(drift=0.02, heading_drift=0.01)
-"""Drift like that of a real robot's odometry."""
 
 
 class _ObservedObject:
@@ -121,16 +116,9 @@ class _ObservedObject:
 
 
 class Sensors:
-    """Observes a world, once per control tick.
+    """Observes a world, once per control tick; the same seed and worlds give the same observations.
 
     Objects are observed from the robot, so that their estimates drift with the odometry.
-
-    Parameters
-    ----------
-    config : SensorConfig
-        Errors of the sensors.
-    seed : int
-        The same seed and worlds give the same observations.
     """
 
     def __init__(self, config: SensorConfig, seed: int = 0) -> None:
@@ -142,21 +130,12 @@ class Sensors:
         """Reset odometry to the next true pose, and forget all observations."""
         self._true: Pose | None = None
         self._believed = Pose(0.0, 0.0, 0.0)
-        items = self.config.objects.items()
-        self._observed = {name: _ObservedObject(errors, self._rng) for name, errors in items}
+        self._observed: dict[str, _ObservedObject] = {}
         self._coming: deque[World] = deque()
 
-    def placed(self, name: str, world: World) -> None:
-        """Observe a placed or removed object at once, also in observations that are still delayed."""
-        if self.config.exact:
-            return
-        self._observed[name] = _ObservedObject(self.config.objects.get(name, ObjectErrors()), self._rng)
-        there = self._believe(world).objects.get(name)
-        known = {} if there is None else {name: there}
-        self._coming = deque(
-            dataclasses.replace(each, objects={**_without(each.objects, name), **known})
-            for each in self._coming
-        )
+    def placed(self, name: str) -> None:
+        """Forget the observations of an object that was placed or removed."""
+        self._observed.pop(name, None)
 
     def observe(self, world: World) -> World:
         """Return the estimate of `world`, with the same time; with a latency, that of an earlier world.
@@ -175,9 +154,10 @@ class Sensors:
         self._believed = self._dead_reckoning(pose)
         self._true = pose
         robot = dataclasses.replace(world.robot, pose=self._believed)
-        for name in world.objects:
+        for name in (*self.config.objects, *world.objects):
             if name not in self._observed:
-                self._observed[name] = _ObservedObject(ObjectErrors(), self._rng)
+                errors = self.config.objects.get(name, ObjectErrors())
+                self._observed[name] = _ObservedObject(errors, self._rng)
         seen = {
             name: item.observe(world.time, world.objects.get(name), pose, self._believed)
             for name, item in self._observed.items()
@@ -193,7 +173,3 @@ class Sensors:
         drift, heading_drift = self.config.drift, self.config.heading_drift
         error = Pose(moved.x + drift * x, moved.y + drift * y, moved.yaw + heading_drift * yaw)
         return self._believed.compose(error)
-
-
-def _without(objects: Mapping[str, ObjectState], name: str) -> dict[str, ObjectState]:
-    return {other: state for other, state in objects.items() if other != name}

@@ -15,126 +15,18 @@ from ator_ros.world.state import STOP, Command, RobotState
 COMMAND_TIMEOUT = 0.15
 """Time in s that a command holds: three ticks."""
 _ROUNDING = 1e-6
-
-
-class BaseController:
-    """Turns velocity commands into wheel speeds as the firmware of a real base does.
-
-    Velocities change within the robot's limits, but a stop is a stop: where the command is to stand, or none
-    has come for 0.15 s, the base brakes as hard as it can without tipping. So the robot stands 0.5 s after
-    the last command, from any speed and turn within its limits.
-
-    Parameters
-    ----------
-    robot : Robot
-        Limits, wheel radius and track.
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-        self._command = STOP
-        self._expires = -math.inf
-        self.setpoint = STOP
-
-    def reset(self, setpoint: Command = STOP) -> None:
-        """Forget the command; the base now moves at `setpoint` and slows down unless commanded."""
-        self._command, self._expires, self.setpoint = STOP, -math.inf, setpoint
-
-    def command(self, command: Command, time: float) -> None:
-        """Accept a command at `time` (s); it holds for 0.15 s.
-
-        Raises
-        ------
-        ValueError
-            The command is not finite.
-        """
-        if not (math.isfinite(command.v) and math.isfinite(command.w)):
-            raise ValueError(
-                f"command: expected finite velocities, got v={command.v} m/s, w={command.w} rad/s"
-            )
-        limits = self._robot.limits
-        self._command = Command(clip(command.v, limits.v), clip(command.w, limits.w))
-        self._expires = time + COMMAND_TIMEOUT - _ROUNDING
-
-    def ramp(self, time: float, dt: float) -> tuple[float, float]:
-        """Move the setpoint toward the command for `dt` s; return the left and right wheel speed in rad/s."""
-        target = self._command if time < self._expires else STOP
-        self.setpoint = ramped(self.setpoint, target, dt, self._robot.limits, self._robot.stop)
-        turn = self.setpoint.w * self._robot.track / 2.0
-        radius = self._robot.wheel_radius
-        return (self.setpoint.v - turn) / radius, (self.setpoint.v + turn) / radius
-
-
 _BLOCKED_BELOW = 0.05  # rad/s of a wheel that is to stand: then the firmware holds it in its place
 _HOLDING_GAIN = 0.1
 
 
-class Motors:
-    """Two wheels' motors with bounded torque.
-
-    Under velocity control alone a standing base would creep by a millirad a second; firmware holds its place.
-
-    Parameters
-    ----------
-    client, body : int
-        Where the wheels are.
-    wheels : list of int
-        Joint indices of the left and the right wheel.
-    robot : Robot
-        Torque and lag of the motors.
-    period : float
-        Time of a physics step in s.
-    """
-
-    def __init__(self, client: int, body: int, wheels: list[int], robot: Robot, *, period: float) -> None:
-        self._client, self._body, self._wheels = client, body, wheels
-        self._torques = [robot.wheel_torque] * 2
-        self._gains = [period / robot.motor_time_constant] * 2
-        self._held: list[float] | None = None
-
-    def turn(self, speeds: tuple[float, float]) -> None:
-        """Ask for the speeds (rad/s) of the left and the right wheel during the next step."""
-        if speeds != (0.0, 0.0):
-            self._held = None
-        elif self._held is None:
-            self._held = self._still()
-        if self._held is None:
-            self._control(p.VELOCITY_CONTROL, targetVelocities=speeds)
-        else:
-            self._control(
-                p.POSITION_CONTROL,
-                targetPositions=self._held,
-                targetVelocities=speeds,
-                positionGains=[_HOLDING_GAIN] * 2,
-            )
-
-    def release(self) -> None:
-        """Forget where the wheels stood, since the robot was moved."""
-        self._held = None
-
-    def _still(self) -> list[float] | None:
-        """Return the wheels' angles in rad, or None while they turn."""
-        states = p.getJointStates(self._body, self._wheels, physicsClientId=self._client)
-        return (
-            [state[0] for state in states]
-            if all(abs(state[1]) < _BLOCKED_BELOW for state in states)
-            else None
-        )
-
-    def _control(self, mode: int, **targets: object) -> None:
-        p.setJointMotorControlArray(
-            self._body,
-            self._wheels,
-            mode,
-            forces=self._torques,
-            velocityGains=self._gains,
-            physicsClientId=self._client,
-            **targets,
-        )
-
-
 class SimulatedBase:
     """A base with two driven wheels on the floor of a pybullet client.
+
+    It turns velocity commands into wheel speeds as the firmware of a real base does. Velocities change within
+    the robot's limits, but a stop is a stop: where the command is to stand, or none has come for 0.15 s, the
+    base brakes as hard as it can without tipping. So the robot stands 0.5 s after the last command, from any
+    speed and turn within its limits. The torque of the motors is bounded. Under velocity control alone
+    a standing base would creep by a millirad a second; firmware holds its place.
 
     Parameters
     ----------
@@ -158,9 +50,11 @@ class SimulatedBase:
     def __init__(self, client: int, robot: Robot, shares: tuple[float, float], *, period: float) -> None:
         self._client, self.robot, self._shares = client, robot, shares
         self.body, self._wheels = load_base(client, robot)
-        self._controller = BaseController(robot)
-        self._motors = Motors(client, self.body, self._wheels, robot, period=period)
         self._com = p.getDynamicsInfo(self.body, -1, physicsClientId=client)[3]
+        self._command, self._expires, self._setpoint = STOP, -math.inf, STOP
+        self._torques = [robot.wheel_torque] * 2
+        self._gains = [period / robot.motor_time_constant] * 2
+        self._held: list[float] | None = None
 
     def ignore(self, floor: int, others: Iterable[int]) -> None:
         """Leave out pairs of bodies that never touch, which cost time.
@@ -176,7 +70,7 @@ class SimulatedBase:
                     p.setCollisionFilterPair(self.body, other, wheel, link, 0, physicsClientId=client)
 
     def place(self, pose: Pose, v: float, w: float) -> None:
-        """Put the axle at `pose`, moving at v (m/s) and w (rad/s)."""
+        """Put the axle at `pose`, moving at v (m/s) and w (rad/s); it slows down unless commanded."""
         client, c, s = self._client, math.cos(pose.yaw), math.sin(pose.yaw)
         velocity = (c * v - s * w * self._com[0], s * v + c * w * self._com[0], 0.0)
         self.move(pose)
@@ -184,8 +78,8 @@ class SimulatedBase:
         turn = w * self.robot.track / 2.0
         for wheel, speed in zip(self._wheels, (v - turn, v + turn), strict=True):
             p.resetJointState(self.body, wheel, 0.0, speed / self.robot.wheel_radius, physicsClientId=client)
-        self._controller.reset(Command(v, w))
-        self._motors.release()
+        self._command, self._expires, self._setpoint = STOP, -math.inf, Command(v, w)
+        self._held = None
 
     def move(self, pose: Pose) -> None:
         """Put the axle at `pose`; wheels, motors and firmware stay as they are."""
@@ -197,13 +91,48 @@ class SimulatedBase:
         )
 
     def command(self, command: Command, time: float) -> None:
-        """Accept a command at `time` (s); raises ValueError if it is not finite."""
-        self._controller.command(command, time)
+        """Accept a command at `time` (s); it holds for 0.15 s."""
+        limits = self.robot.limits
+        self._command = Command(clip(command.v, limits.v), clip(command.w, limits.w))
+        self._expires = time + COMMAND_TIMEOUT - _ROUNDING
 
     def ramp(self, time: float, dt: float) -> None:
-        """Set the motors for the next `dt` s."""
-        left, right = self._controller.ramp(time, dt)
-        self._motors.turn((left * self._shares[0], right * self._shares[1]))
+        """Move the setpoint toward the command for `dt` s, and set the motors."""
+        target = self._command if time < self._expires else STOP
+        self._setpoint = ramped(self._setpoint, target, dt, self.robot.limits, self.robot.stop)
+        turn, radius = self._setpoint.w * self.robot.track / 2.0, self.robot.wheel_radius
+        left, right = (self._setpoint.v - turn) / radius, (self._setpoint.v + turn) / radius
+        speeds = (left * self._shares[0], right * self._shares[1])
+        if speeds != (0.0, 0.0):
+            self._held = None
+        elif self._held is None:
+            self._held = self._standing_wheels()
+        if self._held is None:
+            self._control(p.VELOCITY_CONTROL, targetVelocities=speeds)
+        else:
+            self._control(
+                p.POSITION_CONTROL,
+                targetPositions=self._held,
+                targetVelocities=speeds,
+                positionGains=[_HOLDING_GAIN] * 2,
+            )
+
+    def _standing_wheels(self) -> list[float] | None:
+        """Return the wheels' angles in rad, or None while they turn."""
+        states = p.getJointStates(self.body, self._wheels, physicsClientId=self._client)
+        stand = all(abs(state[1]) < _BLOCKED_BELOW for state in states)
+        return [state[0] for state in states] if stand else None
+
+    def _control(self, mode: int, **targets: object) -> None:
+        p.setJointMotorControlArray(
+            self.body,
+            self._wheels,
+            mode,
+            forces=self._torques,
+            velocityGains=self._gains,
+            physicsClientId=self._client,
+            **targets,
+        )
 
     def state(self) -> RobotState:
         """Return the true state."""

@@ -10,13 +10,7 @@ from types import TracebackType
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.simulation import physics as p
-from ator_ros.simulation.bodies import (
-    GRAVITY,
-    make_bay,
-    make_floor,
-    make_object,
-    set_object_dynamics,
-)
+from ator_ros.simulation.bodies import GRAVITY, make_bay, make_floor, make_object, set_object_dynamics
 from ator_ros.simulation.simulated_base import SimulatedBase
 from ator_ros.world.state import CONTROL_PERIOD, Command, ObjectState, World
 
@@ -184,13 +178,7 @@ class Simulation:
         )
 
     def command(self, command: Command, *, number: int = 0) -> None:
-        """Send a base a velocity command; it holds for 0.15 s and is clipped to the limits.
-
-        Raises
-        ------
-        ValueError
-            The command is not finite.
-        """
+        """Send a base a velocity command; it holds for 0.15 s and is clipped to the limits."""
         self._bases[number].command(command, self.time)
 
     def tick(self) -> None:

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ator_ros.nodes.commands import CommandPublisher
-from ator_ros.nodes.diagnosis import ClockFacts, Reception, input_cause, publishers_of
+from ator_ros.nodes.diagnosis import Reception, input_cause
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.robot.probe_drive import DriveError, DriveSample, ProbeDrive
@@ -100,8 +100,7 @@ class _Driver:
             raise DriveError("cmd_vel: expected no other publisher; end the executor and what else drives")
 
     def _cause(self) -> str:
-        facts = publishers_of(self._node, "odom", Odometry)
-        return input_cause(facts, self._reception, ClockFacts(), timeout=_FIRST)
+        return input_cause(self._node, "odom", Odometry, self._reception, timeout=_FIRST)
 
     def _on_odometry(self, message: Odometry) -> None:
         try:

@@ -7,8 +7,8 @@ import dataclasses
 import itertools
 import math
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from ator_ros.domains.domain import Domain, find_domain
+from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.files import atomic_write
@@ -37,7 +37,7 @@ from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 
 if TYPE_CHECKING:  # ROS may be missing
-    from ator_interfaces.msg import ChainPerformance, Performance
+    from ator_interfaces.msg import ChainPerformance
     from ator_ros.tools.own_nodes import Client
 
 PICTURE = (
@@ -47,8 +47,6 @@ PICTURE = (
 """What `save_picture` draws."""
 _COLUMNS = 3
 _LONGEST_DEMO = 200  # situations of which one page shows all pictures
-
-
 BLUE, ORANGE, GREY, GREEN = "#1f5fa8", "#d9791a", "#8a8f98", "#2e7d4f"
 _STYLE: Any = {
     "font.family": "DejaVu Sans",
@@ -87,30 +85,31 @@ class DemoRun:
 
     Attributes
     ----------
-    success : bool
-        Whether the chain reached its end.
-    reason : str
-        How it ended.
-    refinement : str
-        Why it was refined or not.
-    refined : bool
-        Whether a subgoal was changed.
-    predicted, actual : tuple of float
-        Durations of its actions in s, NaN if unknown; `actual` only of executed actions.
-    total : tuple of float
-        Predicted and actual duration of the chain in s.
+    record : ChainPerformance
+        The executor's record.
+    predicted : float
+        Duration of the chain in s that refinement predicted from the start.
+    steps : tuple of float
+        Likewise of its actions; NaN if unknown. Predictions in the records of actions are from where each has
+        begun, and do not add up to the chain's.
     path : list of (x, y)
         Positions of the robot in m.
     """
 
-    success: bool
-    reason: str
-    refinement: str
-    refined: bool
-    predicted: tuple[float, ...]
-    actual: tuple[float, ...]
-    total: tuple[float, float]
-    path: list[tuple[float, float]] = field(default_factory=list)
+    record: ChainPerformance
+    predicted: float
+    steps: tuple[float, ...]
+    path: list[tuple[float, float]]
+
+    @property
+    def success(self) -> bool:
+        """Whether the chain reached its end."""
+        return bool(self.record.outcome.code == self.record.outcome.SUCCEEDED)
+
+    @property
+    def duration(self) -> float:
+        """Its duration in s."""
+        return float(self.record.actual.duration)
 
 
 @dataclass(frozen=True)
@@ -123,10 +122,16 @@ class DemoSituation:
     refined: DemoRun
 
     @property
+    def runs(self) -> dict[str, DemoRun]:
+        """Both executions by name."""
+        kind = "refined" if self.refined.record.refined else "left alone"
+        return {"naive": self.naive, kind: self.refined}
+
+    @property
     def gain(self) -> float:
         """Time saved in s; NaN when one of the two failed."""
         both = self.naive.success and self.refined.success
-        return self.naive.total[1] - self.refined.total[1] if both else math.nan
+        return self.naive.duration - self.refined.duration if both else math.nan
 
 
 def explanation(name: str, chain: TopChain) -> str:
@@ -151,10 +156,9 @@ def table(situations: Sequence[DemoSituation]) -> str:
     rows = []
     for number, situation in enumerate(situations, start=1):
         gain = situation.gain
-        percent = 100.0 * gain / (situation.naive.total[1] or math.inf)  # a run may end at once
-        saved = "-" if math.isnan(gain) else f"{gain:+.2f} s ({percent:+.0f} %)"
-        kind = "refined" if situation.refined.refined else "left alone"
-        for name, run, change in (("naive", situation.naive, ""), (kind, situation.refined, saved)):
+        percent = 100.0 * gain / (situation.naive.duration or math.inf)  # a run may end at once
+        changes = ["", "-" if math.isnan(gain) else f"{gain:+.2f} s ({percent:+.0f} %)"]
+        for (name, run), change in zip(situation.runs.items(), changes, strict=True):
             rows.append({"": f"{number} {name}", **_times(run, situation.chain), "gain": change})
     text = pd.DataFrame(rows).fillna("").to_string(index=False)
     return "\n".join(["predicted / actual time in s", text, "", summary(situations)])
@@ -162,10 +166,10 @@ def table(situations: Sequence[DemoSituation]) -> str:
 
 def _times(run: DemoRun, chain: TopChain) -> dict[str, str]:
     """Return predicted and actual time of each step and of the chain."""
-    actual = itertools.chain(run.actual, itertools.repeat(math.nan))  # fewer if it failed
-    steps = enumerate(zip(chain.calls, run.predicted, actual, strict=False), start=1)
+    actual = itertools.chain((a.actual.duration for a in run.record.actions), itertools.repeat(math.nan))
+    steps = enumerate(zip(chain.calls, run.steps, actual, strict=False), start=1)  # fewer if it failed
     cells = {f"{number} {call.top.name}": _pair(*times) for number, (call, *times) in steps}
-    return {**cells, "chain": _pair(*run.total) if run.success else "failed"}
+    return {**cells, "chain": _pair(run.predicted, run.duration) if run.success else "failed"}
 
 
 def _pair(predicted: float, actual: float) -> str:
@@ -175,7 +179,7 @@ def _pair(predicted: float, actual: float) -> str:
 def summary(situations: Sequence[DemoSituation]) -> str:
     """Return a summary in one sentence, with the reasons of failures."""
     counted = [situation for situation in situations if not math.isnan(situation.gain)]
-    naive = math.fsum(situation.naive.total[1] for situation in counted)
+    naive = math.fsum(situation.naive.duration for situation in counted)
     gain = math.fsum(situation.gain for situation in counted)
     percent = 100.0 * abs(gain) / naive if naive else 0.0
     verb = "saved" if gain >= 0.0 else "cost"
@@ -186,8 +190,8 @@ def summary(situations: Sequence[DemoSituation]) -> str:
     for number, situation in enumerate(situations, start=1):
         for name, run in (("naive", situation.naive), ("refined", situation.refined)):
             if not run.success:
-                lines.append(f"situation {number}, {name}: {run.reason}")
-    alone = {s.refined.refinement for s in situations if not s.refined.refined}
+                lines.append(f"situation {number}, {name}: {run.record.outcome.reason}")
+    alone = {s.refined.record.refinement for s in situations if not s.refined.record.refined}
     return "\n".join(lines + [f"left alone: {reason}" for reason in sorted(alone)])
 
 
@@ -217,9 +221,8 @@ def _panel(axes: Any, robot: Robot, situation: DemoSituation) -> None:
     for call in situation.chain.calls:
         colour = "#333333" if call.open else GREEN
         axes.plot(call.goal.pose.x, call.goal.pose.y, "+", color=colour, ms=7)
-    second = "refined" if situation.refined.refined else "left alone"
-    for name, run, colour in (("naive", situation.naive, ORANGE), (second, situation.refined, BLUE)):
-        time = f"{run.total[1]:.2f} s" if run.success else "failed"
+    for (name, run), colour in zip(situation.runs.items(), (ORANGE, BLUE), strict=True):
+        time = f"{run.duration:.2f} s" if run.success else "failed"
         path = np.array(run.path).reshape(-1, 2)
         axes.plot(path[:, 0], path[:, 1], color=colour, lw=1.5, label=f"{name}, {time}")
     axes.set_aspect("equal")
@@ -255,9 +258,16 @@ def demo(
         with all_nodes(real_time_factor, source) as nodes:
             names = " and ".join(("three nodes", *(server.name for server in domain.servers)))
             print(f"{names} start on ROS domain {nodes.domain} …", flush=True)
-            with Client(nodes.domain, nodes.check, domain.objects) as client:
-                client.ready(domain.remote_servers(), len(domain.servers))
-                played.extend(_play(client, domain, robot, chain, situations, seed))
+            with Client(nodes, domain.objects) as client:
+                client.ready(domain.remote_servers())
+                library = domain.library(robot)
+                for index in range(situations):
+                    trial = random_trial(domain, chain, library, seed=seed, index=index)
+                    if "speed" in domain.variables:
+                        trial = dataclasses.replace(trial, chain=open_speeds(trial.chain))
+                    if index == 0:
+                        print(explanation(chain, trial.chain), flush=True)
+                    played.append(_play(client, trial, f"situation {index + 1} of {situations}"))
     finally:
         if played:
             print(f"\n{table(played)}")
@@ -265,62 +275,28 @@ def demo(
             print(f"\n{out.resolve()}: {PICTURE}\nmake view shows it live, in the browser")
 
 
-def _play(
-    client: Client, domain: Domain, robot: Robot, chain: str, situations: int, seed: int
-) -> Iterator[DemoSituation]:
-    """Play the situations one by one."""
-    library = domain.library(robot)
-    for index in range(situations):
-        trial = random_trial(domain, chain, library, seed=seed, index=index)
-        if "speed" in domain.variables:
-            trial = dataclasses.replace(trial, chain=open_speeds(trial.chain))
-        if index == 0:
-            print(explanation(chain, trial.chain), flush=True)
-        yield _both(client, trial, f"situation {index + 1} of {situations}")
-
-
-def _both(client: Client, trial: Trial, name: str) -> DemoSituation:
+def _play(client: Client, trial: Trial, name: str) -> DemoSituation:
     """Play one situation naive and refined."""
     from ator_ros.nodes.messages import chain_of
     from ator_ros.tools.own_nodes import FRAME
 
     message = chain_of(trial.chain, action_set="", frame=FRAME)
     answer = client.refine(trial.world, message)
-    client.place(trial.world)
+
+    def execute(chain: Any, *, refine: bool) -> DemoRun:
+        client.place(trial.world)
+        record = client.execute(chain, refine=refine)
+        whole, steps = answer.before, answer.before_actions
+        if record.refined:
+            whole, steps = answer.after, answer.after_actions
+        return DemoRun(record, whole.duration, tuple(step.duration for step in steps), list(client.path))
+
     print(f"{name}: naive ", end="", flush=True)
-    record = client.execute(answer.original, refine=False)
-    naive = run_from(record, client.path, answer.before, answer.before_actions)
-    client.place(trial.world)
-    print(f"{naive.total[1]:.2f} s, refined ", end="", flush=True)
-    record = client.execute(message, refine=True)
-    if record.refined:
-        refined = run_from(record, client.path, answer.after, answer.after_actions)
-    else:
-        refined = run_from(record, client.path, answer.before, answer.before_actions)
-    print(f"{refined.total[1]:.2f} s", flush=True)
+    naive = execute(answer.original, refine=False)
+    print(f"{naive.duration:.2f} s, refined ", end="", flush=True)
+    refined = execute(message, refine=True)
+    print(f"{refined.duration:.2f} s", flush=True)
     return DemoSituation(trial.world, trial.chain, naive, refined)
-
-
-def run_from(
-    record: ChainPerformance,
-    path: Sequence[tuple[float, float]],
-    whole: Performance,
-    actions: Sequence[Performance],
-) -> DemoRun:
-    """Read the record of a chain, with the prediction that refinement made of it from the start.
-
-    The records of actions hold predictions from where each has begun, which do not add up to the chain's.
-    """
-    return DemoRun(
-        success=record.outcome.code == record.outcome.SUCCEEDED,
-        reason=record.outcome.reason,
-        refinement=record.refinement,
-        refined=record.refined,
-        predicted=tuple(action.duration for action in actions),
-        actual=tuple(action.actual.duration for action in record.actions),
-        total=(whole.duration, record.actual.duration),
-        path=list(path),
-    )
 
 
 def arguments() -> argparse.ArgumentParser:

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
@@ -50,48 +50,30 @@ _EXECUTOR_TIMEOUT = 2.0  # s, for odometry and refinement; longer than on a robo
 _LONG_DEADLINE = 1.0  # s, of refinement; less than the executor's timeout
 _TRIES = 3  # attempts to drive from one situation
 _NEAR = 0.02  # m
-_SUBSCRIBING = 10.0  # s that action servers have to subscribe to odom
-_OUR_SUBSCRIPTIONS = 2
-"""To odom: of the executor and of the client."""
+_ANSWER_TIMEOUT = 120.0  # real s
+_PATIENCE = 5.0  # real s after which nodes that do not end are killed
 
 
 class NodeProcesses:
-    """Starts nodes; as a context manager it ends all of them at the end of the block.
+    """Starts nodes on a ROS domain; as a context manager it ends all of them at the end of the block."""
 
-    Parameters
-    ----------
-    domain : int
-        ROS domain.
-    folder : Path, optional
-        Folder of our executables; by default lib/ator_ros of the installation.
-    patience : float
-        Time in s after which nodes that do not end are killed.
-
-    Raises
-    ------
-    NodesError
-        Our nodes are not installed.
-    """
-
-    def __init__(self, domain: int, folder: Path | None = None, *, patience: float = 5.0) -> None:
+    def __init__(self, domain: int) -> None:
         self.domain = domain
-        self._folder = folder or _folder_of(DeclaredServer("ator_ros", "executor"), "nodes")
-        self._patience = patience
         own = {"ROS_DOMAIN_ID": str(domain), RANGE: THIS_MACHINE, "PYTHONUNBUFFERED": "1"}
         self._environment = {**os.environ, **own}
         self._logs = tempfile.TemporaryDirectory(prefix="ator_ros_")
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self, name: str, parameters: Mapping[str, object]) -> None:
-        """Start our executable `name` with these parameters."""
+        """Start our executable `name` with these parameters; NodesError if it is not installed."""
         arguments = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
-        words = [str(self._folder / name), *(["--ros-args", *arguments] if arguments else [])]
+        words = [_executable("ator_ros", name, "nodes"), *(["--ros-args", *arguments] if arguments else [])]
         self._run(name, words, None)
 
     def start_server(self, server: DeclaredServer) -> None:
         """Start an action server of a domain; NodesError if it is not installed, or cannot be started."""
         if not server.command:
-            self._run(server.name, [str(_folder_of(server) / server.executable)], None)
+            self._run(server.name, [_executable(server.package, server.executable)], None)
             return
         try:
             self._run(server.name, server.words, server.folder)
@@ -126,7 +108,7 @@ class NodeProcesses:
         running = [process for process in reversed(self._processes.values()) if process.poll() is None]
         for process in running:
             process.send_signal(signal.SIGINT)
-        end = time.monotonic() + self._patience
+        end = time.monotonic() + _PATIENCE
         for process in running:
             with suppress(subprocess.TimeoutExpired):
                 process.wait(timeout=max(0.0, end - time.monotonic()))
@@ -155,22 +137,17 @@ class NodeProcesses:
                 signal.signal(number, handler)
 
 
-def _folder_of(server: DeclaredServer, where: str = "servers") -> Path:
-    """Return the folder of an installed executable; `where` names the caller in messages."""
-    name = server.package
+def _executable(package: str, name: str, where: str = "servers") -> str:
+    """Return the path of an installed executable; `where` names the caller in messages."""
     try:
-        folder = Path(get_package_prefix(name), "lib", name)
+        file = Path(get_package_prefix(package), "lib", package, name)
     except (PackageNotFoundError, OSError) as error:  # OSError: no workspace is sourced
         raise NodesError(
-            f"{where}: expected an installed package, got {name}: source the workspace that it is in"
+            f"{where}: expected an installed package, got {package}: source the workspace that it is in"
         ) from error
-    if not os.access(folder / server.executable, os.X_OK):
-        there = sorted(file.name for file in folder.glob("*") if os.access(file, os.X_OK))
-        raise NodesError(
-            f"{where}: expected an executable of {name} (it has {', '.join(there) or 'none'}), "
-            f"got {server.executable}"
-        )
-    return folder
+    if not os.access(file, os.X_OK):
+        raise NodesError(f"{where}: expected an executable of {package}, got {name}")
+    return str(file)
 
 
 @contextmanager
@@ -199,9 +176,9 @@ def all_nodes(
     of_domain = domain_for(source.domain, source.robot)
     for server in of_domain.servers:
         if not server.command:
-            _folder_of(server)  # before anything starts
-    whose = {name: value for name, value in (("robot", source.robot), ("domain", source.domain)) if value}
-    named = {**whose, **({"models": source.models} if source.models else {})}
+            _executable(server.package, server.executable)  # before anything starts
+    named = {name: getattr(source, name) for name in ("robot", "domain", "models") if getattr(source, name)}
+    whose = {name: value for name, value in named.items() if name != "models"}
     os.environ[RANGE] = THIS_MACHINE
     stay_on_this_machine(os.environ)
     with free_domain() as number, NodeProcesses(number) as nodes:
@@ -224,21 +201,17 @@ class Client:
 
     Parameters
     ----------
-    domain : int
-        ROS domain.
-    check : callable
-        Called while waiting; raises if waiting is in vain.
+    nodes : NodeProcesses
+        Checked while waiting.
     objects : sequence of str
         The objects that the simulation can place.
-    patience : float
-        Timeout of each wait in real s.
     """
 
-    def __init__(
-        self, domain: int, check: Callable[[], None], objects: Sequence[str], patience: float = 120.0
-    ) -> None:
-        self._domain = domain
-        self._own = ClientNode("client", domain=domain, check=check, timeout=patience, error=NodesError)
+    def __init__(self, nodes: NodeProcesses, objects: Sequence[str]) -> None:
+        self._domain = nodes.domain
+        self._own = ClientNode(
+            "client", domain=nodes.domain, check=nodes.check, timeout=_ANSWER_TIMEOUT, error=NodesError
+        )
         self.path: list[tuple[float, float]] = []
         self._pose = Pose(math.inf, math.inf, 0.0)
         node = self._own.node
@@ -253,22 +226,15 @@ class Client:
         self._pose = robot.pose
         self.path.append((robot.pose.x, robot.pose.y))
 
-    def ready(self, servers: Sequence[str] = (), started: int = 0) -> None:
-        """Wait until all nodes and action servers are there, and `started` servers subscribe to odometry."""
+    def ready(self, servers: Sequence[str] = ()) -> None:
+        """Wait until all nodes and action servers are there."""
         self._own.until(self._placing.is_available, "the simulation")
         self._own.until(self._refine.service_is_ready, f"the service {self._refine.srv_name}")
         self._own.until(self._server.server_is_ready, "the action execute_chain")
         where = f"on ROS_DOMAIN_ID {self._domain}, where only our nodes and those under `servers` are started"
         for name in servers:
             there = functools.partial(self._own.node.count_services, f"{name}/_action/send_goal")
-            self._own.until(lambda there=there: there() > 0, f"the action {name} {where}")  # type: ignore[misc]
-        end = time.monotonic() + _SUBSCRIBING  # a server may use tf, or nothing
-
-        def subscribed() -> bool:
-            others = 0 if time.monotonic() > end else started
-            return int(self._own.node.count_subscribers("odom")) >= _OUR_SUBSCRIPTIONS + others
-
-        self._own.until(subscribed, "subscriptions to odom")
+            self._own.until(there, f"the action {name} {where}")
 
     def place(self, start: World) -> None:
         """Place robot and objects at rest at the start of a situation; pause time until a chain runs."""
@@ -317,25 +283,13 @@ def drives(
 ) -> Generator[pd.DataFrame, None, None]:
     """Drive chains of one step over ROS; yield the row of each record of the executor.
 
-    The situations are those that `collect` draws without ROS from the same seed.
-
-    Parameters
-    ----------
-    domain, robot
-        The domain and its robot, of the `source`.
-    missing : sequence of (str, int)
-        Action and number of each drive.
-    source : ToolsetSource
-        Domain, robot and set of actions.
-    seed : int
-        Of the situations.
-    factor : float
-        Simulated per real seconds.
+    The situations are those that `collect` draws without ROS from the same seed. `missing` are the action and
+    the number of each drive; `factor` are the simulated per real seconds.
     """
     if not missing:
         return
-    with all_nodes(factor, source) as nodes, Client(nodes.domain, nodes.check, domain.objects) as client:
-        client.ready(domain.remote_servers(source.action_set), len(domain.servers))
+    with all_nodes(factor, source) as nodes, Client(nodes, domain.objects) as client:
+        client.ready(domain.remote_servers(source.action_set))
         for action, number in missing:
             rng = episode_generator(action, seed, number)
             situation = domain.actions(source.action_set)[action].sample(robot, rng)

@@ -28,7 +28,6 @@ from ator_ros.tools.command_line import (
 if TYPE_CHECKING:  # help and errors of the command line need neither ROS nor viser
     from ator_ros.performance.model import PerformanceModel
     from ator_ros.robot.description import Robot
-    from ator_ros.simulation.urdf import Wheels
     from ator_ros.view.editor import Editor
     from ator_ros.view.page import Page
 
@@ -59,18 +58,8 @@ def serve(
 
     Parameters
     ----------
-    domain, robot, models : str
+    domain, robot, models, host, port, attach, robots, frame, real_time_factor
         As of the command line.
-    host, port : str, int
-        Where the page is served.
-    attach : bool
-        Whether to use running nodes instead of starting some.
-    robots : sequence of str
-        With `attach`, namespaces of robots.
-    frame : str, optional
-        The frame of odometry.
-    real_time_factor : float
-        Simulated seconds per real second, of nodes that are started.
     words : sequence of str
         ROS arguments.
 
@@ -84,7 +73,7 @@ def serve(
         The page cannot be served at that host.
     """
     from ator_ros.nodes.view_backend import RosBackend
-    from ator_ros.simulation.urdf import Wheels, robot_urdf
+    from ator_ros.simulation.urdf import robot_urdf
     from ator_ros.view.editor import Editor
     from ator_ros.view.page import Page
 
@@ -113,13 +102,12 @@ def serve(
         if attach:
             editor.select(editor.backend)  # showing running robots must not move them
         known = _models(models, found, body)
-        page = Page(
-            editor, body, robot_urdf(body), known, host=host, port=port, robots=backends if robots else {}
-        )
+        shown = backends if robots else {}
+        page = Page(editor, body, robot_urdf(body), known, robots=shown, host=host, port=port)
         closing.callback(page.close)
         address = f"http://{host}:{page.server.get_port()}"
         print(f"view: open {address} in a browser; Ctrl-C ends it", flush=True)
-        _loop(editor, page, Wheels(body), check)
+        _loop(editor, page, check)
 
 
 @contextlib.contextmanager
@@ -151,17 +139,12 @@ def _models(folder: str, domain: Domain, robot: Robot) -> Mapping[str, Mapping[s
     return found
 
 
-def _loop(editor: Editor, page: Page, wheels: Wheels, check: Callable[[], None]) -> None:
-    from ator_ros.simulation.urdf import WHEEL_NAMES
-
+def _loop(editor: Editor, page: Page, check: Callable[[], None]) -> None:
     due = time.monotonic()
     for number in itertools.count():
         check()
         editor.step(() if number % _ROUNDS else page.commands.take())
-        world = editor.backend.world()
-        if world is not None:
-            wheels.roll(world.time, world.robot.v, world.robot.w)
-        page.update(time.monotonic(), dict(zip(WHEEL_NAMES, wheels.angles, strict=True)))
+        page.update(time.monotonic())
         due = max(due + _PERIOD, time.monotonic())
         time.sleep(max(0.0, due - time.monotonic()))
 

@@ -83,12 +83,10 @@ class Run:
         Durations in s of the steps that have succeeded.
     status : str
         The present phase, or how it ended.
-    started : bool
-        Whether the executor has reported it.
+    started, ended : bool
+        Whether the executor has reported it, and whether it has ended.
     duration : float
         Of the whole chain in s; NaN while it runs, or if it failed.
-    ended : bool
-        Whether it has ended.
     times, poses : list
         Seconds since the start, ascending, and where the robot was then.
     """
@@ -158,38 +156,36 @@ class ExternalGoal:
 
 
 class Backend(Protocol):
-    """Simulation or robot, refinement and executor; requests may raise BackendError."""
+    """Simulation or robot, refinement and executor; requests may raise BackendError.
 
-    @property
-    def can_place(self) -> bool:
-        """Whether robot and objects can be placed, as in a simulation."""
+    Attributes
+    ----------
+    can_place : bool
+        Whether robot and objects can be placed, as in a simulation.
+    history : History
+        The executed chains, of all clients.
+    external : ExternalGoal or None
+        The last goal of another client, active or ended; None if the last goal was ours.
+    path : ndarray, shape (n, 2), or None
+        The planned path of the active action: x and y in m.
+    learned : str
+        The report on learned models; empty if nothing is learned.
+    refused : str
+        Why robot or objects were not placed as requested last; empty if they were.
+    """
 
-    @property
-    def history(self) -> History:
-        """The executed chains, of all clients."""
-
-    @property
-    def learned(self) -> str:
-        """The report on learned models; empty if nothing is learned."""
-
-    @property
-    def silence(self) -> float:
-        """Real s since the last state of the robot."""
-
-    @property
-    def refused(self) -> str:
-        """Why robot or objects were not placed as requested last; empty if they were."""
-
-    @property
-    def external(self) -> ExternalGoal | None:
-        """The last goal of another client, active or ended; None if the last goal was ours."""
-
-    @property
-    def path(self) -> FloatArray | None:
-        """The planned path of the active action, shape (n, 2): x and y in m; None without one."""
+    can_place: bool
+    history: History
+    external: ExternalGoal | None
+    path: FloatArray | None
+    learned: str
+    refused: str
 
     def world(self) -> World | None:
         """Return the newest state; None before the first one."""
+
+    def silence(self) -> float:
+        """Return the real s since the last state of the robot."""
 
     def refine(self, draft: Draft, *, as_given: bool = False) -> Answer:
         """Return the answer of refinement; raises UnavailableError if refinement is not running.
@@ -220,6 +216,3 @@ class Backend(Protocol):
 
     def pause(self, *, paused: bool) -> None:
         """Pause or resume time."""
-
-    def set_factor(self, factor: float) -> None:
-        """Set the simulated seconds per real second."""

@@ -60,10 +60,16 @@ class Draft:
     def with_object(self, name: str, x: float, y: float) -> Draft:
         """Return the draft with an object at (x, y) m, and with the goals of steps that follow it there."""
         before = self.world.objects.get(name)
-        moved = self._with_calls(
-            lambda call: _moved(call, x, y) if before is not None and _follows(call, name, before) else call
+
+        def moved(call: TopCall) -> TopCall:
+            if before is None or not _follows(call, name, before):
+                return call
+            pose = call.goal.pose._replace(x=x, y=y)
+            return dataclasses.replace(call, goal=dataclasses.replace(call.goal, pose=pose))
+
+        return dataclasses.replace(
+            self._with_calls(moved), world=self.world.with_object(name, ObjectState(x, y))
         )
-        return dataclasses.replace(moved, world=self.world.with_object(name, ObjectState(x, y)))
 
     def at(self, world: World) -> Draft:
         """Return the draft with robot and objects where they are in `world`, at rest."""
@@ -92,14 +98,12 @@ class Draft:
 
     def with_library(self, library: TopLibrary) -> Draft:
         """Return the draft with its steps executed by the actions of another set."""
-        changed = self._with_calls(
-            lambda call: dataclasses.replace(
-                call,
-                top=(top := library[call.top.name]),
-                goal=dataclasses.replace(call.goal, point=top.point),
-            )
-        )
-        return dataclasses.replace(changed, action_set=library.action_set)
+
+        def executed(call: TopCall) -> TopCall:
+            top = library[call.top.name]
+            return dataclasses.replace(call, top=top, goal=dataclasses.replace(call.goal, point=top.point))
+
+        return dataclasses.replace(self._with_calls(executed), action_set=library.action_set)
 
     def with_weight(self, measure: str, weight: float) -> Draft:
         """Return the draft with the weight of a measure; raises RefinementError if all would be 0."""
@@ -112,6 +116,10 @@ class Draft:
         """Return the draft with its chain, as it is now, as one more alternative; the newest are kept."""
         kept = dict.fromkeys((*self.alternatives, self.chain))
         return dataclasses.replace(self, alternatives=tuple(kept)[-MOST_ALTERNATIVES:])
+
+    def without_alternatives(self) -> Draft:
+        """Return the draft without alternatives."""
+        return dataclasses.replace(self, alternatives=())
 
     @property
     def movable_goals(self) -> Mapping[int, Pose]:
@@ -129,11 +137,6 @@ def _follows(call: TopCall, name: str, there: ObjectState) -> bool:
     return followed(call.top) == name and pose.distance(Pose(there.x, there.y, 0.0)) <= _SAME_PLACE
 
 
-def _moved(call: TopCall, x: float, y: float) -> TopCall:
-    pose = call.goal.pose._replace(x=x, y=y)
-    return dataclasses.replace(call, goal=dataclasses.replace(call.goal, pose=pose))
-
-
 def situation_draft(
     domain: Domain,
     libraries: Mapping[str, TopLibrary],
@@ -145,16 +148,8 @@ def situation_draft(
 ) -> Draft:
     """Return the draft of a random situation of a chain of the domain.
 
-    Parameters
-    ----------
-    domain, libraries : Domain, mapping of str to TopLibrary
-        The domain, and its actions by set.
-    chain : str
-        Name of the chain.
-    seed, index : int
-        Which situation.
-    like : Draft, optional
-        Its action set and objective are used; by default the first set, and the expected time.
+    `seed` and `index` say which situation. Action set and objective are those of `like`; by default the first
+    set, and the expected time.
     """
     library = next(iter(libraries.values())) if like is None else libraries[like.action_set]
     trial = random_trial(domain, chain, library, seed=seed, index=index)

@@ -46,26 +46,6 @@ class CommandQueue:
         return waiting
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class Race:
-    """Two executions from the same start; the second is driven beside the ghost of the first."""
-
-    first: Run
-    second: Run
-
-    @property
-    def verdict(self) -> str:
-        """The result; empty until both have ended."""
-        if not (self.first.ended and self.second.ended):
-            return ""
-        failed = [run.label for run in (self.first, self.second) if math.isnan(run.duration)]
-        if failed:
-            return f"{' and '.join(failed)} failed"
-        a, b = self.first.duration, self.second.duration
-        gain = f"gain {a - b:+.2f} s ({100.0 * (a - b) / (a or math.inf):+.0f} %)"
-        return f"{self.first.label} {a:.2f} s, {self.second.label} {b:.2f} s: {gain}"
-
-
 class Editor:
     """Edits a draft, keeps refinement's answer up to date, and executes chains. For one thread only.
 
@@ -100,7 +80,6 @@ class Editor:
         self.answer: Answer | None = None
         self.problem, self.paused = "", False
         self.runs: list[Run] = []
-        self.race: Race | None = None
         self.edition = 0
         self._waiting: list[Run] = []
         self._stale, self._displaced = True, True
@@ -139,7 +118,7 @@ class Editor:
         self.backend = backend
         self._waiting.clear()
         self.runs.clear()
-        self.race = self.answer = None  # both were about another robot
+        self.answer = None  # it was about another robot
         self._stale, self._follows, self._followed = True, True, -math.inf
         self._displaced, self.paused = False, False
         self._external, self._external_question = None, ()
@@ -154,43 +133,30 @@ class Editor:
         self._edited(self.draft.with_robot(pose))
         self.backend.place_robot(pose)
 
-    def move_object(self, name: str, x: float, y: float) -> None:
-        """Place an object at (x, y) m; while a chain is executed only in the world, not in the draft."""
+    def move_object(self, name: str, pose: Pose) -> None:
+        """Place an object; while a chain is executed only in the world, not in the draft."""
         if not self.executing:
             self._restore()
-            self._edited(self.draft.with_object(name, x, y))
-        self.backend.place_object(name, x, y)
+            self._edited(self.draft.with_object(name, pose.x, pose.y))
+        self.backend.place_object(name, pose.x, pose.y)
+
+    def edit(self, change: Callable[[Draft], Draft]) -> None:
+        """Change the draft."""
+        self._edited(change(self.draft))
 
     def move_goal(self, step: int, pose: Pose) -> None:
         """Move the goal of a step, unless a chain is executed: both chains of a race have the same goals."""
         if not self.executing:
-            self._edited(self.draft.with_goal(step, pose))
-
-    def set_open(self, step: int, name: str, *, is_open: bool) -> None:
-        """Open a goal variable of a step, or commit to it."""
-        self._edited(self.draft.with_open(step, name, is_open=is_open))
+            self.edit(lambda draft: draft.with_goal(step, pose))
 
     def use_actions(self, action_set: str) -> None:
         """Execute the chain with the actions of another set."""
-        self._edited(self.draft.with_library(self.libraries[action_set]))
-
-    def set_weight(self, measure: str, weight: float) -> None:
-        """Set the weight of a measure in the objective."""
-        self._edited(self.draft.with_weight(measure, weight))
-
-    def keep_alternative(self) -> None:
-        """Keep the present chain as an alternative; later edits change the chain alone."""
-        self._edited(self.draft.with_alternative())
-
-    def forget_alternatives(self) -> None:
-        """Remove all alternatives."""
-        self._edited(dataclasses.replace(self.draft, alternatives=()))
+        self.edit(lambda draft: draft.with_library(self.libraries[action_set]))
 
     def _edited(self, draft: Draft) -> None:
         self.draft, self._stale = draft, True
         if not self.executing:
             self.runs.clear()
-            self.race = None
 
     def _restore(self) -> None:
         """Place everything as in the draft, if an execution has moved it; tried once."""
@@ -216,7 +182,6 @@ class Editor:
         self.stop()
         self.runs.clear()
         self._waiting = [Run(label) for label in labels]
-        self.race = Race(*self._waiting) if len(self._waiting) == 2 else None
 
     def stop(self) -> None:
         """Cancel the active chain, of any client, and those that wait."""
@@ -249,9 +214,19 @@ class Editor:
 
     def ghost(self) -> Pose | None:
         """Return where the first of a race was as long after its start as the second is now."""
-        if self.race is None or len(self.runs) < 2:
-            return None
-        return self.race.first.pose_at(self.race.second.elapsed)
+        return self.runs[0].pose_at(self.runs[1].elapsed) if len(self.runs) == 2 else None
+
+    @property
+    def verdict(self) -> str:
+        """The result of a race; empty until both chains have ended."""
+        if len(self.runs) < 2 or self._active:
+            return ""
+        failed = [run.label for run in self.runs if math.isnan(run.duration)]
+        if failed:
+            return f"{' and '.join(failed)} failed"
+        (a, first), (b, second) = ((run.duration, run.label) for run in self.runs)
+        gain = f"gain {a - b:+.2f} s ({100.0 * (a - b) / (a or math.inf):+.0f} %)"
+        return f"{first} {a:.2f} s, {second} {b:.2f} s: {gain}"
 
     # The loop
 
@@ -305,7 +280,7 @@ class Editor:
             self._refine_external(goal)
             self.edition += 1
             if self.run is not goal.run:
-                self.runs, self.race = [goal.run], None
+                self.runs = [goal.run]
                 self._displaced, self._follows, self._followed = False, True, -math.inf
 
     def _refine_external(self, goal: ExternalGoal) -> None:

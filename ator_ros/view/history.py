@@ -1,4 +1,4 @@
-"""The executed chains: predicted and actual durations, gains of refinement, and the tab that shows them."""
+"""The executed chains: predicted and actual durations, and gains of refinement."""
 
 from __future__ import annotations
 
@@ -6,17 +6,12 @@ import itertools
 import math
 import re
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ator_ros.geometry import FloatArray, Pose
+from ator_ros.geometry import Pose
 from ator_ros.printable import printable
-
-if TYPE_CHECKING:
-    import viser
 
 _MOST = 500
 _SHOWN = 12
@@ -25,7 +20,6 @@ _SAME = 0.05
 """Distance in m, and difference in rad, up to which two starts or goals count as the same."""
 _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>#|~$!])")
 _MOST_SECONDS = 1e6
-_CHART_HEIGHT = 220
 
 
 def plain(text: str, most: int = 300) -> str:
@@ -81,17 +75,10 @@ class ExecutedChain:
 
 
 class History:
-    """Executed chains, the newest last; one thread may add while another reads.
-
-    Attributes
-    ----------
-    edition : int
-        Grows with every chain.
-    """
+    """Executed chains, the newest last; one thread may add while another reads."""
 
     def __init__(self) -> None:
         self._chains: deque[tuple[ExecutedChain, float]] = deque(maxlen=_MOST)
-        self.edition = 0
 
     def add(self, chain: ExecutedChain) -> None:
         """Add a chain that has ended."""
@@ -100,7 +87,6 @@ class History:
             naive = (other for other, _ in reversed(self._chains) if not other.refined)
             gain = next((other.actual - chain.actual for other in naive if chain.repeats(other)), math.nan)
         self._chains.append((chain, gain))
-        self.edition += 1
 
     @property
     def chains(self) -> tuple[ExecutedChain, ...]:
@@ -111,12 +97,6 @@ class History:
     def gains(self) -> tuple[float, ...]:
         """By how many s each refined chain was faster than the last unrefined one that it repeats, or NaN."""
         return tuple(gain for _, gain in tuple(self._chains))
-
-    def curves(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return number, predicted and actual duration in s of the chains of which both are known."""
-        known = [(n, c.predicted, c.actual) for n, c in enumerate(self.chains, 1) if math.isfinite(c.error)]
-        numbers, predicted, actual = np.array(known, dtype=float).reshape(-1, 3).T
-        return numbers, predicted, actual
 
     def report(self, learned: str = "") -> str:
         """Return, in Markdown, the mean error and gain, the learned models, and the newest chains."""
@@ -146,46 +126,3 @@ def _row(number: int, chain: ExecutedChain, gain: float) -> str:
     name = f"{plain(', '.join(chain.tops))} ({'refined' if chain.refined else 'as sent'})"
     actual = f"{chain.actual:.2f}" if math.isfinite(chain.actual) else plain(chain.outcome)
     return f"| {number} | {name} | {seconds(chain.predicted)} | {actual} | {seconds(gain)} |"
-
-
-class HistoryTab:
-    """A tab of the page: the history's report, and a chart of predicted and actual durations.
-
-    Parameters
-    ----------
-    gui : GuiApi
-        Of the page's server.
-    tab : GuiTabHandle
-        The tab.
-    """
-
-    def __init__(self, gui: viser.GuiApi, tab: viser.GuiTabHandle) -> None:
-        self._gui, self._tab = gui, tab
-        with tab:
-            self._text = gui.add_markdown("")
-        self._chart: viser.GuiUplotHandle | None = None
-        self._shown: tuple[History | None, int, str] = (None, 0, "")
-
-    def show(self, history: History, learned: str = "") -> None:
-        """Show the chains and the report on learned models, if they have changed."""
-        if (history, history.edition, learned) == self._shown:
-            return
-        self._shown = history, history.edition, learned
-        self._text.content = history.report(learned)
-        curves = history.curves()
-        if self._chart is not None:
-            self._chart.data = curves
-        elif len(curves[0]) > 1:  # a single chain makes no curve
-            with self._tab:
-                self._chart = self._added(curves)
-
-    def _added(self, curves: Sequence[FloatArray]) -> viser.GuiUplotHandle:
-        from viser import uplot  # here, so that data and report need no viser
-
-        series = (
-            uplot.Series(label="chain"),
-            uplot.Series(label="predicted (s)", stroke="#888888", width=2),
-            uplot.Series(label="actual (s)", stroke="#2273e6", width=2),
-        )
-        scales = {"x": uplot.Scale(time=False)}
-        return self._gui.add_uplot(tuple(curves), series, height=_CHART_HEIGHT, scales=scales)

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
-from types import MappingProxyType
 
 from ator_ros.geometry import Pose
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.robot.description import Robot
 from ator_ros.view.backend import OTHERS, Backend
 from ator_ros.view.editor import NAIVE, REFINED, CommandQueue, Editor
-from ator_ros.view.history import HistoryTab
 from ator_ros.view.panel import Panel
-from ator_ros.view.scene import LOOPBACK, NO_ANGLES, Canvas, Handle, RobotModel, serve
+from ator_ros.view.scene import LOOPBACK, Canvas, Handle, RobotModel, serve
 from ator_ros.view.shapes import BLUE, ORANGE, YELLOW, Shape, alternative_shapes, polyline, refinement_shapes
 from ator_ros.world.state import World
 
@@ -23,7 +21,6 @@ _TRAILS = {NAIVE: ORANGE, REFINED: BLUE, OTHERS: BLUE}
 _WRITE_PERIOD = 0.2
 _TRAIL_WIDTH = 0.025
 _GOAL_RADIUS = 0.16
-_NO_ROBOTS: Mapping[str, Backend] = MappingProxyType({})
 
 
 class Page:
@@ -39,10 +36,10 @@ class Page:
         The robot's description for drawing.
     models : mapping
         Performance models by action, by action set, whose rules are shown.
-    host, port : str, int
-        Where the page is served; by default only this machine can reach it.
     robots : mapping of str to Backend
         All robots by name, the editor's among them; all are shown, and one is chosen.
+    host, port : str, int
+        Where the page is served; by default only this machine can reach it.
 
     Attributes
     ----------
@@ -57,9 +54,9 @@ class Page:
         urdf: str,
         models: Mapping[str, Mapping[str, PerformanceModel]],
         *,
+        robots: Mapping[str, Backend],
         host: str = LOOPBACK,
         port: int = 8080,
-        robots: Mapping[str, Backend] = _NO_ROBOTS,
     ) -> None:
         self.commands = CommandQueue()
         self._editor, self._robot, self._models = editor, robot, models
@@ -71,57 +68,34 @@ class Page:
         self._ghost = RobotModel(server, "/ghost", urdf, area, ghost=True)
         self._robots = robots
         self._others = {name: RobotModel(server, f"/robots/{name}", urdf, area) for name in robots}
-        self._objects = {name: self._object_handle(name) for name in robot.scene.objects}
+        self._objects = {}
+        for name, item in robot.scene.objects.items():
+            self._objects[name] = Handle(
+                server, f"/objects/{name}", area, radius=item.radius, height=2.0 * item.radius,
+                colour=ORANGE, moved=partial(self._moved, editor.move_object, name), sphere=True,
+            )  # fmt: skip
         self._start = Handle(
-            server, "/start", area, radius=robot.reach, height=0.02, colour=ORANGE, moved=self._robot_moved
-        )
+            server, "/start", area, radius=robot.reach, height=0.02, colour=ORANGE,
+            moved=partial(self._moved, editor.move_robot),
+        )  # fmt: skip
         self._goals: list[Handle] = []
-        tabs = server.gui.add_tab_group()
-        with tabs.add_tab("Now"):
-            self._panel = Panel(server.gui, editor, self.commands, robots)
-        self._history = HistoryTab(server.gui, tabs.add_tab("History"))
+        self._panel = Panel(server.gui, editor, self.commands, robots)
         self._edition, self._written = -1, -math.inf
 
-    def _object_handle(self, name: str) -> Handle:
-        radius, area = self._robot.scene.radius(name), self._robot.scene.area
-        return Handle(
-            self.server, f"/objects/{name}", area, radius=radius, height=2.0 * radius, colour=ORANGE,
-            moved=partial(self._object_moved, name), sphere=True,
-        )  # fmt: skip
+    def _moved(self, move: Callable[..., None], *arguments: object) -> None:
+        """Queue a drag; of several with the same handle only the last one counts."""
+        self.commands.put((move, *arguments[:-1]), partial(move, *arguments))
 
-    def _goal_handle(self, step: int) -> Handle:
-        return Handle(
-            self.server, f"/goals/{step}", self._robot.scene.area, radius=_GOAL_RADIUS, height=0.03,
-            colour=BLUE, moved=partial(self._goal_moved, step),
-        )  # fmt: skip
-
-    def _robot_moved(self, pose: Pose) -> None:
-        self.commands.put("robot", lambda: self._editor.move_robot(pose))
-
-    def _object_moved(self, name: str, pose: Pose) -> None:
-        self.commands.put(("object", name), lambda: self._editor.move_object(name, pose.x, pose.y))
-
-    def _goal_moved(self, step: int, pose: Pose) -> None:
-        self.commands.put(("goal", step), lambda: self._editor.move_goal(step, pose))
-
-    def update(self, now: float, angles: Mapping[str, float] = NO_ANGLES) -> None:
-        """Show what has changed.
-
-        Parameters
-        ----------
-        now : float
-            Time in s of any clock that does not go back.
-        angles : mapping
-            Of the robot's joints in rad, by name.
-        """
+    def update(self, now: float) -> None:
+        """Show what has changed; `now` is the time in s of any clock that does not go back."""
         # In viser's own thread: viser sets asyncio events from whichever thread changes a handle.
-        asyncio.run_coroutine_threadsafe(self._update(now, angles), self.server.get_event_loop()).result()
+        asyncio.run_coroutine_threadsafe(self._update(now), self.server.get_event_loop()).result()
 
-    async def _update(self, now: float, angles: Mapping[str, float]) -> None:
+    async def _update(self, now: float) -> None:
         world = self._editor.backend.world()
         with self.server.atomic():
             if world is not None:
-                self._show_world(world, angles)
+                self._show_world(world)
             if self._edition != self._editor.edition:
                 self._edition = self._editor.edition
                 self._show_chain()
@@ -130,8 +104,8 @@ class Page:
                 self._written = now
                 self._write(world)
 
-    def _show_world(self, world: World, angles: Mapping[str, float]) -> None:
-        self._model.show(world.robot.pose, angles)
+    def _show_world(self, world: World) -> None:
+        self._model.show(world.robot.pose)
         self._ghost.show(self._editor.ghost())
         for name, model in self._others.items():
             other = self._robots[name]
@@ -156,7 +130,12 @@ class Page:
         start = editor.draft.world.robot.pose
         self._start.show(start if editable and editor.backend.can_place else None)
         while len(self._goals) < len(editor.draft.chain.calls):
-            self._goals.append(self._goal_handle(len(self._goals)))
+            step = len(self._goals)
+            handle = Handle(
+                self.server, f"/goals/{step}", self._robot.scene.area, radius=_GOAL_RADIUS, height=0.03,
+                colour=BLUE, moved=partial(self._moved, editor.move_goal, step),
+            )  # fmt: skip
+            self._goals.append(handle)
         movable = editor.draft.movable_goals if editable else {}
         for step, handle in enumerate(self._goals):
             handle.show(movable.get(step))
@@ -164,7 +143,6 @@ class Page:
     def _write(self, world: World | None) -> None:
         editor, backend = self._editor, self._editor.backend
         self._panel.show_texts(world, self._robot, self._models.get(editor.shown[0].action_set, {}))
-        self._history.show(backend.history, backend.learned)
         path = backend.path
         planned = polyline("planned", [] if path is None else path.tolist(), YELLOW, _TRAIL_WIDTH)
         driven = (

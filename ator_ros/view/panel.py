@@ -16,12 +16,12 @@ from ator_ros.refinement.objective import MEASURES, MOST_WEIGHT
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.view.backend import Answer, Backend, Run
+from ator_ros.view.draft import Draft
 from ator_ros.view.editor import NAIVE, REFINED, CommandQueue, Editor
 from ator_ros.view.history import plain, seconds
 from ator_ros.world.state import World
 
 _SILENCE = 2.0
-_FACTORS = {"0.2 x": 0.2, "1 x": 1.0, "3 x": 3.0, "10 x": 10.0}
 _VARIABLES = ("yaw", "speed")
 _MOST_SEED = 2**31 - 1
 
@@ -32,20 +32,10 @@ _MOST_SEED = 2**31 - 1
 def clock_text(
     world: World | None, *, paused: bool, status: str, silence: float = 0.0, refused: str = ""
 ) -> str:
-    """Return the simulated time and the status.
+    """Return the simulated time and the status of the present run.
 
-    Parameters
-    ----------
-    world : World or None
-        The newest state.
-    paused : bool
-        Whether time stands still.
-    status : str
-        The status of the present run.
-    silence : float
-        Real s since the last state of the robot.
-    refused : str
-        Why something was not placed where it was dragged; empty if it was.
+    `silence` is the time in real s since the last state of the robot; `refused` says why something was not
+    placed where it was dragged, and is empty if it was.
     """
     if world is None:
         return "waiting for the robot's state from odom or tf"
@@ -98,15 +88,6 @@ def rules_text(world: World, chain: TopChain, robot: Robot, models: Mapping[str,
     return "\n\n".join(parts)
 
 
-# Fields
-
-
-def _write(field: viser.GuiMarkdownHandle, text: str) -> None:
-    """Show a text; it is sent only if it has changed."""
-    if field.content != text:
-        field.content = text
-
-
 class Panel:
     """Buttons, fields and texts; each event is queued as a command for the editor's thread.
 
@@ -128,10 +109,17 @@ class Panel:
         self._gui, self._editor, self._commands = gui, editor, commands
         self._boxes: list[tuple[int, str, Any]] = []
         self._tops: list[str] = []
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Now"):
+            self._add_fields(robots)
+        with tabs.add_tab("History"):
+            self._history = gui.add_markdown("")
+
+    def _add_fields(self, robots: Mapping[str, Backend]) -> None:
+        gui, editor = self._gui, self._editor
         if len(robots) > 1:
-            self._on_change(
-                gui.add_dropdown("Robot", tuple(robots)), lambda name: editor.select(robots[name])
-            )
+            choice = gui.add_dropdown("Robot", tuple(robots))
+            self._on_change(choice, lambda name: editor.select(robots[name]))
         self._clock = gui.add_markdown("")
         with gui.add_folder("Play"):
             self._button("Play naive", lambda: editor.execute(NAIVE))
@@ -146,9 +134,6 @@ class Panel:
                         "back": editor.reset,
                     },
                 )
-                self._buttons(
-                    "Speed", {label: partial(self._set_factor, factor) for label, factor in _FACTORS.items()}
-                )
             else:
                 self._button("Stop", editor.stop)
             self._verdict = gui.add_markdown("")
@@ -161,13 +146,10 @@ class Panel:
         with gui.add_folder("What counts", expand_by_default=False):
             self._objective()
         with gui.add_folder("Alternatives", expand_by_default=False):
-            self._button("Keep this chain as an alternative", editor.keep_alternative)
-            self._button("Forget alternatives", editor.forget_alternatives)
+            self._button("Keep this chain as an alternative", lambda: editor.edit(Draft.with_alternative))
+            self._button("Forget alternatives", lambda: editor.edit(Draft.without_alternatives))
         with gui.add_folder("Rules of the models", expand_by_default=False):
             self._rules = gui.add_markdown("")
-
-    def _set_factor(self, factor: float) -> None:
-        self._editor.backend.set_factor(factor)
 
     def _situation(self) -> Any:
         editor, gui = self._editor, self._gui
@@ -187,20 +169,18 @@ class Panel:
             label = name if measure.unit == "s" else f"{name} (s per {measure.unit})"
             weight = self._editor.draft.objective.weights.get(name, 0.0)
             field = self._gui.add_number(label, weight, min=0.0, max=MOST_WEIGHT, step=0.1)
-            self._on_change(field, partial(self._editor.set_weight, name))
+            self._on_change(field, partial(self._set_weight, name))
 
     def show_draft(self) -> None:
         """Show the draft's seed, and a box for each variable that can be opened."""
         chain = self._editor.draft.chain
-        if self._seed.value != self._editor.seed:
-            self._seed.value = self._editor.seed
+        self._seed.value = self._editor.seed
         tops = [call.top.name for call in chain.calls]
         if self._tops != tops:
             self._tops = tops
             self._add_boxes()
         for step, name, box in self._boxes:
-            if box.value != (value := chain.calls[step].opens(name)):
-                box.value = value
+            box.value = chain.calls[step].opens(name)
 
     def _add_boxes(self) -> None:
         for _, _, box in self._boxes:
@@ -213,35 +193,33 @@ class Panel:
                     self._on_change(box, partial(self._set_open, step, name))
                     self._boxes.append((step, name, box))
 
+    def _set_weight(self, measure: str, weight: float) -> None:
+        self._editor.edit(lambda draft: draft.with_weight(measure, weight))
+
     def _set_open(self, step: int, name: str, is_open: bool) -> None:
-        self._editor.set_open(step, name, is_open=is_open)
+        self._editor.edit(lambda draft: draft.with_open(step, name, is_open=is_open))
 
     def show_texts(self, world: World | None, robot: Robot, models: Mapping[str, PerformanceModel]) -> None:
         """Write the texts; `models` are those of the draft's action set, by action."""
         editor, backend = self._editor, self._editor.backend
         status = "drag robot, objects or goals" if editor.run is None else editor.run.status
         draft, answer = editor.shown
-        clock = clock_text(
-            world, paused=editor.paused, status=status, silence=backend.silence, refused=backend.refused
+        self._clock.content = clock_text(
+            world, paused=editor.paused, status=status, silence=backend.silence(), refused=backend.refused
         )
-        _write(self._clock, clock)
-        _write(self._times, times_text(answer, editor.runs))
-        _write(self._gate, gate_text(answer, editor.problem))
-        _write(self._verdict, editor.race.verdict if editor.race else "")
+        self._times.content = times_text(answer, editor.runs)
+        self._gate.content = gate_text(answer, editor.problem)
+        self._verdict.content = editor.verdict
         if answer is not None:
-            _write(self._rules, rules_text(draft.world, answer.chain, robot, models))
+            self._rules.content = rules_text(draft.world, answer.chain, robot, models)
+        self._history.content = backend.history.report(backend.learned)
 
     def _button(self, label: str, command: Callable[[], None]) -> None:
         self._gui.add_button(label).on_click(lambda _: self._commands.put(label, command))
 
     def _buttons(self, label: str, commands: Mapping[str, Callable[[], None]]) -> None:
         group = self._gui.add_button_group(label, tuple(commands))
-
-        def press(_: Any) -> None:
-            if group.value in commands:  # a client may send anything
-                self._commands.put(label, commands[group.value])
-
-        group.on_click(press)
+        group.on_click(lambda _: self._commands.put(label, commands[group.value]))
 
     def _on_change(self, field: Any, command: Callable[[Any], None]) -> None:
         """Queue what a client enters; values that we set ourselves are no commands."""

@@ -7,8 +7,7 @@ import io
 import logging
 import math
 import socket
-from collections.abc import Callable, Iterable, Mapping
-from types import MappingProxyType
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,6 @@ from ator_ros.view.shapes import Arrow, Colour, Segments, Shape, surroundings
 from ator_ros.world.scene import Area
 
 LOOPBACK = "127.0.0.1"
-NO_ANGLES: Mapping[str, float] = MappingProxyType({})
 _CAMERA_HEIGHT = 0.85
 """Height of the camera as a share of the area's length."""
 _FLOOR = (72, 122, 84)
@@ -38,10 +36,7 @@ _OPACITY = 0.35
 
 
 def camera_over(robot: Robot) -> tuple[tuple[float, float, float], tuple[float, float, float], float]:
-    """Return where a new client's camera is and looks at (m), and its vertical field of view (rad).
-
-    The origin of the page is the centre of the area.
-    """
+    """Return where a new client's camera is and looks at (m from the centre), and its angle of view."""
     area = robot.scene.area
     look_at = (0.0, -0.05 * area.width, 0.0)
     return (0.0, -0.75 * area.width, _CAMERA_HEIGHT * area.length), look_at, math.radians(50.0)
@@ -121,31 +116,24 @@ class Canvas:
     ) -> None:
         self._scene, self._group, self._height = server.scene, group, height
         self._centre = np.array([area.x, area.y])
-        self._shown: dict[str, tuple[bytes, viser.LineSegmentsHandle]] = {}
+        self._shown: dict[str, viser.LineSegmentsHandle] = {}
 
     def draw(self, shapes: Iterable[Shape]) -> None:
         """Show these shapes, and no others of this group."""
         lines = {shape.name: _lines(shape) for shape in shapes}
         lines = {name: found for name, found in lines.items() if len(found[0])}
         for name in set(self._shown) - set(lines):
-            self._shown.pop(name)[1].remove()
+            self._shown.pop(name).remove()
         for name, (points, colours, width) in lines.items():
-            digest = points.tobytes() + colours.tobytes()
-            if name not in self._shown or self._shown[name][0] != digest:
-                self._shown[name] = digest, self._drawn(name, points, colours, width)
-
-    def _drawn(
-        self, name: str, points: FloatArray, colours: FloatArray, width: float
-    ) -> viser.LineSegmentsHandle:
-        """Draw a shape; changing an existing one costs a fraction of a new one."""
-        heights = np.full((*points.shape[:2], 1), self._height)
-        places = np.concatenate([points - self._centre, heights], axis=2).astype(np.float32)
-        paint = np.repeat((255 * colours).astype(np.uint8)[:, None, :], 2, axis=1)
-        if name not in self._shown:
-            return self._scene.add_line_segments(f"{self._group}/{name}", places, paint, thickness=width)
-        handle = self._shown[name][1]
-        handle.points, handle.colors, handle.thickness = places, paint, width
-        return handle
+            heights = np.full((*points.shape[:2], 1), self._height)
+            places = np.concatenate([points - self._centre, heights], axis=2).astype(np.float32)
+            paint = np.repeat((255 * colours).astype(np.uint8)[:, None, :], 2, axis=1)
+            if name in self._shown:  # changing a shape costs a fraction of a new one
+                handle = self._shown[name]
+                handle.points, handle.colors, handle.thickness = places, paint, width
+            else:
+                node = f"{self._group}/{name}"
+                self._shown[name] = self._scene.add_line_segments(node, places, paint, thickness=width)
 
 
 def _lines(shape: Shape) -> tuple[FloatArray, FloatArray, float]:
@@ -186,25 +174,14 @@ class RobotModel:
         self._frame = server.scene.add_frame(name, show_axes=False, visible=not ghost)
         model = yourdfpy.URDF.load(io.BytesIO(urdf.encode()))
         colour = _GHOST if ghost else None
-        self._urdf = ViserUrdf(server, model, root_node_name=name, mesh_color_override=colour)
-        self._joints = self._urdf.get_actuated_joint_names()
-        self._angles: tuple[float, ...] = ()
+        ViserUrdf(server, model, root_node_name=name, mesh_color_override=colour)
 
-    def show(self, pose: Pose | None, angles: Mapping[str, float] = NO_ANGLES) -> None:
-        """Show it at a pose, its joints at `angles` (rad, by name); None hides it."""
-        if self._frame.visible != (pose is not None):
-            self._frame.visible = pose is not None
-        if pose is None:
-            return
-        position, turn = (pose.x - self._area.x, pose.y - self._area.y, 0.0), _wxyz(pose.yaw)
-        if tuple(self._frame.position) != position:
-            self._frame.position = position
-        if tuple(self._frame.wxyz) != turn:
-            self._frame.wxyz = turn
-        turned = tuple(angles.get(name, 0.0) for name in self._joints)
-        if turned != self._angles:
-            self._angles = turned
-            self._urdf.update_cfg(np.asarray(turned))
+    def show(self, pose: Pose | None) -> None:
+        """Show it at a pose; None hides it."""
+        self._frame.visible = pose is not None
+        if pose is not None:
+            self._frame.position = (pose.x - self._area.x, pose.y - self._area.y, 0.0)
+            self._frame.wxyz = _wxyz(pose.yaw)
 
 
 # Handles
@@ -216,14 +193,10 @@ def on_floor(camera: FloatArray, pointer: FloatArray, height: float) -> tuple[fl
     None if it does not meet it in front of the camera.
     """
     ray = pointer - camera
-    if abs(ray[2]) < 1e-9:
+    if abs(ray[2]) < 1e-9 or (share := (height - camera[2]) / ray[2]) <= 0.0:
         return None
-    share = (height - camera[2]) / ray[2]
-    if share <= 0.0:
-        return None
-    with np.errstate(over="ignore", invalid="ignore"):
-        x, y = map(float, (camera + share * ray)[:2])
-    return (x, y) if math.isfinite(x) and math.isfinite(y) else None  # a client may send anything
+    x, y, _ = camera + share * ray
+    return float(x), float(y)
 
 
 class Handle:
@@ -261,7 +234,7 @@ class Handle:
     ) -> None:
         self._moved, self._height, self._area = moved, height, area
         self._pose = Pose(math.inf, math.inf, 0.0)
-        self._offsets: dict[int, tuple[float, float]] = {}
+        self._offset = (0.0, 0.0)
         scene, place, body = server.scene, (0.0, 0.0, height / 2.0), f"{name}/body"
         self._frame = scene.add_frame(name, show_axes=False)
         if sphere:
@@ -275,9 +248,8 @@ class Handle:
 
     def show(self, pose: Pose | None) -> None:
         """Show it at a pose; None hides it."""
-        if self._frame.visible != (pose is not None):
-            self._frame.visible = pose is not None
-        if pose is not None and pose != self._pose:
+        self._frame.visible = pose is not None
+        if pose is not None:
             self._pose = pose
             self._frame.position = (pose.x - self._area.x, pose.y - self._area.y, 0.0)
             self._frame.wxyz = _wxyz(pose.yaw)
@@ -286,13 +258,9 @@ class Handle:
         place = self._pointed(event, self._height)
         if place is None:
             return
-        client = event.client.client_id  # each drags from where it has taken hold
         if event.phase == "start":
-            self._offsets[client] = (self._pose.x - place[0], self._pose.y - place[1])
-        x, y = self._offsets.get(client, (0.0, 0.0))
-        if event.phase == "end":
-            self._offsets.pop(client, None)
-        self._moved(self._pose._replace(x=place[0] + x, y=place[1] + y))
+            self._offset = (self._pose.x - place[0], self._pose.y - place[1])
+        self._moved(self._pose._replace(x=place[0] + self._offset[0], y=place[1] + self._offset[1]))
 
     async def _turn(self, event: Any) -> None:
         place = self._pointed(event, _KNOB_RADIUS)
@@ -301,12 +269,6 @@ class Handle:
             self._moved(self._pose._replace(yaw=yaw))
 
     def _pointed(self, event: Any, height: float) -> tuple[float, float] | None:
-        try:
-            camera = np.asarray(event.client.camera.position, dtype=float)
-            pointer = np.asarray(event.end_position, dtype=float)
-        except (TypeError, ValueError):
-            return None
-        if camera.shape != (3,) or pointer.shape != (3,):
-            return None
-        there = on_floor(camera, pointer, height)
+        camera = np.asarray(event.client.camera.position, dtype=float)
+        there = on_floor(camera, np.asarray(event.end_position, dtype=float), height)
         return None if there is None else self._area.at(*there)[:2]

@@ -18,7 +18,7 @@ from ator_ros.execution.fence import Fence
 from ator_ros.execution.motion_watch import Driving, MotionWatch
 from ator_ros.geometry import Pose
 from ator_ros.robot.response import ramped
-from ator_ros.simulation.sensors import REALISTIC
+from ator_ros.simulation.sensors import SensorConfig
 from ator_ros.world.state import STOP, Command, RobotState, World
 
 TICK = 0.05
@@ -36,7 +36,7 @@ START = World(0.0, RobotState(Pose(-1.0, 0.0, 0.0)))
 BASES = {
     "as described": Base(),
     "late": LATE,
-    "noisy": Base(REALISTIC),
+    "noisy": Base(SensorConfig(drift=0.02, heading_drift=0.01)),
     "motor lag": Base(motor_lag=0.15),
     "dead zone": Base(dead_zone=Command(0.05, 0.1)),
     "half as fast": HalfAsFast(),

@@ -55,7 +55,7 @@ class Hosted:
     @property
     def running(self) -> bool:
         """Whether nothing that was raised has ended it."""
-        return self._spinning.is_alive
+        return self._spinning.is_alive()
 
     @property
     def output(self) -> str:

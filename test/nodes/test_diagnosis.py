@@ -1,33 +1,28 @@
-"""Causes of missing inputs and of a base that does not move, from facts; several publishers of one state."""
+"""Causes of missing inputs and of a base that does not move; several publishers of one state."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
 import pytest
 from geometry_msgs.msg import Twist
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from nav_msgs.msg import Odometry
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from ros_client import Client
 
-from ator_ros.nodes.diagnosis import (
-    ClockFacts,
-    Endpoint,
-    Reception,
-    TopicFacts,
-    input_cause,
-    motion_cause,
-    publishers_of,
-    rate_problem,
-    subscriptions_of,
-)
-from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
+from ator_ros.nodes.diagnosis import Reception, input_cause, motion_cause, rate_problem
+from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA, STATES
 
-ODOMETRY, TWIST = "nav_msgs/msg/Odometry", "geometry_msgs/msg/Twist"
-BASE = Endpoint("/base", ODOMETRY)
-CLOCK = ClockFacts(("/world",), 0.4)
+RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 
-def topic(*others: Endpoint, elsewhere: tuple[str, ...] = ()) -> TopicFacts:
-    """Return the facts of odom."""
-    return TopicFacts("odom", "/ann/odom", ODOMETRY, others, elsewhere, domain=7)
+@pytest.fixture
+def client(domain: int) -> Iterator[Client]:
+    """Yield a client that publishes and subscribes to nothing."""
+    made = Client(domain, steers=False, observes=False)
+    yield made
+    made.close()
 
 
 def received(*stamps: float, every: float = 0.05, error: Exception | None = None) -> Reception:
@@ -40,90 +35,39 @@ def received(*stamps: float, every: float = 0.05, error: Exception | None = None
     return reception
 
 
-STOPPED = received(1.0, 1.05, 1.1)
+def test_the_cause_of_missing_odometry(client: Client) -> None:
+    node = client.node
 
+    def cause(reception: Reception, **given: Any) -> str:
+        return input_cause(node, "odom", Odometry, reception, timeout=0.3, **given)
 
-@pytest.mark.parametrize(
-    ("facts", "reception", "clock", "expected"),
-    [
+    assert cause(Reception()).endswith(
+        f"no node publishes /odom in ROS domain {client.domain}, and there is no other topic of type "
+        "nav_msgs/Odometry: start the base's driver"
+    )
+    client.within(lambda: node.create_publisher(Odometry, "odom", SENSOR_DATA))
+    client.eventually(lambda: node.count_publishers("odom"), "the graph")
+    for reception, expected in (
+        (Reception(), "odom: /test_client publishes it, but sends no messages"),
+        (received(error=ValueError("odom: bad")), "messages of /test_client are ignored: odom: bad"),
         (
-            topic(),
-            Reception(),
-            ClockFacts(),
-            "no node publishes /ann/odom in ROS domain 7, and there is no other topic of type "
-            "nav_msgs/Odometry: start the base's driver",
-        ),
-        (
-            topic(elsewhere=("/wheels/odom", "/filtered")),
-            Reception(),
-            ClockFacts(),
-            "no node publishes /ann/odom in ROS domain 7; of type nav_msgs/Odometry there is /wheels/odom, "
-            "/filtered: remap with -r odom:=/wheels/odom",
-        ),
-        (
-            topic(Endpoint("/base", "geometry_msgs/msg/PoseStamped")),
-            Reception(),
-            ClockFacts(),
-            "odom: expected nav_msgs/Odometry, /base publishes geometry_msgs/PoseStamped",
-        ),
-        (
-            topic(Endpoint("/base", ODOMETRY, incompatible="DURABILITY")),
-            Reception(),
-            ClockFacts(),
-            "odom: the quality of service of /base does not fit: DURABILITY",
-        ),
-        (topic(BASE), Reception(), ClockFacts(), "odom: /base publishes it, but sends no messages"),
-        (
-            topic(BASE),
-            received(error=ValueError("odom: bad")),
-            ClockFacts(),
-            "messages of /base are ignored: odom: bad",
-        ),
-        (
-            topic(BASE),
             received(*[3.0] * 6),
-            ClockFacts(),
-            "odom: the stamps of /base stay at 3.00 s: expected stamps that advance; is it paused, or does "
-            "its driver not set them?",
+            "odom: the stamps of /test_client stay at 3.00 s: expected stamps that advance; is the "
+            "simulation paused, or does the driver not set them?",
         ),
         (
-            topic(Endpoint("/world", ODOMETRY, pauses=True)),
-            received(*[3.0] * 6),
-            ClockFacts(),
-            "odom: the stamps of /world stay at 3.00 s: it is paused; call its service "
-            "pause with data: false",
+            received(1.0, 1.05, 1.1),
+            "odom: /test_client sends no more messages: it is paused, blocked or has ended",
         ),
         (
-            topic(BASE),
-            received(*[3.0] * 6),
-            CLOCK,
-            "odom: the stamps of /base stay at 3.00 s, /clock of /world does not advance: the "
-            "simulation is paused",
-        ),
-        (
-            topic(BASE),
-            STOPPED,
-            CLOCK,
-            "/clock of /world does not advance: the simulation is paused or has ended",
-        ),
-        (
-            topic(BASE),
-            STOPPED,
-            ClockFacts(("/world",)),
-            "odom: /base sends no more messages: it is paused, blocked or has ended",
-        ),
-        (
-            topic(BASE),
             received(1.0, 1.4, every=0.4),
-            ClockFacts(),
             "odom: messages came 0.40 s apart, too rarely for a timeout of 0.3 s; set odom_timeout:=1.6",
         ),
-    ],
-)
-def test_the_cause_of_missing_odometry(
-    facts: TopicFacts, reception: Reception, clock: ClockFacts, expected: str
-) -> None:
-    assert input_cause(facts, reception, clock, timeout=0.3) == expected
+    ):
+        assert cause(reception) == expected
+    unfit = cause(Reception(), qos=RELIABLE)
+    assert unfit.startswith("odom: the quality of service of /test_client does not fit: ")
+    assert "reliable" in unfit
 
 
 def test_odometry_too_rare_to_drive_by_is_named_with_what_to_do() -> None:
@@ -137,37 +81,25 @@ def test_odometry_too_rare_to_drive_by_is_named_with_what_to_do() -> None:
     assert rate_problem("odom", slow_simulation, timeout=1.2) == ""
 
 
-@pytest.mark.parametrize(
-    ("receivers", "mismatch", "rivals", "expected"),
-    [
-        ((), "", (), "no node subscribes to /cmd_vel in ROS domain 0, and there is no other topic of type"),
-        ((), "cmd_vel: another type", (), "cmd_vel: another type"),
-        ((Endpoint("/monitor", TWIST),), "", (), "cmd_vel is received only by /monitor"),
-        ((Endpoint("/base", TWIST),), "", ("/teleop",), "cmd_vel: /teleop publishes commands as well"),
-        (
-            (Endpoint("/monitor", TWIST), Endpoint("/base", TWIST, "DEADLINE")),
-            "",
-            (),
-            "the quality of service of /base does not fit: DEADLINE",
-        ),
-    ],
-)
-def test_the_cause_of_a_base_that_does_not_follow(
-    receivers: tuple[Endpoint, ...], mismatch: str, rivals: tuple[str, ...], expected: str
-) -> None:
-    said = motion_cause(TopicFacts("cmd_vel", "/cmd_vel", TWIST, receivers), mismatch, rivals)
-    assert expected in said
+def test_the_cause_of_a_base_that_does_not_follow(client: Client, domain: int) -> None:
+    node, others = client.node, Client(domain, "base", steers=False, observes=False)
 
+    def cause(mismatch: str = "") -> str:
+        return motion_cause(node, "/cmd_vel", Twist, mismatch)
 
-def test_plain_subscriptions_and_publishers_fit_and_stricter_ones_do_not(client: Client) -> None:
-    """Default durations are 0 in a profile of rclpy, and infinite in the graph."""
-    node, strict = client.node, QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-    client.within(lambda: node.create_subscription(Twist, "plain", print, 10))
-    client.within(lambda: node.create_publisher(Twist, "plain", 10))
-    client.within(lambda: node.create_publisher(Twist, "lossy", SENSOR_DATA))
-    client.eventually(lambda: node.count_publishers("lossy") and node.count_publishers("plain"), "the graph")
-    (base,) = subscriptions_of(node, "plain", Twist, COMMANDS).others
-    (sender,) = publishers_of(node, "plain", Twist).others
-    (lossy,) = publishers_of(node, "lossy", Twist, strict).others
-    assert (base.incompatible, sender.incompatible) == ("", "")
-    assert "reliable" in lossy.incompatible
+    try:
+        client.within(lambda: node.create_publisher(Twist, "/cmd_vel", COMMANDS))
+        assert "no node subscribes to /cmd_vel in ROS domain " in cause()
+        assert cause("cmd_vel: another type") == "cmd_vel: another type"
+        others.listen(Twist, "/cmd_vel", 10)
+        client.eventually(lambda: cause() == "/cmd_vel is received only by /base/test_client", "a base")
+        others.within(lambda: others.node.create_publisher(Twist, "/cmd_vel", STATES))
+        client.eventually(
+            lambda: cause() == "/cmd_vel: /base/test_client publishes commands as well", "a rival"
+        )
+        others.listen(Twist, "/cmd_vel", QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+        client.eventually(
+            lambda: "the quality of service of /base/test_client does not fit: " in cause(), "a strict base"
+        )
+    finally:
+        others.close()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 
 import pytest
@@ -18,8 +17,6 @@ from ator_ros.resources import share_folder
 POLICY = read_policy(share_folder() / "security" / "ator_ros.policy.xml")
 NODES: dict[str, dict[str, bool]] = {"simulation": {"publish_clock": True}, "executor": {}, "refinement": {}}
 EVERYWHERE = {"/parameter_events", "/rosout"}
-SAMPLED = {"executor": frozenset({"/clock"})}
-"""Topics that a node subscribes to only while its inputs are missing."""
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +35,7 @@ def observer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
 @pytest.mark.node
 @pytest.mark.parametrize("node", NODES)
 def test_a_node_opens_what_its_profile_allows(observer: Client, node: str) -> None:
-    whole = allowed(POLICY, node)
-    profile = dataclasses.replace(whole, subscribes=whole.subscribes - SAMPLED.get(node, frozenset()))
+    profile = allowed(POLICY, node)
 
     def opened() -> object:
         try:

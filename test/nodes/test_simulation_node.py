@@ -188,7 +188,7 @@ def test_stamped_commands_must_be_of_that_type_and_in_the_robots_frame(
     host: Host, domain: int, client: Client
 ) -> None:
     node = host("simulation", real_time_factor=5.0, stamped_commands=True)
-    told = "cmd_vel: expected geometry_msgs/msg/TwistStamped, /test_client publishes geometry_msgs/msg/Twist"
+    told = "cmd_vel: expected geometry_msgs/TwistStamped, /test_client publishes geometry_msgs/Twist"
     client.eventually(lambda: told in node.output, told)
     driver = Client(domain, "driver")  # a topic has one type in a participant
     commands = driver.node.create_publisher(TwistStamped, "/cmd_vel", COMMANDS)

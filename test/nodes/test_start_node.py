@@ -71,13 +71,7 @@ def test_words_that_are_not_ros_s_end_a_node(ended: Ended) -> None:
             "robot_frame: expected another",
         ),
         ("executor", {"fence": "[0.0, 0.0, 0.0]"}, "parameter fence: expected"),
-        ("executor", {"fence": "[]"}, "all 0: area and margin): expected a value, or a list of one or more"),
-        (
-            "learning",
-            {"records": "[ ]"},
-            "parameter records (topics of the records, of one or several robots)",
-        ),
-        ("simulation", {"seed": "[]"}, "parameter seed (of the sensors' noise): expected a value, or"),
+        ("executor", {"fence": "[]"}, "PARAMETER_NOT_SET"),
         ("simulation", {"seed": "{}"}, "seed:={}"),
         ("simulation", {"seed": ""}, "seed:="),
         ("executor", {"robot_from": "tf", "robot_frame": "odom"}, "robot_frame: expected another frame than"),
@@ -91,7 +85,7 @@ def test_words_that_are_not_ros_s_end_a_node(ended: Ended) -> None:
         ("simulation", {"ball_dropouts": 2.0}, "ball_dropouts"),
         ("simulation", {"real_time_factor": -1.0}, "real_time_factor"),
         ("simulation", {"real_time_factor": "fast"}, "real_time_factor"),
-        ("simulation", {"robot_start": "[1.0]"}, "robot_start: expected 3 items, got 1"),
+        ("simulation", {"robot_start": "[1.0]"}, "robot_start: expected x, y and yaw of 1 to 1 robots"),
         ("simulation", {"ball_start": "[0.0, 70.0]"}, "ball_start.y: expected a finite number"),
     ],
 )
@@ -112,11 +106,8 @@ def test_a_wrong_parameter_ends_the_process_with_one_line(start: Start) -> None:
     assert "Traceback" not in node.output
 
 
-EMPTY = "/**/executor:\n  ros__parameters:\n    frame: []\n"
-
-
 @pytest.mark.parametrize(
-    "content", [None, "{", "executor: [", "/**:\n  ros__parameters:\n    frame: [1, a]\n", EMPTY]
+    "content", [None, "{", "executor: [", "/**:\n  ros__parameters:\n    frame: [1, a]\n"]
 )
 def test_a_damaged_parameter_file_ends_a_node_with_one_line(
     ended: Ended, tmp_path: Path, content: str | None
@@ -127,7 +118,7 @@ def test_a_damaged_parameter_file_ends_a_node_with_one_line(
     said, _ = ended("executor", "--ros-args", "--params-file", str(file))
     assert isinstance(said, str)
     assert "\n" not in said
-    assert str(file) in said or "frame" in said
+    assert str(file) in said
 
 
 @pytest.mark.parametrize("name", ["executor", "refinement", "simulation"])

@@ -101,12 +101,6 @@ def test_rolling_ball_decelerates_as_configured(simulation: Simulation, robot: R
     )
 
 
-@pytest.mark.parametrize("command", [Command(math.nan, 0.0), Command(0.0, math.inf)])
-def test_command_that_is_not_finite_is_refused(simulation: Simulation, command: Command) -> None:
-    with pytest.raises(ValueError, match="finite"):
-        simulation.command(command)
-
-
 def test_robots_of_one_world_drive_on_their_own_and_see_the_same_ball(robot: Robot) -> None:
     with Simulation(robot, others=[robot]) as world:
         world.place_robot(Pose(-1.0, 0.0, 0.0))

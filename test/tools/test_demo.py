@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import stat
 import time
 from pathlib import Path
 
 import pytest
 
+from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, Performance
 from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import open_speeds, random_trial
@@ -24,17 +24,13 @@ TRIAL = random_trial(SOCCER, "shoot", SOCCER.library(ROBOT), seed=401, index=0)
 
 
 def run(*, total: float, success: bool = True, refined: bool = False) -> DemoRun:
-    actual = (3.0, 4.0, total - 7.0) if success else (3.0,)
-    return DemoRun(
-        success,
-        "lost the ball",
-        "no gain",
-        refined,
-        (3.1, 4.1, math.nan),
-        actual,
-        (math.nan, total),
-        [(0, 0), (1, 1)],
-    )
+    record = ChainPerformance(refined=refined, refinement="no gain")
+    record.outcome.code = Outcome.SUCCEEDED if success else Outcome.FAILED
+    record.outcome.reason = "lost the ball"
+    record.actual.duration = total
+    for duration in (3.0, 4.0, total - 7.0) if success else (3.0,):
+        record.actions.append(ActionPerformance(actual=Performance(duration=duration)))
+    return DemoRun(record, math.nan, (3.1, 4.1, math.nan), [(0, 0), (1, 1)])
 
 
 def test_the_table_shows_gains_and_failures() -> None:
@@ -65,14 +61,8 @@ def test_it_explains_the_chain_and_what_is_open() -> None:
     ]
 
 
-def script(folder: Path, name: str, text: str) -> None:
-    file = folder / name
-    file.write_text(f"#!/bin/sh\n{text}\n", encoding="utf-8")
-    file.chmod(file.stat().st_mode | stat.S_IXUSR)
-
-
 def test_a_command_runs_in_its_folder_and_one_that_is_missing_is_named(tmp_path: Path) -> None:
-    with NodeProcesses(1, tmp_path) as nodes:
+    with NodeProcesses(1) as nodes:
         nodes.start_server(DeclaredServer(command="touch 'made here'", folder=str(tmp_path)))
         end = time.monotonic() + 10.0
         while not (tmp_path / "made here").exists() and time.monotonic() < end:
@@ -85,10 +75,9 @@ def test_a_command_runs_in_its_folder_and_one_that_is_missing_is_named(tmp_path:
 
 
 def test_a_node_that_ends_by_itself_is_named_with_its_last_words(tmp_path: Path) -> None:
-    script(tmp_path, "weak", "echo no field here; exit 3")
-    with NodeProcesses(1, tmp_path) as nodes:
-        nodes.start("weak", {})
-        with pytest.raises(NodesError, match="the node weak ended with exit code 3: no field here"):
+    with NodeProcesses(1) as nodes:
+        nodes.start_server(DeclaredServer(command="sh -c 'echo no field here; exit 3'", folder=str(tmp_path)))
+        with pytest.raises(NodesError, match="ended with exit code 3: no field here"):
             check_for_ever(nodes)
 
 

@@ -35,7 +35,7 @@ class InProcessBackend:
         self.as_given: list[bool] = []
         self.calls: list[str] = []
         self.fails: BackendError | None = None
-        self.history, self.learned, self.silence, self.refused = History(), "", 0.0, ""
+        self.history, self.learned, self.refused = History(), "", ""
         self.executed: list[TopChain] = []
         self.external: ExternalGoal | None = None
         self.path: FloatArray | None = None
@@ -59,6 +59,9 @@ class InProcessBackend:
 
     def world(self) -> World | None:
         return self.state
+
+    def silence(self) -> float:
+        return 0.0
 
     def refine(self, draft: Draft, *, as_given: bool = False) -> Answer:
         self.as_given.append(as_given)
@@ -115,6 +118,3 @@ class InProcessBackend:
 
     def pause(self, *, paused: bool) -> None:
         self.calls.append("pause" if paused else "go on")
-
-    def set_factor(self, factor: float) -> None:
-        self.calls.append(f"factor {factor:g}")

@@ -14,7 +14,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.view.backend import OTHERS, BackendError, ExternalGoal, Run, UnavailableError
 from ator_ros.view.draft import Draft, situation_draft
-from ator_ros.view.editor import NAIVE, REFINED, Editor, Race
+from ator_ros.view.editor import NAIVE, REFINED, Editor
 from ator_ros.world.state import World
 
 
@@ -35,7 +35,7 @@ def test_a_moved_object_takes_its_subgoal_along_and_refinement_follows(
     editor: Editor, backend: InProcessBackend
 ) -> None:
     asked, edition = len(backend.asked), editor.edition
-    editor.step([lambda: editor.move_object("ball", 1.0, 0.5)])
+    editor.step([lambda: editor.move_object("ball", Pose(1.0, 0.5, 0.0))])
     first, last = editor.draft.chain.calls
     assert first.goal.pose[:2] == (1.0, 0.5)
     assert last.goal == backend.asked[0].chain.calls[1].goal
@@ -53,21 +53,31 @@ def test_goals_that_lie_at_no_object_can_be_moved(editor: Editor) -> None:
 
 
 def test_what_is_committed_to_is_not_refined(editor: Editor) -> None:
-    editor.step([lambda name=name: editor.set_open(0, name, is_open=False) for name in ("yaw", "speed")])
+    editor.step(
+        [
+            lambda name=name: editor.edit(lambda draft: draft.with_open(0, name, is_open=False))
+            for name in ("yaw", "speed")
+        ]
+    )
     assert editor.answer is not None
     assert not editor.answer.refined
     assert "nothing is open" in editor.answer.reason
 
 
 def test_refinement_is_asked_with_the_weights_of_the_panel(editor: Editor, backend: InProcessBackend) -> None:
-    editor.step([lambda: editor.set_weight("accuracy", 10.0), lambda: editor.set_weight("duration", 0.5)])
+    editor.step(
+        [
+            lambda: editor.edit(lambda draft: draft.with_weight("accuracy", 10.0)),
+            lambda: editor.edit(lambda draft: draft.with_weight("duration", 0.5)),
+        ]
+    )
     expected = {"duration": 0.5, "success": SOCCER.time_limit, "accuracy": 10.0}
     assert dict(backend.asked[-1].objective.weights) == expected
     assert editor.problem == ""
     editor.situation(seed=3)
     assert dict(editor.draft.objective.weights) == expected
     for name in expected:
-        editor.step([lambda name=name: editor.set_weight(name, 0.0)])
+        editor.step([lambda name=name: editor.edit(lambda draft: draft.with_weight(name, 0.0))])
     assert "at least one weight above 0" in editor.problem
     assert sum(editor.draft.objective.weights.values()) > 0.0
 
@@ -75,8 +85,8 @@ def test_refinement_is_asked_with_the_weights_of_the_panel(editor: Editor, backe
 def test_the_best_alternative_is_chosen_and_executed(editor: Editor, backend: InProcessBackend) -> None:
     far = editor.draft.chain.calls[1].goal.pose
     near = Pose(*editor.draft.chain.calls[0].goal.pose[:2], 0.0).ahead(0.6)
-    editor.step([editor.keep_alternative, lambda: editor.move_goal(1, near)])
-    editor.step([editor.keep_alternative, lambda: editor.move_goal(1, far)])
+    editor.step([lambda: editor.edit(Draft.with_alternative), lambda: editor.move_goal(1, near)])
+    editor.step([lambda: editor.edit(Draft.with_alternative), lambda: editor.move_goal(1, far)])
     assert editor.answer is not None
     durations = [each.duration for each in editor.answer.candidates]
     assert len(durations) == 3
@@ -85,9 +95,9 @@ def test_the_best_alternative_is_chosen_and_executed(editor: Editor, backend: In
     editor.execute(REFINED)
     editor.step()
     assert backend.executed[0].calls[1].goal.pose == near
-    editor.step([lambda: editor.move_object("ball", 0.3, 0.3)])
+    editor.step([lambda: editor.move_object("ball", Pose(0.3, 0.3, 0.0))])
     assert {chain.calls[0].goal.pose[:2] for chain in editor.draft.alternatives} == {(0.3, 0.3)}
-    editor.step([editor.forget_alternatives])
+    editor.step([lambda: editor.edit(Draft.without_alternatives)])
     assert editor.answer is not None
     assert editor.answer.candidates == ()
 
@@ -98,7 +108,7 @@ COMMANDS: dict[str, Callable[[Editor], object]] = {
     "a seed that is no number": lambda editor: editor.situation(seed=int(math.inf)),
     "a seed of nothing": lambda editor: editor.situation(seed=int(None)),  # type: ignore[arg-type]
     "a negative seed": lambda editor: editor.situation(seed=-5),
-    "an unknown measure": lambda editor: editor.set_weight("fun", 1.0),
+    "an unknown measure": lambda editor: editor.edit(lambda draft: draft.with_weight("fun", 1.0)),
 }
 
 
@@ -122,21 +132,22 @@ def test_a_race_gives_two_times_from_the_same_start(editor: Editor, backend: InP
         assert editor.draft is draft  # drags while chains are executed change nothing
         editor.step(drags if editor.executing else [])
     assert not editor.executing
-    assert editor.race is not None
     naive, refined = editor.runs
     assert 0.0 < refined.duration < naive.duration
-    assert editor.race.verdict.startswith(f"naive {naive.duration:.2f} s, refined {refined.duration:.2f} s")
+    assert editor.verdict.startswith(f"naive {naive.duration:.2f} s, refined {refined.duration:.2f} s")
     assert editor.answer is not None
     assert backend.executed == [editor.answer.naive, editor.answer.chain]
 
     backend.calls.clear()
-    editor.step([lambda: editor.move_object("ball", 0.5, 0.5)])  # begins at the draft's start again
+    editor.step(
+        [lambda: editor.move_object("ball", Pose(0.5, 0.5, 0.0))]
+    )  # begins at the draft's start again
     assert backend.calls == ["place", "go on"]
     assert backend.state.robot.pose == editor.draft.world.robot.pose
     assert not editor.runs
 
 
-def test_the_ghost_is_where_the_first_run_was_as_long_after_its_start() -> None:
+def test_the_ghost_is_where_the_first_run_was_as_long_after_its_start(editor: Editor) -> None:
     first, second = Run(NAIVE), Run(REFINED)
     for tick in range(5):
         first.record(10.0 + tick, Pose(tick, 0.0, 0.0))
@@ -145,7 +156,8 @@ def test_the_ghost_is_where_the_first_run_was_as_long_after_its_start() -> None:
     assert second.pose_at(0.0) is None
     first.ended = second.ended = True
     first.duration = 4.0
-    assert Race(first, second).verdict == "refined failed"
+    editor.runs = [first, second]
+    assert editor.verdict == "refined failed"
 
 
 def test_an_invalid_plan_is_reported_and_not_executed(editor: Editor, backend: InProcessBackend) -> None:
@@ -202,7 +214,7 @@ def test_a_running_robot_is_followed_until_something_is_moved_or_executed(
     running.step()
     assert running.draft.world.robot.pose.yaw == 1.5
 
-    running.step([lambda: running.move_object("ball", 1.0, 1.0)])
+    running.step([lambda: running.move_object("ball", Pose(1.0, 1.0, 0.0))])
     start = running.draft.world.robot.pose
     backend.observe(20.0, Pose(0.0, 0.0, 0.0), (1.0, 1.0))
     running.step()

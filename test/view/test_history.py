@@ -51,11 +51,3 @@ def test_it_reports_error_gain_learned_models_and_the_newest_chains_first() -> N
         "| 2 | goToBall, dribbleBall (refined) | 8.00 | 8.50 | 0.50 |",
         "| 1 | goToBall, dribbleBall (as sent) | 8.00 | 9.00 | - |",
     ]
-
-
-def test_curves_hold_the_chains_whose_times_are_known() -> None:
-    assert [len(curve) for curve in History().curves()] == [0, 0, 0]
-    chains = (executed(9.0, refined=False), executed(math.nan, refined=False), executed(7.0, refined=True))
-    history = history_of(*chains)
-    assert [curve.tolist() for curve in history.curves()] == [[1.0, 3.0], [8.0, 8.0], [9.0, 7.0]]
-    assert history.edition == 3

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 from free_port import free_port
@@ -17,7 +17,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.view.backend import OTHERS, ExternalGoal, Run
-from ator_ros.view.draft import situation_draft
+from ator_ros.view.draft import Draft, situation_draft
 from ator_ros.view.editor import NAIVE, Editor
 from ator_ros.view.page import Page
 from ator_ros.view.panel import clock_text, gate_text, rules_text, times_text
@@ -35,7 +35,7 @@ class Shown:
         self.editor = Editor(self.backend, SOCCER, self.backend.libraries)
         self.other.observe(0.0, Pose(-1.0, 1.5, 0.5), (2.0, -0.5))
         robots = {"ann": self.backend, "bob": self.other}
-        self.page = Page(self.editor, ROBOT, robot_urdf(ROBOT), {}, port=free_port(), robots=robots)
+        self.page = Page(self.editor, ROBOT, robot_urdf(ROBOT), {}, robots=robots, port=free_port())
         self._now = 0.0
 
     def go_on(self, rounds: int = 2) -> None:
@@ -49,7 +49,7 @@ class Shown:
 
     def move_ball(self, x: float, y: float) -> None:
         """Do what a drag of the ball does."""
-        self.page.commands.put(("object", "ball"), lambda: self.editor.move_object("ball", x, y))
+        self.page.commands.put("ball", lambda: self.editor.move_object("ball", Pose(x, y, 0.0)))
         self.go_on()
 
 
@@ -82,40 +82,20 @@ def test_two_clients_see_the_same_and_one_that_disappears_does_no_harm(shown: Sh
     third.close()
 
 
-@pytest.mark.parametrize("place", [(1.0, 2.0), {}, (1e300, 1e300, 1e300)])
-def test_what_no_browser_sends_changes_nothing_and_the_page_goes_on(shown: Shown, place: object) -> None:
+def test_a_drag_pulls_where_it_took_hold(shown: Shown) -> None:
     client = shown.join()
+    ball = shown.backend.state.objects["ball"]
     client.look()
     client.until(lambda: "/objects/ball" in client.scene, "the ball")
-    client.point("/objects/ball/body", place, "update")
-    client.set("Time", "yesterday")
-    client.set("Number", 2)
-    commands: list[object] = []
-    client.until(lambda: commands.extend(shown.page.commands.take()) or commands, "the number")
-    assert len(commands) == 1
+    client.drag("/objects/ball/body", ball.x + 0.05, ball.y, "start")
+    client.drag("/objects/ball/body", ball.x + 1.05, ball.y)
+    client.until(
+        lambda: (
+            shown.go_on() or shown.backend.state.objects["ball"].x == pytest.approx(ball.x + 1.0, abs=0.01)
+        ),
+        "the drag",
+    )
     client.close()
-
-
-def test_two_clients_that_drag_the_same_thing_pull_where_each_took_hold(shown: Shown) -> None:
-    first, second = shown.join(), shown.join()
-    ball = shown.backend.state.objects["ball"]
-    for client, off in ((first, 0.05), (second, -0.05)):
-        client.look()
-        client.until(lambda client=client: "/objects/ball" in client.scene, "the ball")
-        client.drag("/objects/ball/body", ball.x + off, ball.y, "start")
-        client.until(lambda: shown.page.commands.take() != [], "the hold")
-    for client, off in ((first, 0.05), (second, -0.05)):
-        client.drag("/objects/ball/body", ball.x + 1.0 + off, ball.y)
-        commands: list[Callable[[], None]] = []
-        client.until(
-            lambda commands=commands: commands.extend(shown.page.commands.take()) or commands, "the drag"
-        )
-        shown.editor.step(commands)
-        assert shown.backend.state.objects["ball"].x == pytest.approx(ball.x + 1.0, abs=0.01)
-        shown.editor.step([lambda: shown.editor.move_object("ball", ball.x, ball.y)])
-        shown.go_on()
-    first.close()
-    second.close()
 
 
 def test_of_several_robots_all_are_shown_and_one_is_chosen(shown: Shown) -> None:
@@ -181,7 +161,9 @@ def test_the_panel_shows_times_reason_and_the_rules_with_this_situations_numbers
     assert text.count("here time = ") == 2
     predicted = float(text.split("here time = ")[1].split(" ")[0])
     assert predicted == pytest.approx(answer.after[0], abs=0.01)
-    editor.step([editor.keep_alternative, lambda: editor.move_goal(1, Pose(3.0, 2.0, 0.0))])
+    editor.step(
+        [lambda: editor.edit(Draft.with_alternative), lambda: editor.move_goal(1, Pose(3.0, 2.0, 0.0))]
+    )
     text = gate_text(editor.answer, "")
     assert "- **chosen:** the chain " in text
     assert "- alternative 1 " in text
