@@ -7,9 +7,7 @@ time would fire once in twenty ticks of a simulation that runs twenty times fast
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import inspect
 import math
 import signal
 import sys
@@ -25,7 +23,6 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
-from rclpy.utilities import remove_ros_args
 
 from ator_interfaces.action import DriveTo
 from ator_ros.examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotate, State, Tuning
@@ -150,21 +147,8 @@ def _yaw(q: Any) -> float:
     return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
 
 
-def _command_line() -> argparse.ArgumentParser:
-    """Return the command line, which takes ROS's own arguments only."""
-    tuning = (f"  {field.name:16}{field.default!r}" for field in dataclasses.fields(Tuning))
-    return argparse.ArgumentParser(
-        prog="drive_to_server",
-        usage="%(prog)s [-h] [--ros-args -p PARAMETER:=VALUE ... -r NAME:=OTHER ...]",
-        description=inspect.getdoc(DriveToServer),
-        epilog="\n".join(["parameters (SI units, radians) and their defaults:", *tuning]),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-
-
 def main(args: list[str] | None = None) -> None:
     """Run the server until Ctrl-C or SIGTERM."""
-    _command_line().parse_args(remove_ros_args(sys.argv if args is None else args)[1:])
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         rclpy.init(args=args)

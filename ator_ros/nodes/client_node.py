@@ -52,12 +52,10 @@ class SpinThread(threading.Thread):
 
 
 class ClientNode:
-    """A node with its thread.
+    """A node with its thread; an error of type `error` is raised where its ROS arguments are invalid.
 
     Parameters
     ----------
-    name : str
-        Of the node.
     domain : int, optional
         ROS domain; by default that of the environment.
     arguments : sequence of str
@@ -68,11 +66,6 @@ class ClientNode:
         Real time in s for each answer.
     error : type
         Of the exception that is raised without an answer in time, or if a service answers that it failed.
-
-    Raises
-    ------
-    error
-        The ROS arguments are invalid.
     """
 
     def __init__(
@@ -158,19 +151,10 @@ class ClientNode:
 
 
 class SimulationClient:
-    """The simulation's services that place robot and objects and pause time.
+    """The simulation's services that place the robot and `objects` and pause time.
 
-    Parameters
-    ----------
-    own : ClientNode
-        The node that calls them, not started yet.
-    objects : iterable of str
-        The objects that the simulation can place.
-
-    Attributes
-    ----------
-    paused : bool
-        Whether the last request from here paused time.
+    `own` is the node that calls them, not started yet. `paused` is whether the last request from here paused
+    time.
     """
 
     def __init__(self, own: ClientNode, objects: Iterable[str]) -> None:

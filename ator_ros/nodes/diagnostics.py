@@ -61,16 +61,8 @@ class Ticks:
 class Health:
     """A node's health.
 
-    Attributes
-    ----------
-    problem : str
-        What is wrong; empty: nothing.
-    error : bool
-        Whether that keeps the node from working.
-    values : mapping of str to object
-        Values by name.
-    lasting : str
-        A problem that is logged once it has lasted for some seconds: inputs are also missing at the start.
+    `problem` is what is wrong, or empty; `error` whether that keeps the node from working. `lasting` is a
+    problem that is logged once it has lasted for some seconds: inputs are also missing at the start.
     """
 
     problem: str = ""
@@ -82,17 +74,9 @@ class Health:
 class Diagnostics:
     """Publishes a node's health on /diagnostics once a second, in steady time.
 
-    Parameters
-    ----------
-    node : Node
-        The node.
-    health : callable
-        Returns the present `Health`.
-    topics : mapping, optional
-        Types of the topics that the node subscribes to, by name. Publishers of other types are reported
-        and logged once.
-    states : collection, optional
-        Those topics that only one node may publish; several publishers are reported likewise.
+    `topics` are the types of the topics that the node subscribes to, by name: publishers of other types are
+    reported, and logged once. So are several publishers of those in `states`, which only one node may
+    publish.
     """
 
     def __init__(

@@ -76,15 +76,13 @@ class GoalPoseNode(Node):
 
     def _accepted(self, future: Future) -> None:
         handle: Any = future.result()
-        if handle is not None and handle.accepted:
+        if handle.accepted:
             handle.get_result_async().add_done_callback(self._ended)
         else:
             self.get_logger().warning("rejected: the executor accepts no goal now; see its log")
 
     def _ended(self, future: Future) -> None:
         answer = future.result()
-        if answer is None:
-            return
         # rclpy refuses a line that logs now as information, now as a warning.
         if answer.status == GoalStatus.STATUS_SUCCEEDED:
             self.get_logger().info(answer.result.outcome.reason)

@@ -19,7 +19,6 @@ from ator_ros.simulation.urdf import robot_urdf
 
 _FILE = "executor.yaml"
 _LARGEST = 1_000_000  # bytes; ours have some 2 kB
-_SETTINGS = "ros__parameters"
 
 
 def configured_domain(folder: str) -> str:
@@ -29,12 +28,10 @@ def configured_domain(folder: str) -> str:
     """
     try:
         content = read_yaml(Path(folder) / _FILE, largest=_LARGEST)
-    except FileError:
+        named = (node["ros__parameters"].get("domain") for node in content.values())
+        return str(next(filter(None, named), ""))
+    except (FileError, AttributeError, KeyError, TypeError):
         return ""
-    nodes = content.values() if isinstance(content, Mapping) else ()
-    settings = (node.get(_SETTINGS) for node in nodes if isinstance(node, Mapping))
-    named = [found.get("domain") for found in settings if isinstance(found, Mapping)]
-    return next((name for name in named if isinstance(name, str) and name), "")
 
 
 def urdf(file: str) -> str:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import time
-from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
@@ -76,22 +73,16 @@ class LearningNode(Node):
         self._settings = settings = declare_parameters(self, PARAMETERS)
         self._domain = domain_of(settings)
         self._robot = robot = robot_of(settings)
-        self._has_room = True
         topics = settings["records"]
-        self._check_topics(topics)
         folder = Path(settings["learned"]).expanduser() if settings["learned"] else _HOME
         self._open = contextlib.ExitStack()
-        begin = functools.partial(
-            RoundProcess,
-            folder,
-            **{name: settings[name] for name in ("domain", "robot", "models", "observed")},
-        )
+        named = {name: settings[name] for name in ("domain", "robot", "models", "observed")}
         try:
             self._open.enter_context(exclusive_folder(folder))
             self._learner = Learner(
                 folder,
                 StoreInfo(robot.digest(), self._domain.name),
-                lambda: begin(time=_now()),
+                lambda: RoundProcess(folder, time=_now(), **named),
                 batch=settings["batch"],
                 most=settings["most_episodes"],
             )
@@ -109,15 +100,6 @@ class LearningNode(Node):
             f"set {self._learner.diagnostics()['set']}{', frozen' if self._learner.frozen else ''}"
         )
 
-    def _check_topics(self, names: Sequence[str]) -> None:
-        """Make sure that there are topics of records, each of its own; raises SetupError."""
-        try:
-            topics = [self.resolve_topic_name(name) for name in names]
-        except (InvalidTopicNameException, RuntimeError) as error:  # the latter is rcl's
-            raise SetupError(f"parameter records: {' '.join(str(error).split())}") from error
-        if not topics or len(set(topics)) < len(topics):
-            raise SetupError(f"parameter records: expected different topics, one or more, got {list(names)}")
-
     def _take(self, message: Any) -> None:
         if message.outcome.code not in ENDED:
             return
@@ -128,21 +110,14 @@ class LearningNode(Node):
             self.get_logger().warning(f"record left out: {error}", throttle_duration_sec=_WARNING_PERIOD)
             return
         self._learner.take(message.action_set or DEFAULT_SET, episode)
-        self._report_room()
 
     def _work(self) -> None:
         report = self._learner.work(time.monotonic())
         if report:
             self.get_logger().info(printable(report, 1000))
-        self._report_room()
-
-    def _report_room(self) -> None:
-        """Log when the disk has no room for records any more, and when it has room again."""
-        if self._has_room and not self._learner.has_room:
-            self.get_logger().warning(f"{self._learner.problem}: records wait in memory and may be lost")
-        elif self._learner.has_room and not self._has_room:
-            self.get_logger().info(f"room on the disk again; {self._learner.lost} records were lost")
-        self._has_room = self._learner.has_room
+        if not self._learner.has_room:
+            text = f"{self._learner.problem}: records wait in memory and may be lost"
+            self.get_logger().warning(text, once=True)
 
     def _learn_now(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         why_not = self._learner.learn_now()

@@ -56,26 +56,14 @@ Libraries = Mapping[str, TopLibrary]
 
 @dataclass(frozen=True, slots=True)
 class ModelSet:
-    """The performance models of one action set.
+    """The performance models of one action set, by action, with the digest of their files.
 
-    Attributes
-    ----------
-    models : mapping
-        Action name to model; empty where there are none.
-    lacking : tuple of str
-        Actions that could be executed and have no model.
-    absent : str
-        Why there are no models; empty where there are some.
-    problem : str
-        What is wrong with the models: a damaged file, another robot. It is no problem to have none.
-    digest : str
-        Digest of the files.
-    calibration : Calibration
-        Corrections of the predictions; empty where none were learned for these models.
+    `absent` is why there are none. `problem` is what is wrong: a damaged file, another robot. It is no
+    problem to have none. The `calibration` corrects predictions; it is empty where none was learned for these
+    models.
     """
 
     models: Mapping[str, PerformanceModel] = field(default_factory=dict)
-    lacking: tuple[str, ...] = ()
     absent: str = ""
     problem: str = ""
     digest: str = ""
@@ -91,22 +79,9 @@ class Loaded(Generic[User]):
 
 
 def read_models(node: Node, robot: Robot, action_set: str, place: Path, domain: Domain) -> ModelSet:
-    """Read the models of an action set; log what is wrong.
+    """Read the models of an action set from the folder of all sets; log what is wrong.
 
     Of sets beside the default one, which are seldom used, only damaged files are logged.
-
-    Parameters
-    ----------
-    node : Node
-        The node that logs.
-    robot : Robot
-        The robot that executes the actions.
-    action_set : str
-        Name of the set.
-    place : Path
-        Folder of the models of all sets.
-    domain : Domain
-        The domain of the actions.
     """
     warn = node.get_logger().warning
     try:
@@ -125,10 +100,8 @@ def read_models(node: Node, robot: Robot, action_set: str, place: Path, domain: 
         problem += f" (and {len(caught) - 1} more models of this set)"
     if problem and action_set == DEFAULT_SET:
         warn(f"action set {action_set}: {problem}")
-    usable = {top.action for top in domain.library(robot, action_set).usable()}
     return ModelSet(
         models,
-        lacking=tuple(sorted(usable - models.keys())),
         problem=problem,
         digest=digest,
         calibration=_calibration(node, models_folder(place, action_set), action_set, models),
@@ -160,12 +133,6 @@ class LearnedSets(Generic[User]):
 
     Parameters
     ----------
-    node : Node
-        Its timers look for new sets.
-    domain : Domain
-        Of the models; names those that ship.
-    models, learned : str
-        The parameters.
     load : callable
         Makes what the node works with of a folder of models; called in a thread when a set is new, and may
         not touch what the node uses.
@@ -252,8 +219,7 @@ class LearnedSets(Generic[User]):
         read = self.present.models[DEFAULT_SET]
         if not read.models:
             return f"no models ({read.absent})"
-        none = f", none of {', '.join(read.lacking)}" if read.lacking else ""
-        return f"{self._source}: {', '.join(read.models)}{none}"
+        return f"{self._source}: {', '.join(read.models)}"
 
     @property
     def problem(self) -> str:

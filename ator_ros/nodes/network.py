@@ -25,12 +25,7 @@ def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:
 
     A `RANGE` of SUBNET or SYSTEM_DEFAULT, static peers, or a discovery server ask for a network. `RANGE`
     limits discovery with any middleware. Fast DDS would still accept messages from everywhere, which the
-    file that `PROFILES` names forbids. Call this before ``rclpy.init``.
-
-    Parameters
-    ----------
-    environment : mutable mapping
-        ``os.environ``, or the environment of a process to be started. An empty variable counts as unset.
+    file that `PROFILES` names forbids. An empty variable counts as unset. Call this before ``rclpy.init``.
     """
     environment[RANGE] = environment.get(RANGE) or THIS_MACHINE
     is_open = environment[RANGE] in _OPEN and environment.get(_ONLY_HERE) != "1"
@@ -40,22 +35,11 @@ def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:
 
 @contextmanager
 def free_domain() -> Iterator[int]:
-    """Reserve a ROS domain without nodes on this machine, neither the caller's nor a recently used one.
+    """Reserve a ROS domain (1 to 100) without nodes on this machine, neither the caller's nor a recent one.
 
     Nodes that were killed stay in the graph for up to 20 s, and rclpy counts their servers: on the domain
     of a run that has just ended, a client may wait for a server that is there, or call one that is gone.
-
-    Yields
-    ------
-    int
-        A number from 1 to 100. Its ports are below those that the system gives to others.
-
-    Raises
-    ------
-    ImportError
-        ROS is not there, or has not been sourced.
-    RuntimeError
-        All domains are reserved or have nodes.
+    RuntimeError is raised if all domains are reserved or have nodes.
     """
     import domain_coordinator
 

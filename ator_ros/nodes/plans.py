@@ -24,7 +24,6 @@ from ator_ros.planning.goals import (
 )
 from ator_ros.planning.planner import chains_for
 from ator_ros.printable import printable, quoted
-from ator_ros.tops.chain import TopChain
 from ator_ros.tops.conditions import Condition, Region
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world import messages as checks
@@ -35,23 +34,10 @@ _WARNING_PERIOD = 2.0
 
 
 class PlanService:
-    """Serves plan_chains.
+    """Serves plan_chains with the TOPs in `libraries`, by action set.
 
-    Parameters
-    ----------
-    node : Node
-        The node that offers it.
-    domain, libraries
-        Its domain, and its TOPs by action set.
-    fence : Fence or None
-        Where the chains may lead; None: around the scene's area.
-    frame : str
-        The frame of all poses.
-
-    Attributes
-    ----------
-    answered, refused : int
-        Numbers of requests.
+    The chains stay inside `fence` (None: around the scene's area). `answered` and `refused` count the
+    requests.
     """
 
     def __init__(
@@ -75,7 +61,10 @@ class PlanService:
         began = time.perf_counter()
         try:
             name = checks.name(request.action_set or DEFAULT_SET, "action_set", allowed=self._libraries)
-            chains = self._chains(request, self._libraries[name])
+            goal = statements_from(request.goal, self._goals, self._variables)
+            world = messages.world_from(request.situation, frame=self._frame)
+            library, objects = self._libraries[name], self._domain.objects
+            chains = chains_for(goal, world, library, objects, self._fence)
         except (MessageError, PlanningError) as error:
             response.reason = printable(str(error), _LONGEST_REASON)
         except Exception as error:
@@ -97,30 +86,13 @@ class PlanService:
         response.computation_time = time.perf_counter() - began
         return response
 
-    def _chains(self, request: PlanChains.Request, library: TopLibrary) -> list[TopChain]:
-        goal = statements_from(request.goal, self._goals, self._variables)
-        world = messages.world_from(request.situation, frame=self._frame)
-        return chains_for(goal, world, library, self._domain.objects, self._fence)
-
 
 def statements_from(
     goal: PlanGoal, named: Mapping[str, Condition], variables: Sequence[str]
 ) -> list[GoalStatement]:
-    """Read what shall hold at the end of a plan.
+    """Read what shall hold at the end of a plan; raises MessageError.
 
-    Parameters
-    ----------
-    goal : PlanGoal
-        A name or statements.
-    named : mapping of str to Condition
-        The goals that the domain names.
-    variables : sequence of str
-        The state variables that there are.
-
-    Raises
-    ------
-    MessageError
-        It cannot be read.
+    `named` are the goals that the domain names, `variables` the state variables that there are.
     """
     if goal.name and goal.terms:
         raise MessageError("goal: expected a name or terms, got both")

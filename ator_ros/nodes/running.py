@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -34,7 +34,10 @@ _RCL_SOURCE = re.compile(r", at \S+:\d+")
 """Where rcl's errors, which have several lines, name their place in its source."""
 _LONGEST_REASON = 1000
 """Characters of the line with which a node ends: a path may have 255 in each of its parts."""
-_EXPECTED = (SetupError, ResourceError, ParameterException, RuntimeError, ValueError)
+_EXPECTED = (
+    *(SetupError, ResourceError, ParameterException, NameValidationException),
+    *(RuntimeError, ValueError),
+)
 """Errors for the user; rcl's are RuntimeErrors, and rclpy raises ValueError for a parameter []."""
 
 

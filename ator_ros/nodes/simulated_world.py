@@ -66,17 +66,9 @@ class SimulatedRobot:
 class SimulatedWorld:
     """One world that can be reset; every placement is checked before anything changes.
 
-    Parameters
-    ----------
-    robots : sequence of SimulatedRobot
-        At least one; the scene is that of the first.
-    object_starts : mapping of str to (x, y)
-        Positions in m of the objects at the start and after a reset, by name.
-
-    Raises
-    ------
-    MessageError
-        A start outside the floor, or two bodies that overlap at the start.
+    The scene is that of the first robot. `object_starts` are the positions in m of the objects at the start
+    and after a reset. MessageError is raised for a start outside the floor, or bodies that overlap at the
+    start.
     """
 
     def __init__(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -93,13 +94,10 @@ _COMMON = (
 _ERRORS = tuple(field.name for field in dataclasses.fields(ObjectErrors))
 _ASIDE = 1.0
 """m between objects, and between robots, that are where they start by default."""
-_MOST = 16
-"""Robots of one simulation."""
 _FASTEST_PERIOD = 0.0005
 _PAUSED_PERIOD = 0.05
 _LAPSE = round(5.0 / TICK)  # ticks that take as long as in reality, after those that a command held for
 _WARNING_PERIOD = 2.0
-_LEAST_COUNTED = 0.5  # real s over which a pace is judged
 
 
 class SimulationNode(Node):
@@ -136,9 +134,8 @@ class SimulationNode(Node):
     def __init__(self) -> None:
         super().__init__("simulation", automatically_declare_parameters_from_overrides=True)
         self._settings = settings = declare_with_domain(self, parameters_for, self._change)
-        robots = robots_of(settings)
-        self._digests = [robot.digest() for robot in robots]
-        self._world = world_of(settings, simulated_of(settings, robots))
+        self._world = world_of(settings)
+        self._digests = [robot.robot.digest() for robot in self._world.robots]
         self._paused, self._deadline, self._rejected = False, 0.0, ""
         self._unhurried = 0
         """How many of the next ticks take as long as in reality, unless they wait for a command."""
@@ -147,7 +144,7 @@ class SimulationNode(Node):
         if settings["publish_clock"]:
             self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR_DATA)
         self._command_type = TwistStamped if settings["stamped_commands"] else Twist
-        self._topics = [self._topics_of(number) for number in range(len(robots))]
+        self._topics = [self._topics_of(number) for number in range(len(self._world.robots))]
         self._ticks, self._count, self._counted = Ticks(), 0, (time.monotonic(), 0)
         factor = settings["real_time_factor"]
         self._timer = self.create_timer(_period_at(factor), self._tick, clock=STEADY)
@@ -159,7 +156,7 @@ class SimulationNode(Node):
         self.get_logger().info(
             f"simulating {', '.join(who)} {speed} (domain {domain}, ROS domain "
             f"{self.context.get_domain_id()}): cmd_vel ({self._command_type.__name__}) to "
-            f"{', '.join(('odom', *robots[0].scene.objects))}"
+            f"{', '.join(('odom', *self._world.robots[0].robot.scene.objects))}"
         )
 
     def _topics_of(self, number: int) -> RobotTopics:
@@ -188,7 +185,6 @@ class SimulationNode(Node):
             self._deadline, self._unhurried = 0.0, 0
             self._timer.timer_period_ns = round(1e9 * _period_at(values["real_time_factor"]))
             self._timer.reset()
-            self._counted = (time.monotonic(), self._count)
 
     def _tick(self) -> None:
         now = time.monotonic()
@@ -215,7 +211,6 @@ class SimulationNode(Node):
         elif self._unhurried > 0:
             self._unhurried -= 1
             self._deadline = max(self._deadline, now - TICK) + TICK
-            self._counted = (now, self._count)  # ticks that wait on purpose are not slow
 
     def _publish(self) -> None:
         if self._clock_publisher is not None:
@@ -281,17 +276,13 @@ class SimulationNode(Node):
 
     def _pause(self, request: SetBool.Request) -> str:
         self._paused, self._deadline = bool(request.data), 0.0
-        self._counted = (time.monotonic(), self._count)  # no pause counts as slow
         return "paused" if self._paused else "running"
 
     def _health(self) -> Health:
-        now, wanted = time.monotonic(), self._settings["real_time_factor"]
-        since, ticks = self._counted
+        now, (since, ticks) = time.monotonic(), self._counted
         factor = (self._count - ticks) * TICK / (now - since)
         self._counted = (now, self._count)
-        slow = not self._paused and now - since > _LEAST_COUNTED and factor < 0.9 * wanted
         return Health(
-            f"expected {wanted:g} times real time, it is {factor:.2f}" if slow else "",
             values={
                 "simulated time (s)": f"{self._world.time:.2f}",
                 "real-time factor": f"{factor:.2f}",
@@ -331,58 +322,62 @@ def _parameters_of(name: str, place: int) -> tuple[Parameter, ...]:
     )
 
 
-def names_of(settings: Mapping[str, Any]) -> list[str]:
-    """Return the names of the robots; raises SetupError if they are invalid or not unique."""
-    names = list(settings["robots"])
-    good = 0 < len(names) <= _MOST and len(set(names)) == len(names)
-    if not good or not all(is_name(name) for name in names if name or len(names) > 1):
+def robots_of(settings: Mapping[str, Any]) -> dict[str, Robot]:
+    """Return the robots by name, all in the scene of the first.
+
+    Raises
+    ------
+    SetupError
+        A name is invalid or not unique, or a file cannot be used.
+    """
+    names, files = settings["robots"], settings["descriptions"]
+    if len(set(names)) < len(names) or not all(is_name(name) for name in names if name or len(names) > 1):
         raise SetupError(
-            f"parameter robots: expected 1 to {_MOST} different names of letters, digits and _, "
-            f"got {quoted(names)}"
+            f"parameter robots: expected different names of letters, digits and _, got {quoted(list(names))}"
         )
-    return names
-
-
-def robots_of(settings: Mapping[str, Any]) -> list[Robot]:
-    """Return the robots, all in the scene of the first; raises SetupError where a file cannot be used."""
-    files, names = settings["descriptions"], names_of(settings)
     if len(files) > len(names):
         raise SetupError(f"parameter descriptions: expected at most {len(names)} files, got {len(files)}")
-    named = [file or settings[ROBOT.name] for file in (*files, *[""] * (len(names) - len(files)))]
-    robots = [robot_of({**settings, ROBOT.name: file}) for file in named]
-    return [dataclasses.replace(robot, scene=robots[0].scene) for robot in robots]
+    robots = {
+        name: robot_of({**settings, ROBOT.name: file or settings[ROBOT.name]})
+        for name, file in itertools.zip_longest(names, files, fillvalue="")
+    }
+    scene = robots[names[0]].scene
+    return {name: dataclasses.replace(robot, scene=scene) for name, robot in robots.items()}
 
 
-def world_of(settings: Mapping[str, Any], robots: Sequence[SimulatedRobot]) -> SimulatedWorld:
-    """Return the world at its start; raises SetupError if a start is outside the floor, or two overlap."""
-    scene, places = robots[0].robot.scene, {}
-    try:
-        for name in scene.objects:
-            start = settings[f"{name}_start"]
-            checks.count(start, f"parameter {name}_start", least=2, most=2)
-            places[name] = scene.area.at(*start)[:2]
-        return SimulatedWorld(robots, places)
-    except MessageError as error:
-        raise SetupError(str(error)) from error
+def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
+    """Return the world at its start; what its robots observe errs independently.
 
-
-def simulated_of(settings: Mapping[str, Any], robots: Sequence[Robot]) -> list[SimulatedRobot]:
-    """Return the robots at their starts; what they observe errs independently. Raises SetupError."""
+    Raises
+    ------
+    SetupError
+        A parameter or a file cannot be used, a start is outside the floor, or two overlap.
+    """
+    robots = robots_of(settings)
+    scene = next(iter(robots.values())).scene
     config = SensorConfig(
         drift=settings["drift"],
         heading_drift=settings["heading_drift"],
         latency=settings["latency"],
         objects={
             name: ObjectErrors(**{kind: settings[f"{name}_{kind}"] for kind in _ERRORS})
-            for name in robots[0].scene.objects
+            for name in scene.objects
         },
     )
-    starts = _starts(settings["robot_start"], len(robots), robots[0].scene.area)
-    named = zip(names_of(settings), robots, starts, strict=True)
-    return [
+    starts = _starts(settings["robot_start"], len(robots), scene.area)
+    simulated = [
         SimulatedRobot(name, robot, Sensors(config, settings["seed"] + number), start)
-        for number, (name, robot, start) in enumerate(named)
+        for number, ((name, robot), start) in enumerate(zip(robots.items(), starts, strict=True))
     ]
+    try:
+        places = {}
+        for name in scene.objects:
+            start = settings[f"{name}_start"]
+            checks.count(start, f"parameter {name}_start", least=2, most=2)
+            places[name] = scene.area.at(*start)[:2]
+        return SimulatedWorld(simulated, places)
+    except MessageError as error:
+        raise SetupError(str(error)) from error
 
 
 def _starts(numbers: Sequence[float], count: int, area: Area) -> list[Pose]:
@@ -413,19 +408,7 @@ class RobotTopics:
         joint_states (sensor_msgs/JointState): the wheels, where there are subscribers.
         robot_description (std_msgs/String, transient local): URDF.
 
-    Parameters
-    ----------
-    node : Node
-        Owns the publishers.
-    robot : SimulatedRobot
-        The robot.
-    frame, robot_frame : str
-        The frame of odometry and the robot's own, before the name is put before them.
-
-    Attributes
-    ----------
-    frame, robot_frame : str
-        These frames, with the name.
+    The name is put before `frame`, of odometry, and `robot_frame`.
     """
 
     def __init__(self, node: Node, robot: SimulatedRobot, *, frame: str, robot_frame: str) -> None:

@@ -24,7 +24,7 @@ from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
-from ator_interfaces.msg import ChainPerformance, Outcome, SearchCurve, Situation, TopChain
+from ator_interfaces.msg import ChainPerformance, Outcome, SearchCurve, TopChain
 from ator_interfaces.msg import Objective as ObjectiveMessage
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.domain import Domain
@@ -50,7 +50,6 @@ _DISCOVERY = 2.0
 """Real s after which a simulation, or a service of the executor, counts as missing."""
 _PLACED = 2.0
 """Real s after which what the simulation has placed counts as placed, observed or not."""
-_RESUME = 1.0
 _CHAIN_TIMEOUT = 5.0
 """Seconds without status after which a chain counts as lost; the executor publishes it twice a second."""
 _OBJECT_TIMEOUT = 1.0
@@ -133,10 +132,7 @@ class GoalMonitor:
         chain_under_way, performance/chain (ator_interfaces/ChainPerformance): status and records.
         planned_path (nav_msgs/Path): the planned path of the active action.
 
-    Attributes
-    ----------
-    history, external, path
-        See `ator_ros.view.backend.Backend`.
+    `history`, `external` and `path` are those of `ator_ros.view.backend.Backend`.
     """
 
     def __init__(
@@ -260,22 +256,19 @@ def _update(run: Run, message: ChainPerformance) -> None:
 
 def _executed_chain(message: ChainPerformance) -> ExecutedChain:
     """Read a record; raises MessageError."""
-    code, goals = message.outcome.code, [call.goal.pose for call in message.chain.calls[-1:]]
+    code, places = message.outcome.code, [pose_from(message.start.robot, "start.robot")]
+    for there in message.start.objects:
+        at = object_from(there.position, there.velocity, f"start.{printable(there.name)}")
+        places.append(Pose(at.x, at.y, 0.0))
+    places += [pose_from(call.goal.pose, "chain") for call in message.chain.calls[-1:]]
     return ExecutedChain(
         tuple(printable(call.top, _LONGEST_NAME) for call in message.chain.calls),
         message.refined,
         message.predicted.duration,
         message.actual.duration if code == Outcome.SUCCEEDED else math.nan,
         _OUTCOMES.get(code, f"outcome {code}"),
-        (*_places(message.start), *(pose_from(goal, "chain") for goal in goals)),
+        tuple(places),
     )
-
-
-def _places(situation: Situation) -> Iterable[Pose]:
-    yield pose_from(situation.robot, "start.robot")
-    for there in situation.objects:
-        at = object_from(there.position, there.velocity, f"start.{printable(there.name)}")
-        yield Pose(at.x, at.y, 0.0)
 
 
 class RosBackend(GoalMonitor):
@@ -283,10 +276,6 @@ class RosBackend(GoalMonitor):
 
     Parameters
     ----------
-    domain, robot : Domain, Robot
-        What is executed, and by which robot.
-    frame : str
-        The frame of odometry and goals.
     ros_domain : int, optional
         By default that of the environment.
     arguments : sequence of str
@@ -295,11 +284,6 @@ class RosBackend(GoalMonitor):
         Called while waiting; raises to end it.
     start_timeout, timeout : float
         Real s that nodes may take to start, and that an answer may take of nodes that may end.
-
-    Raises
-    ------
-    BackendError
-        The ROS arguments are invalid.
     """
 
     def __init__(
@@ -338,12 +322,7 @@ class RosBackend(GoalMonitor):
     def ready(self, *, simulated: bool) -> None:
         """Wait for refinement and executor, and if `simulated` for the simulation.
 
-        Raises
-        ------
-        BackendError
-            One did not start in time.
-        SetupError
-            The robot's state comes from tf, and tf2_msgs is not installed.
+        BackendError is raised if one did not start in time, SetupError if the robot cannot be observed.
         """
         self._client.timeout = self._timeouts[0]
         if simulated:
@@ -369,9 +348,8 @@ class RosBackend(GoalMonitor):
     def close(self) -> None:
         """Resume time if this backend has paused it, and destroy the node."""
         if self._simulation.paused:
-            answer, end = self._simulation.resume(), time.monotonic() + _RESUME
-            while not answer.done() and time.monotonic() < end:
-                time.sleep(0.01)
+            with contextlib.suppress(BackendError):
+                self.pause(paused=False)
         self._client.close()
 
     # State

@@ -49,12 +49,10 @@ def run(
     watch: Callable[[World], None] | None = None,
     observe: Callable[[World], World] | None = None,
 ) -> S | None:
-    """Steer the robot tick by tick until `step` ends.
+    """Steer the robot tick by tick until `step` ends; everything has been placed in the simulation.
 
     Parameters
     ----------
-    simulation : Simulation
-        The world, in which everything has been placed.
     step : callable
         Returns what to do for an observed state.
     ticks : int
@@ -135,14 +133,8 @@ def judge(
 
     Parameters
     ----------
-    simulation : Simulation
-        The world at the end of the action; objects may settle in it.
-    top, goal
-        What was executed.
-    status : Status
+    status, message : Status, str
         How the action ended; RUNNING if it was broken off, after which nothing settles.
-    message : str
-        A sentence on how it ended.
     drifts : bool
         Whether the robot is localised by odometry that drifts. Then only the terms that name objects are
         judged: the robot's place shows in the error.
@@ -169,30 +161,10 @@ def run_action(
     time_limit: float = TIME_LIMIT,
     step: Callable[[Action, World], Step] | None = None,
 ) -> Step:
-    """Execute one action from the present state until it ends; return its last step.
+    """Execute one action from the present state until it ends, or for `time_limit` s.
 
-    Parameters
-    ----------
-    simulation : Simulation
-        The world, in which everything has been placed.
-    action : Action
-        Set up and started here, and ended whatever happens.
-    goal : Goal
-        Its goal.
-    time_limit : float
-        Time in s that it may take.
-    step : callable, optional
-        Called in each tick instead of `Action.step`, to observe it.
-
-    Returns
-    -------
-    Step
-        Its status is RUNNING if the time limit was reached.
-
-    Raises
-    ------
-    ActionError
-        The action cannot start.
+    Return its last step, whose status is RUNNING if the time limit was reached. `step` is called in each tick
+    instead of `Action.step`, to observe it. ActionError is raised if the action cannot start.
     """
     action.setup()
     with started(action, simulation.world(), goal) as use:

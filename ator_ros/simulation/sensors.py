@@ -20,16 +20,8 @@ _TELEPORT = 0.3
 class ObjectErrors:
     """Errors in the observations of an object; by default none.
 
-    Attributes
-    ----------
-    noise : float
-        Standard deviation in m of each coordinate.
-    velocity_noise : float
-        Standard deviation in m/s of each component of the velocity.
-    delay : float
-        Time in s from an observation until it is known, rounded up to a tick.
-    dropouts : float
-        Probability in [0, 1) that the object is not observed in a tick.
+    `noise` (m) and `velocity_noise` (m/s) are standard deviations of each coordinate. An observation is known
+    after a `delay` (s), rounded up to a tick. `dropouts` is the probability in [0, 1) that it is missing.
     """
 
     noise: float = 0.0

@@ -32,19 +32,10 @@ class SimulatedBase:
     ----------
     client : int
         Where it is made.
-    robot : Robot
-        Shape, masses and limits.
     shares : (float, float)
         Speeds of the left and the right wheel as shares of what was commanded.
     period : float
         Time of a physics step in s.
-
-    Attributes
-    ----------
-    body : int
-        Its body id.
-    robot : Robot
-        As given.
     """
 
     def __init__(self, client: int, robot: Robot, shares: tuple[float, float], *, period: float) -> None:

@@ -35,12 +35,10 @@ class Simulation:
 
     Parameters
     ----------
-    robot : Robot
-        Shape, masses and limits of the first robot, with the scene.
+    robot, others : Robot, sequence of Robot
+        The first robot, with the scene, and others, which stand far away until they are placed.
     wheels : (float, float)
         Speeds of the left and the right wheel as shares of what was commanded: below 1 a wheel slips.
-    others : sequence of Robot
-        The other robots. Their scenes do not count; until they are placed, they stand far away.
 
     Notes
     -----
@@ -98,13 +96,7 @@ class Simulation:
         return Pose(pose.x - self._area.x, pose.y - self._area.y, pose.yaw)
 
     def place_object(self, name: str, x: float, y: float, *, vx: float = 0.0, vy: float = 0.0) -> None:
-        """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s.
-
-        Raises
-        ------
-        ValueError
-            The scene has no such object.
-        """
+        """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s; ValueError if there is none."""
         set_object_dynamics(self._client, self._body_of(name), self.robot.scene.objects[name])
         self._move_object(name, x - self._area.x, y - self._area.y, vx, vy)
         self._present[name] = True

@@ -8,20 +8,23 @@ import itertools
 import math
 import sys
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from ator_interfaces.msg import ChainPerformance
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.files import atomic_write
 from ator_ros.geometry import Pose
+from ator_ros.nodes.messages import chain_of
 from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import (
     add_factor,
@@ -33,12 +36,9 @@ from ator_ros.tools.command_line import (
     source_of,
     whole,
 )
+from ator_ros.tools.own_nodes import FRAME, Client, all_nodes
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
-
-if TYPE_CHECKING:  # ROS may be missing
-    from ator_interfaces.msg import ChainPerformance
-    from ator_ros.tools.own_nodes import Client
 
 PICTURE = (
     "the robot's path in each situation, naive (orange) and refined (blue); "
@@ -81,19 +81,11 @@ def draw_robot(axes: Any, robot: Robot, pose: Pose, colour: str, *, alpha: float
 
 @dataclass(frozen=True)
 class DemoRun:
-    """One execution of a chain.
+    """One execution of a chain: the executor's record, and the robot's positions (x, y) in m.
 
-    Attributes
-    ----------
-    record : ChainPerformance
-        The executor's record.
-    predicted : float
-        Duration of the chain in s that refinement predicted from the start.
-    steps : tuple of float
-        Likewise of its actions; NaN if unknown. Predictions in the records of actions are from where each has
-        begun, and do not add up to the chain's.
-    path : list of (x, y)
-        Positions of the robot in m.
+    `predicted` and `steps` are the durations in s of the chain and its actions that refinement predicted from
+    the start, NaN if unknown. Predictions in the records of actions are from where each has begun, and do not
+    add up to the chain's.
     """
 
     record: ChainPerformance
@@ -132,21 +124,6 @@ class DemoSituation:
         """Time saved in s; NaN when one of the two failed."""
         both = self.naive.success and self.refined.success
         return self.naive.duration - self.refined.duration if both else math.nan
-
-
-def explanation(name: str, chain: TopChain) -> str:
-    """Return what a chain is, what it leaves open, and what naive and refined mean, one line each."""
-    steps = [
-        (f"step {number} ({call.top.name})", sorted(call.open)) for number, call in enumerate(chain.calls, 1)
-    ]
-    opened = [f"{' and '.join(names)} at the end of {step}" for step, names in steps if names]
-    return "\n".join(
-        [
-            f"chain {name}: {', '.join(call.top.name for call in chain.calls)}",
-            f"open, for refinement to choose: {'; '.join(opened) or 'nothing'}",
-            "naive: each step alone is fastest, and the robot stops; refined: the whole chain is fastest",
-        ]
-    )
 
 
 def table(situations: Sequence[DemoSituation]) -> str:
@@ -233,32 +210,17 @@ def _panel(axes: Any, robot: Robot, situation: DemoSituation) -> None:
 def demo(
     situations: int, seed: int, chain: str, out: Path, source: ToolsetSource, real_time_factor: float = 0.0
 ) -> None:
-    """Play situations naive and refined on nodes of its own; print a table and write a picture.
+    """Play situations of one of the domain's chains naive and refined on nodes of its own, as fast as told.
 
-    If it ends early, they show the finished situations.
-
-    Parameters
-    ----------
-    situations, seed : int
-        Number and seed of the situations.
-    chain : str
-        Name of the domain's chain.
-    out : Path
-        The picture, a PNG file.
-    source : ToolsetSource
-        Domain, robot and models.
-    real_time_factor : float
-        Simulated per real seconds; 0: as fast as commands come.
+    Print a table, and write a picture (PNG) to `out`. If it ends early, they show the finished situations.
     """
-    from ator_ros.tools.own_nodes import Client, all_nodes
-
     domain, robot = find_domain(source.domain), source.described()
     played: list[DemoSituation] = []
     try:
         with all_nodes(real_time_factor, source) as nodes:
             names = " and ".join(("three nodes", *(server.name for server in domain.servers)))
             print(f"{names} start on ROS domain {nodes.domain} …", flush=True)
-            with Client(nodes, domain.objects) as client:
+            with closing(Client(nodes, domain.objects)) as client:
                 client.ready(domain.remote_servers())
                 library = domain.library(robot)
                 for index in range(situations):
@@ -266,7 +228,10 @@ def demo(
                     if "speed" in domain.variables:
                         trial = dataclasses.replace(trial, chain=open_speeds(trial.chain))
                     if index == 0:
-                        print(explanation(chain, trial.chain), flush=True)
+                        print(
+                            f"chain {chain}: {', '.join(call.top.name for call in trial.chain.calls)}",
+                            flush=True,
+                        )
                     played.append(_play(client, trial, f"situation {index + 1} of {situations}"))
     finally:
         if played:
@@ -277,9 +242,6 @@ def demo(
 
 def _play(client: Client, trial: Trial, name: str) -> DemoSituation:
     """Play one situation naive and refined."""
-    from ator_ros.nodes.messages import chain_of
-    from ator_ros.tools.own_nodes import FRAME
-
     message = chain_of(trial.chain, action_set="", frame=FRAME)
     answer = client.refine(trial.world, message)
 
@@ -323,11 +285,6 @@ def arguments() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     options, _ = parse(arguments(), argv, chain=lambda domain: reversed(list(domain.chains)))
-    try:
-        import rclpy  # noqa: F401
-    except ImportError as error:
-        print(f"demo: {error}: source your ROS 2 workspace, or use make demo", file=sys.stderr)
-        return 1
 
     def run() -> None:
         demo(

@@ -10,7 +10,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -159,19 +159,8 @@ def all_nodes(
 ) -> Iterator[NodeProcesses]:
     """Start simulation, refinement, executor and the domain's action servers on an unused ROS domain.
 
-    Parameters
-    ----------
-    real_time_factor : float
-        Simulated per real seconds.
-    source : ToolsetSource
-        Domain, robot and models.
-    simulated, executed : mapping, optional
-        Further parameters of simulation and executor.
-
-    Raises
-    ------
-    NodesError
-        A node or a server is not installed.
+    `simulated` and `executed` are further parameters of simulation and executor. NodesError is raised if a
+    node or a server is not installed.
     """
     of_domain = domain_for(source.domain, source.robot)
     for server in of_domain.servers:
@@ -197,15 +186,7 @@ def all_nodes(
 
 
 class Client:
-    """A node in this process, spun by a thread; a context manager.
-
-    Parameters
-    ----------
-    nodes : NodeProcesses
-        Checked while waiting.
-    objects : sequence of str
-        The objects that the simulation can place.
-    """
+    """A node in this process, spun by a thread, that checks `nodes` while it waits."""
 
     def __init__(self, nodes: NodeProcesses, objects: Sequence[str]) -> None:
         self._domain = nodes.domain
@@ -264,12 +245,8 @@ class Client:
         record: ChainPerformance = self._own.answer(ended, "the goal's end").result.record
         return record
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Destroy the node."""
         self._own.close()
 
 
@@ -288,7 +265,7 @@ def drives(
     """
     if not missing:
         return
-    with all_nodes(factor, source) as nodes, Client(nodes, domain.objects) as client:
+    with all_nodes(factor, source) as nodes, closing(Client(nodes, domain.objects)) as client:
         client.ready(domain.remote_servers(source.action_set))
         for action, number in missing:
             rng = episode_generator(action, seed, number)

@@ -10,10 +10,16 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
+from ator_ros.nodes.network import stay_on_this_machine
+from ator_ros.nodes.parameters import SetupError
+from ator_ros.nodes.view_backend import RosBackend
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.model_file import ModelFileError, load_models
+from ator_ros.robot.description import Robot
+from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.tools.command_line import (
     EXPECTED_ERRORS,
     add_factor,
@@ -24,12 +30,10 @@ from ator_ros.tools.command_line import (
     namespace,
     whole,
 )
-
-if TYPE_CHECKING:  # help and errors of the command line need neither ROS nor viser
-    from ator_ros.performance.model import PerformanceModel
-    from ator_ros.robot.description import Robot
-    from ator_ros.view.editor import Editor
-    from ator_ros.view.page import Page
+from ator_ros.tools.own_nodes import all_nodes
+from ator_ros.view.backend import BackendError
+from ator_ros.view.editor import Editor
+from ator_ros.view.page import Page
 
 _PORTS = (1024, 65535)  # below, only root may listen
 _PERIOD = 1.0 / 25.0
@@ -54,29 +58,15 @@ def serve(
     real_time_factor: float = 1.0,
     words: Sequence[str] = (),
 ) -> None:
-    """Serve the page until KeyboardInterrupt.
-
-    Parameters
-    ----------
-    domain, robot, models, host, port, attach, robots, frame, real_time_factor
-        As of the command line.
-    words : sequence of str
-        ROS arguments.
+    """Serve the page until KeyboardInterrupt; `words` are ROS arguments, all others as of the command line.
 
     Raises
     ------
     BackendError, SetupError
         Nodes that are needed did not start in time, or cannot be used.
-    DomainError
-        The domain has no chains.
-    OSError
-        The page cannot be served at that host.
+    DomainError, OSError
+        The domain has no chains; the page cannot be served at that host.
     """
-    from ator_ros.nodes.view_backend import RosBackend
-    from ator_ros.simulation.urdf import robot_urdf
-    from ator_ros.view.editor import Editor
-    from ator_ros.view.page import Page
-
     found = domain_for(domain, robot)
     if not found.chains:
         raise DomainError(f"domain: expected one with chains, got {found.name}, which has none")
@@ -115,9 +105,6 @@ def _nodes(
     attach: bool, real_time_factor: float, source: ToolsetSource
 ) -> Iterator[tuple[int | None, Callable[[], None]]]:
     """Yield the ROS domain (None: the environment's), and a function that raises if a node has ended."""
-    from ator_ros.nodes.network import stay_on_this_machine
-    from ator_ros.tools.own_nodes import all_nodes
-
     if attach:
         stay_on_this_machine(os.environ)
         yield None, lambda: None
@@ -129,8 +116,6 @@ def _nodes(
 
 def _models(folder: str, domain: Domain, robot: Robot) -> Mapping[str, Mapping[str, PerformanceModel]]:
     """Read the models of all action sets; sets without models are left out."""
-    from ator_ros.performance.model_file import ModelFileError, load_models
-
     found = {}
     for name in domain.action_sets:
         with contextlib.suppress(ModelFileError, OSError):
@@ -143,7 +128,7 @@ def _loop(editor: Editor, page: Page, check: Callable[[], None]) -> None:
     due = time.monotonic()
     for number in itertools.count():
         check()
-        editor.step(() if number % _ROUNDS else page.commands.take())
+        editor.step(() if number % _ROUNDS else page.take_commands())
         page.update(time.monotonic())
         due = max(due + _PERIOD, time.monotonic())
         time.sleep(max(0.0, due - time.monotonic()))
@@ -186,15 +171,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(own)
     if options.robots and not options.attach:
         parser.error("--robots: expected --attach, too: what it names must run")
-    if len(set(options.robots)) < len(options.robots):
-        parser.error(f"--robots: expected different names, got {' '.join(options.robots)}")
-    try:
-        from ator_ros.nodes.parameters import SetupError
-        from ator_ros.view.backend import BackendError
-        from ator_ros.view.page import Page  # noqa: F401 (needs viser)
-    except ImportError as error:
-        print(f"view: {error}: docs/install.md says how to install it", file=sys.stderr)
-        return 1
 
     def run() -> None:
         with contextlib.suppress(KeyboardInterrupt):  # its usual end

@@ -40,14 +40,10 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """The answer of refinement: the naive chain and the one to execute, with predictions.
+    """The answer of refinement: the naive chain, and the one to execute, which differs if it is `refined`.
 
     Attributes
     ----------
-    naive, chain : TopChain
-        The chain with naive values of its free variables, and the chain to execute.
-    refined : bool
-        Whether they differ.
     reason : str
         Why the chain was refined or left unchanged: the gate's words.
     before, after : tuple of float
@@ -138,10 +134,8 @@ class ExternalGoal:
         Its execution; the same object as long as the goal is the same.
     driven : bool
         Whether it is driven; before that, refinement may still change it.
-    refined : bool
-        Whether refinement has changed it.
-    changes : int
-        How often refinement has changed it while it was driven.
+    refined, changes : bool, int
+        Whether refinement has changed it, and how often while it was driven.
     reason : str
         Why refinement has changed it or left it unchanged; before it is driven, what it waits for.
     """

@@ -25,20 +25,10 @@ _SAME_PLACE = 0.15
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Draft:
-    """A start and a plan; each change makes a new draft.
+    """A start, everything at rest, and a plan with open variables; each change makes a new draft.
 
-    Attributes
-    ----------
-    world : World
-        The situation in which the chain starts, everything at rest.
-    chain : TopChain
-        The plan, with open variables.
-    action_set : str
-        Name of the set of actions that executes it.
-    objective : Objective
-        What refinement minimizes.
-    alternatives : tuple of TopChain
-        Other chains for the same end, of which refinement may choose one.
+    `action_set` executes the plan, and refinement minimizes the `objective`. `alternatives` are other chains
+    for the same end, of which refinement may choose one.
     """
 
     world: World

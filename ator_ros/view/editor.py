@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import threading
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
@@ -20,54 +19,19 @@ _RETRY_STEPS = 25
 """Steps after which refinement is asked again if it was not running."""
 _FOLLOW_PERIOD = 0.2
 """Seconds of the robot's clock between two updates of a draft that follows the robot."""
-_EXPECTED = (BackendError, RefinementError, ValueError, TypeError, ArithmeticError)
-"""Errors of commands; a client may send any value, or mean a chain that another client has changed."""
-
-
-class CommandQueue:
-    """Commands of the page's clients by key; a newer one replaces a waiting one with the same key.
-
-    A drag gives many positions, of which only the last one counts. Any thread may put, one takes.
-    """
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._waiting: dict[Hashable, Callable[[], None]] = {}
-
-    def put(self, key: Hashable, command: Callable[[], None]) -> None:
-        """Add a command."""
-        with self._lock:
-            self._waiting[key] = command
-
-    def take(self) -> list[Callable[[], None]]:
-        """Remove and return all commands, the oldest first."""
-        with self._lock:
-            waiting, self._waiting = list(self._waiting.values()), {}
-        return waiting
 
 
 class Editor:
     """Edits a draft, keeps refinement's answer up to date, and executes chains. For one thread only.
 
-    Parameters
-    ----------
-    backend : Backend
-        Simulation or robot, refinement and executor.
-    domain : Domain
-        Source of situations.
-    libraries : mapping of str to TopLibrary
-        By action set; the first one is used at the start.
-
     Attributes
     ----------
     draft : Draft
         The situation and plan that is edited.
-    answer : Answer or None
-        Refinement's answer to it; None while `problem` says why not.
-    problem : str
-        The last error; empty without one.
+    answer, problem : Answer or None, str
+        Refinement's answer to it, or why there is none; the last error, empty without one.
     runs : list of Run
-        The executions since the last edit, the newest last.
+        The executions since the last edit, the newest last; two are a race.
     paused : bool
         Whether time stands still.
     edition : int
@@ -259,9 +223,9 @@ class Editor:
         try:
             command()
             return
-        except LookupError:
+        except LookupError:  # another client has changed the chain
             self.problem = "expected a step, variable, chain or action set that exists"
-        except _EXPECTED as error:
+        except (BackendError, RefinementError, ValueError) as error:
             self.problem = str(error)
         self.edition += 1
         self._waiting.clear()

@@ -19,7 +19,6 @@ _RECENT = 20
 _SAME = 0.05
 """Distance in m, and difference in rad, up to which two starts or goals count as the same."""
 _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>#|~$!])")
-_MOST_SECONDS = 1e6
 
 
 def plain(text: str, most: int = 300) -> str:
@@ -29,25 +28,15 @@ def plain(text: str, most: int = 300) -> str:
 
 def seconds(value: float) -> str:
     """Return a number of seconds for a table; `-` if it is unknown."""
-    return f"{value:.2f}" if abs(value) < _MOST_SECONDS else "-"
+    return "-" if math.isnan(value) else f"{value:.2f}"
 
 
 @dataclass(frozen=True, slots=True)
 class ExecutedChain:
-    """One executed chain.
+    """One executed chain: its TOPs, whether refinement changed it, and how it ended.
 
-    Attributes
-    ----------
-    tops : tuple of str
-        Names of its TOPs.
-    refined : bool
-        Whether refinement changed it.
-    predicted, actual : float
-        Duration in s as predicted at the start, and as measured; NaN if unknown, or if it failed.
-    outcome : str
-        How it ended.
-    places : tuple of Pose
-        Where the robot and the objects were at the start, and the chain's last goal.
+    `predicted` and `actual` are its duration in s as predicted at the start, and as measured; NaN if unknown,
+    or if it failed. `places` are where robot and objects were at the start, and the chain's last goal.
     """
 
     tops: tuple[str, ...]

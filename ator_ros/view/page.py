@@ -6,13 +6,14 @@ import asyncio
 import math
 from collections.abc import Callable, Mapping
 from functools import partial
+from queue import SimpleQueue
 
 from ator_ros.geometry import Pose
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.robot.description import Robot
 from ator_ros.view.backend import OTHERS, Backend
-from ator_ros.view.editor import NAIVE, REFINED, CommandQueue, Editor
-from ator_ros.view.panel import Panel
+from ator_ros.view.editor import NAIVE, REFINED, Editor
+from ator_ros.view.panel import Commands, Panel
 from ator_ros.view.scene import LOOPBACK, Canvas, Handle, RobotModel, serve
 from ator_ros.view.shapes import BLUE, ORANGE, YELLOW, Shape, alternative_shapes, polyline, refinement_shapes
 from ator_ros.world.state import World
@@ -28,23 +29,12 @@ class Page:
 
     Parameters
     ----------
-    editor : Editor
-        The state that is shown.
-    robot : Robot
-        With its scene.
-    urdf : str
-        The robot's description for drawing.
     models : mapping
         Performance models by action, by action set, whose rules are shown.
     robots : mapping of str to Backend
         All robots by name, the editor's among them; all are shown, and one is chosen.
     host, port : str, int
         Where the page is served; by default only this machine can reach it.
-
-    Attributes
-    ----------
-    commands : CommandQueue
-        What the clients have entered, for `Editor.step`.
     """
 
     def __init__(
@@ -58,7 +48,7 @@ class Page:
         host: str = LOOPBACK,
         port: int = 8080,
     ) -> None:
-        self.commands = CommandQueue()
+        self.commands: Commands = SimpleQueue()
         self._editor, self._robot, self._models = editor, robot, models
         self.server = server = serve(editor.domain, robot, host=host, port=port)
         area = robot.scene.area
@@ -83,8 +73,11 @@ class Page:
         self._edition, self._written = -1, -math.inf
 
     def _moved(self, move: Callable[..., None], *arguments: object) -> None:
-        """Queue a drag; of several with the same handle only the last one counts."""
-        self.commands.put((move, *arguments[:-1]), partial(move, *arguments))
+        self.commands.put(partial(move, *arguments))
+
+    def take_commands(self) -> list[Callable[[], None]]:
+        """Remove and return what the clients have entered, the oldest first."""
+        return [self.commands.get() for _ in range(self.commands.qsize())]
 
     def update(self, now: float) -> None:
         """Show what has changed; `now` is the time in s of any clock that does not go back."""

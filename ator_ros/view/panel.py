@@ -6,6 +6,7 @@ import math
 import random
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from queue import SimpleQueue
 from typing import Any
 
 import viser
@@ -17,10 +18,11 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.view.backend import Answer, Backend, Run
 from ator_ros.view.draft import Draft
-from ator_ros.view.editor import NAIVE, REFINED, CommandQueue, Editor
+from ator_ros.view.editor import NAIVE, REFINED, Editor
 from ator_ros.view.history import plain, seconds
 from ator_ros.world.state import World
 
+Commands = SimpleQueue[Callable[[], None]]
 _SILENCE = 2.0
 _VARIABLES = ("yaw", "speed")
 _MOST_SEED = 2**31 - 1
@@ -91,20 +93,11 @@ def rules_text(world: World, chain: TopChain, robot: Robot, models: Mapping[str,
 class Panel:
     """Buttons, fields and texts; each event is queued as a command for the editor's thread.
 
-    Parameters
-    ----------
-    gui : GuiApi
-        Of the page's server.
-    editor : Editor
-        Executes the commands.
-    commands : CommandQueue
-        Where they wait.
-    robots : mapping of str to Backend
-        The robots to choose from, by name; may be empty.
+    `robots` are those to choose from, by name; there may be none.
     """
 
     def __init__(
-        self, gui: viser.GuiApi, editor: Editor, commands: CommandQueue, robots: Mapping[str, Backend]
+        self, gui: viser.GuiApi, editor: Editor, commands: Commands, robots: Mapping[str, Backend]
     ) -> None:
         self._gui, self._editor, self._commands = gui, editor, commands
         self._boxes: list[tuple[int, str, Any]] = []
@@ -215,11 +208,11 @@ class Panel:
         self._history.content = backend.history.report(backend.learned)
 
     def _button(self, label: str, command: Callable[[], None]) -> None:
-        self._gui.add_button(label).on_click(lambda _: self._commands.put(label, command))
+        self._gui.add_button(label).on_click(lambda _: self._commands.put(command))
 
     def _buttons(self, label: str, commands: Mapping[str, Callable[[], None]]) -> None:
         group = self._gui.add_button_group(label, tuple(commands))
-        group.on_click(lambda _: self._commands.put(label, commands[group.value]))
+        group.on_click(lambda _: self._commands.put(commands[group.value]))
 
     def _on_change(self, field: Any, command: Callable[[Any], None]) -> None:
         """Queue what a client enters; values that we set ourselves are no commands."""
@@ -227,6 +220,6 @@ class Panel:
         def queue(event: Any) -> None:
             value = field.value
             if event.client is not None:
-                self._commands.put(field.label, lambda: command(value))
+                self._commands.put(lambda: command(value))
 
         field.on_update(queue)

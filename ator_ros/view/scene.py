@@ -53,17 +53,7 @@ class _Server(viser.ViserServer):
 def serve(domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 8080) -> viser.ViserServer:
     """Serve a page with floor, lines and bays, on one port or the next that is free.
 
-    Parameters
-    ----------
-    domain, robot : Domain, Robot
-        What is drawn.
-    host, port : str, int
-        By default only this machine can reach the page.
-
-    Raises
-    ------
-    OSError
-        The host is no address of this machine.
+    By default only this machine can reach it. OSError is raised if the host is no address of this machine.
     """
     try:
         family, _, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
@@ -97,18 +87,9 @@ def _wxyz(yaw: float) -> tuple[float, float, float, float]:
 
 
 class Canvas:
-    """A group of shapes that is redrawn as a whole; unchanged shapes are not sent again.
+    """A group of shapes in the scene at a height (m), redrawn as a whole.
 
-    Parameters
-    ----------
-    server : ViserServer
-        The page's server.
-    group : str
-        Path in the scene.
-    area : Area
-        Its centre is the origin of the page, which draws in single precision.
-    height : float
-        Above the floor in m.
+    The centre of `area` is the origin of the page, which draws in single precision.
     """
 
     def __init__(
@@ -151,21 +132,7 @@ def _arrow(arrow: Arrow) -> tuple[FloatArray, FloatArray, float]:
 
 
 class RobotModel:
-    """A robot in the scene, from its URDF.
-
-    Parameters
-    ----------
-    server : ViserServer
-        The page's server.
-    name : str
-        Path in the scene.
-    urdf : str
-        The robot's description.
-    area : Area
-        Its centre is the origin of the page.
-    ghost : bool
-        Whether it is drawn pale.
-    """
+    """A robot in the scene, from its URDF; a ghost is pale."""
 
     def __init__(
         self, server: viser.ViserServer, name: str, urdf: str, area: Area, *, ghost: bool = False
@@ -187,37 +154,10 @@ class RobotModel:
 # Handles
 
 
-def on_floor(camera: FloatArray, pointer: FloatArray, height: float) -> tuple[float, float] | None:
-    """Return where the ray from `camera` through `pointer`, both (3,) in m, meets the plane at `height`.
-
-    None if it does not meet it in front of the camera.
-    """
-    ray = pointer - camera
-    if abs(ray[2]) < 1e-9 or (share := (height - camera[2]) / ray[2]) <= 0.0:
-        return None
-    x, y, _ = camera + share * ray
-    return float(x), float(y)
-
-
 class Handle:
-    """A disc or sphere on the floor that can be dragged, with a knob that turns it.
+    """A disc on the floor that can be dragged, with a knob that turns it, or a sphere, without a heading.
 
-    Parameters
-    ----------
-    server : ViserServer
-        The page's server.
-    name : str
-        Path in the scene.
-    area : Area
-        Its centre is the origin of the page.
-    radius, height : float
-        Of the disc, in m.
-    colour : tuple
-        Of disc and knob.
-    moved : callable
-        Called with the new pose.
-    sphere : bool
-        Whether it is a sphere, without a knob: something without a heading.
+    `moved` is called with the new pose. Sizes are in m.
     """
 
     def __init__(
@@ -269,6 +209,10 @@ class Handle:
             self._moved(self._pose._replace(yaw=yaw))
 
     def _pointed(self, event: Any, height: float) -> tuple[float, float] | None:
+        """Return where the ray from the camera through the pointer meets the plane at `height` m."""
         camera = np.asarray(event.client.camera.position, dtype=float)
-        there = on_floor(camera, np.asarray(event.end_position, dtype=float), height)
-        return None if there is None else self._area.at(*there)[:2]
+        ray = np.asarray(event.end_position, dtype=float) - camera
+        if ray[2] == 0.0 or (share := (height - camera[2]) / ray[2]) <= 0.0:
+            return None
+        x, y, _ = (camera + share * ray).tolist()
+        return self._area.at(x, y)[:2]

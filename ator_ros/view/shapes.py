@@ -32,18 +32,9 @@ _RING_WIDTH, _CHOSEN_WIDTH = 0.03, 0.05
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """Straight segments on the floor.
+    """Straight segments on the floor: both ends (n, 2, 2) and colours (n, 3) of each, and their width, in m.
 
-    Attributes
-    ----------
-    name : str
-        Unique in a picture.
-    points : ndarray, shape (n, 2, 2)
-        Both ends of each segment, x and y in m.
-    colours : ndarray, shape (n, 3)
-        Colour of each segment.
-    width : float
-        In m.
+    The name is unique in a picture.
     """
 
     name: str
@@ -75,13 +66,9 @@ def polyline(name: str, corners: Sequence[tuple[float, float]], colour: Colour, 
 # Chains
 
 
-def _subgoals(chain: TopChain) -> list[Pose]:
-    return [call.goal.pose for call in chain.calls]
-
-
 def _chain_shapes(name: str, start: Pose, chain: TopChain, colour: Colour) -> list[Shape]:
     """Return a line from `start` along the subgoals, and an arrow at each of them."""
-    goals = _subgoals(chain)
+    goals = [call.goal.pose for call in chain.calls]
     legs = polyline(f"{name}/legs", [pose[:2] for pose in (start, *goals)], colour, _LEG_WIDTH)
     return [legs, *(Arrow(f"{name}/subgoal{step}", pose, colour) for step, pose in enumerate(goals))]
 
@@ -97,16 +84,9 @@ def executed_chain_shapes(start: Pose, chain: TopChain, step: int) -> list[Shape
 def refinement_shapes(
     start: Pose, naive: TopChain, chain: TopChain, curves: Sequence[SubgoalCurve]
 ) -> list[Shape]:
-    """Return what refinement made of a chain for a robot at `start`.
+    """Return what refinement made of a chain for a robot at `start`: naive in grey, executed in blue.
 
-    Parameters
-    ----------
-    start : Pose
-        Where the robot is.
-    naive, chain : TopChain
-        The naive chain, in grey, and the one to execute, in blue.
-    curves : sequence of SubgoalCurve
-        What was searched; a subgoal whose heading was searched gets a ring.
+    Each subgoal whose heading was searched gets a ring.
     """
     return [
         *_chain_shapes("naive", start, naive, GREY),
@@ -117,11 +97,11 @@ def refinement_shapes(
 
 def alternative_shapes(start: Pose, chains: Sequence[TopChain]) -> list[Segments]:
     """Return thin lines from `start` along the subgoals of other chains."""
-    corners = [[pose[:2] for pose in (start, *_subgoals(chain))] for chain in chains]
-    return [
-        polyline(f"alternative{number}", line, VIOLET, _ALTERNATIVE_WIDTH)
-        for number, line in enumerate(corners)
-    ]
+    lines = []
+    for number, chain in enumerate(chains):
+        corners = [start[:2], *(call.goal.pose[:2] for call in chain.calls)]
+        lines.append(polyline(f"alternative{number}", corners, VIOLET, _ALTERNATIVE_WIDTH))
+    return lines
 
 
 # Rings
@@ -130,10 +110,7 @@ def alternative_shapes(start: Pose, chains: Sequence[TopChain]) -> list[Segments
 def costs_by_heading(curve: SubgoalCurve) -> tuple[FloatArray, FloatArray]:
     """Return the searched headings in rad, ascending in [-pi, pi), and the least cost in s through each.
 
-    Returns
-    -------
-    headings, costs : ndarray, shape (n,)
-        Empty where the heading was not searched; costs that are not finite are left out.
+    Both have shape (n,), and are empty where the heading was not searched; infinite costs are left out.
     """
     if "yaw" not in curve.names:
         return np.zeros(0), np.zeros(0)

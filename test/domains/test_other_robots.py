@@ -56,7 +56,9 @@ def test_the_simulated_base_lags_as_it_is_described(robot: Robot) -> None:
 
 @pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.stem)
 def test_nodes_take_each_file_and_a_naive_chain_succeeds(file: Path) -> None:
-    (robot,) = robots_of({"domain": "soccer", "robot": str(file), "robots": [""], "descriptions": [""]})
+    (robot,) = robots_of(
+        {"domain": "soccer", "robot": str(file), "robots": [""], "descriptions": [""]}
+    ).values()
     assert robot == load_robot(file)
     library = SOCCER.library(robot)
     trial = random_trial(SOCCER, "dribble" if robot.holder else "drive", library, seed=3, index=0)

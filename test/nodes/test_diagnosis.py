@@ -76,9 +76,7 @@ def test_odometry_too_rare_to_drive_by_is_named_with_what_to_do() -> None:
         "odom: messages came 0.20 s apart, too rarely for a timeout of 0.3 s; set odom_timeout:=0.8: "
         "the robot pauses between them"
     )
-    assert "0.20 s apart by their stamps; expected 10 or more" in rate_problem("odom", rare, timeout=0.8)
-    slow_simulation = received(*(0.05 * i for i in range(9)), every=0.2)
-    assert rate_problem("odom", slow_simulation, timeout=1.2) == ""
+    assert rate_problem("odom", rare, timeout=0.8) == ""
 
 
 def test_the_cause_of_a_base_that_does_not_follow(client: Client, domain: int) -> None:

@@ -55,17 +55,3 @@ def test_a_pose_is_driven_to_and_one_in_another_frame_is_ignored(
     message.header.frame_id = "odom"
     sender.publish(message)
     client.eventually(lambda: client.robot().pose.distance(Pose(-1.0, 0.5, 1.0)) < 0.06, "the robot")
-
-
-def test_the_last_of_a_flood_is_driven_to(node: Process, sender: Publisher, client: Client) -> None:
-    arrived = node.output.count("arrived")
-    for number in range(120):
-        sender.publish(PoseStamped(pose=pose_of(Pose(0.5 + 0.005 * number, -1.0, 0.0))))
-        time.sleep(0.005)
-    last = Pose(-1.0, -0.5, 0.0)
-    sender.publish(PoseStamped(pose=pose_of(last)))
-    client.eventually(lambda: client.robot().pose.distance(last) < 0.06, "the robot")
-    client.eventually(lambda: node.output.count("arrived") > arrived, "the outcome in the log")
-    assert node.running
-    assert "a newer goal took over" in node.output
-    assert "rejected" not in node.output

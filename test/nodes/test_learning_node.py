@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import shutil
 import signal
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -180,40 +177,3 @@ def test_the_refinement_node_takes_over_a_set(
     point_to(folder, broken)
     client.eventually(lambda: "000009-broken is not used: " in node.output, "a warning")
     assert refine(client, request_of_the_paper()).before.duration == after.before.duration
-
-
-LIMITED = """
-import resource, signal, sys
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # a write beyond the limit then fails as on a full disk
-resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
-from ator_ros.nodes.learning import main
-main(sys.argv)
-"""
-
-
-def test_records_that_find_no_room_are_counted_at_the_end(
-    domain: int, client: Client, tell: Callable[..., None], tmp_path: Path
-) -> None:
-    folder = tmp_path / "learned"
-    words = ["--ros-args", "-p", f"learned:={folder}", "-p", "batch:=10000"]
-    log = tmp_path / "log"
-    with log.open("wb") as output:
-        process = subprocess.Popen(
-            [sys.executable, "-c", LIMITED, *words],
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
-        )
-    try:
-        tell(*map(record_of, episodes(100)))
-        client.eventually(lambda: b"expected room on the disk" in log.read_bytes(), "a warning")
-        client.eventually(lambda: values_of(client)["records taken"] == "100", "all records")
-        stored = stored_in(folder)
-        assert values_of(client)["records waiting for room on the disk"] == str(100 - stored)
-    finally:
-        process.terminate()
-        assert process.wait(30.0) == 0
-    assert 0 < stored < 100
-    told = log.read_text(encoding="utf-8")
-    assert f"{100 - stored} of 100 records are lost: the disk had no room" in told
-    assert told.count("records wait in memory and may be lost") == 1

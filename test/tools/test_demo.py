@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import time
 from pathlib import Path
@@ -12,12 +11,11 @@ import pytest
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, Performance
 from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.evaluation.trials import open_speeds, random_trial
+from ator_ros.evaluation.trials import random_trial
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.command_line import NodesError
-from ator_ros.tools.demo import DemoRun, DemoSituation, explanation, table
+from ator_ros.tools.demo import DemoRun, DemoSituation, table
 from ator_ros.tools.own_nodes import NodeProcesses
-from ator_ros.tops.chain import TopChain
 
 ROBOT = load_robot()
 TRIAL = random_trial(SOCCER, "shoot", SOCCER.library(ROBOT), seed=401, index=0)
@@ -45,20 +43,6 @@ def test_the_table_shows_gains_and_failures() -> None:
     assert "situation 2, refined: lost the ball" in text
     assert "left alone: no gain" in text
     assert "3.10 / 3.00" in text
-
-
-def test_it_explains_the_chain_and_what_is_open() -> None:
-    chain, opened, kinds = explanation("shoot", open_speeds(TRIAL.chain)).split("\n")
-    assert chain == "chain shoot: goToBall, dribbleBall, shoot"
-    assert opened.startswith(
-        "open, for refinement to choose: speed and yaw at the end of step 1 (goToBall); "
-    )
-    assert kinds.startswith("naive: ")
-    closed = TopChain(tuple(dataclasses.replace(call, open=frozenset()) for call in TRIAL.chain.calls))
-    assert explanation("mine", closed).split("\n")[:2] == [
-        "chain mine: goToBall, dribbleBall, shoot",
-        "open, for refinement to choose: nothing",
-    ]
 
 
 def test_a_command_runs_in_its_folder_and_one_that_is_missing_is_named(tmp_path: Path) -> None:

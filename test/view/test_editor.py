@@ -105,8 +105,6 @@ def test_the_best_alternative_is_chosen_and_executed(editor: Editor, backend: In
 COMMANDS: dict[str, Callable[[Editor], object]] = {
     "an unknown step": lambda editor: editor.move_goal(7, Pose(0.0, 0.0, 0.0)),
     "an unknown action set": lambda editor: editor.use_actions("chess"),
-    "a seed that is no number": lambda editor: editor.situation(seed=int(math.inf)),
-    "a seed of nothing": lambda editor: editor.situation(seed=int(None)),  # type: ignore[arg-type]
     "a negative seed": lambda editor: editor.situation(seed=-5),
     "an unknown measure": lambda editor: editor.edit(lambda draft: draft.with_weight("fun", 1.0)),
 }

@@ -41,7 +41,7 @@ class Shown:
     def go_on(self, rounds: int = 2) -> None:
         for _ in range(rounds):
             self._now += 1.0
-            self.editor.step(self.page.commands.take())
+            self.editor.step(self.page.take_commands())
             self.page.update(self._now)
 
     def join(self) -> ViserClient:
@@ -49,7 +49,7 @@ class Shown:
 
     def move_ball(self, x: float, y: float) -> None:
         """Do what a drag of the ball does."""
-        self.page.commands.put("ball", lambda: self.editor.move_object("ball", Pose(x, y, 0.0)))
+        self.page.commands.put(lambda: self.editor.move_object("ball", Pose(x, y, 0.0)))
         self.go_on()
 
 
@@ -102,7 +102,7 @@ def test_of_several_robots_all_are_shown_and_one_is_chosen(shown: Shown) -> None
     client = shown.join()
     client.until(lambda: client.scene.get("/robots/bob") == pytest.approx((-1.0, 1.5, 0.0)), "the other one")
     shown.editor.execute(NAIVE)
-    shown.page.commands.put("Robot", lambda: shown.editor.select(shown.other))
+    shown.page.commands.put(lambda: shown.editor.select(shown.other))
     shown.go_on()
     client.until(lambda: client.scene["/robot"] == pytest.approx((-1.0, 1.5, 0.0)), "the choice")
     start = shown.backend.state.robot.pose

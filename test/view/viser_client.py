@@ -89,11 +89,6 @@ class ViserClient:
         """Send a message."""
         self._socket.send(msgspec.msgpack.encode({"type": kind, **fields}))
 
-    def set(self, label: str, value: Any) -> None:
-        """Enter a value into a field, or press a button (True)."""
-        self.until(lambda: label in self.fields, label)
-        self.send("GuiUpdateMessage", uuid=self.fields[label], updates={"value": value})
-
     def look(self) -> None:
         """Tell where the camera is, above the floor; before it the server takes no wishes."""
         size = {"image_height": 800, "image_width": 1200, "fov": 0.9, "near": 0.01, "far": 1000.0}
@@ -105,11 +100,7 @@ class ViserClient:
 
     def drag(self, node: str, x: float, y: float, phase: str = "update") -> None:
         """Point at (x, y) m on the floor while a node is dragged; the phase is start, update or end."""
-        self.point(node, (x, y, 0.0), phase)
-
-    def point(self, node: str, place: Any, phase: str) -> None:
-        """Point at any place, or at what is none."""
-        pixel = (0.5, 0.5)
+        place, pixel = (x, y, 0.0), (0.5, 0.5)
         self.send(
             "SceneNodeDragMessage", phase=phase, name=node, instance_index=None, start_position=place,
             start_screen_pos=pixel, end_position=place, end_screen_pos=pixel, button="left", modifier=None,
