@@ -62,9 +62,6 @@ class DriveToServer(Node):
             field.name: self.declare_parameter(field.name, field.default).value
             for field in dataclasses.fields(Tuning)
         }
-        for name, value in given.items():
-            if not 0.0 < value < math.inf:
-                raise ValueError(f"parameter {name}: expected a finite number above 0, got {value:g}")
         self._tuning = Tuning(**given)
         self._state: State | None = None
         self._frame = ""

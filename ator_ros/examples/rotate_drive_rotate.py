@@ -13,51 +13,24 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Tuning:
-    """Parameters for tuning; SI units, radians.
+    """Parameters for tuning; SI units, radians."""
 
-    Attributes
-    ----------
-    v, v_reverse, a : float
-        Speeds forward and backward, and acceleration.
-    brake : float
-        Deceleration by which the speed near the goal is planned.
-    w_path, w_goal, aw : float
-        Turn rates in place: to the path, and, for precision slower, to the goal's heading; and
-        the angular acceleration.
-    rotate_above : float
-        Heading error above which it rotates in place before it drives.
-    aligned : float
-        Heading error at which rotating to the path ends.
-    reverse_above : float
-        It drives backward to a goal that lies farther aside than this angle.
-    lookahead : float
-        Distance along the path to the point that it steers to.
-    pause : float
-        Standstill after rotating to the path.
-    xy_tolerance, yaw_tolerance : float
-        Errors at which it has arrived; within xy_tolerance it no longer corrects the position.
-    settle : float
-        Time for which it must have stood at the goal's heading.
-    time_limit : float
-        Time after which it fails.
-    """
-
-    v: float = 0.7
-    v_reverse: float = 0.4
-    a: float = 0.5
-    brake: float = 0.4
-    w_path: float = 1.2
-    w_goal: float = 0.7
-    aw: float = 1.6
-    rotate_above: float = 0.7
-    aligned: float = 0.12
-    reverse_above: float = 2.1
-    lookahead: float = 0.6
-    pause: float = 0.6
-    xy_tolerance: float = 0.06
-    yaw_tolerance: float = 0.08
-    settle: float = 0.2
-    time_limit: float = 60.0
+    v: float = 0.7  # speed forward
+    v_reverse: float = 0.4  # speed backward
+    a: float = 0.5  # acceleration
+    brake: float = 0.4  # deceleration by which the speed near the goal is planned
+    w_path: float = 1.2  # turn rate in place: to the path
+    w_goal: float = 0.7  # turn rate in place: to the goal's heading, for precision slower
+    aw: float = 1.6  # angular acceleration
+    rotate_above: float = 0.7  # heading error above which it rotates in place before it drives
+    aligned: float = 0.12  # heading error at which rotating to the path ends
+    reverse_above: float = 2.1  # it drives backward to a goal that lies farther aside than this angle
+    lookahead: float = 0.6  # distance along the path to the point that it steers to
+    pause: float = 0.6  # standstill after rotating to the path
+    xy_tolerance: float = 0.06  # error at which it has arrived; within it the position is not corrected
+    yaw_tolerance: float = 0.08  # error at which it has arrived
+    settle: float = 0.2  # time for which it must have stood at the goal's heading
+    time_limit: float = 60.0  # time after which it fails
 
 
 class Phase(enum.Enum):
@@ -93,15 +66,7 @@ class State:
 
 
 class RotateDriveRotate:
-    """Drives to one goal; one instance for each.
-
-    Parameters
-    ----------
-    goal : tuple of float
-        x, y (m) and yaw (rad).
-    tuning : Tuning, optional
-        Speeds and tolerances.
-    """
+    """Drives to one goal, x, y (m) and yaw (rad); one instance for each."""
 
     def __init__(self, goal: tuple[float, float, float], tuning: Tuning | None = None) -> None:
         self.tuning = tuning or Tuning()

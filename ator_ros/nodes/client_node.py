@@ -6,6 +6,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import rclpy
@@ -99,18 +100,13 @@ class ClientNode:
 
         The request must be idempotent, because it may be sent again.
         """
-        end = time.monotonic() + self.timeout
-        future = self.send(client, request)
-        while not future.done():
-            retry = time.monotonic() + _RETRY
-            self.until(
-                lambda: future.done() or time.monotonic() > retry,  # noqa: B023 (called at once)
-                f"an answer of the service {client.srv_name}",
-                end=end,
-            )
-            if not future.done():
-                client.remove_pending_request(future)
-                future = self.send(client, request)
+        end, what = time.monotonic() + self.timeout, f"an answer of the service {client.srv_name}"
+        while True:
+            future, retry = self.send(client, request), time.monotonic() + _RETRY
+            self.until(partial(_is_done, future, retry), what, end=end)
+            if future.done():
+                break
+            client.remove_pending_request(future)
         answer = future.result()
         if not getattr(answer, "success", True):
             raise self._error(f"{client.srv_name}: {answer.message}")
@@ -202,6 +198,10 @@ class SimulationClient:
         for name in placed:
             self._own.call(self._objects[name], _at_point(world.objects[name].x, world.objects[name].y))
         return placed
+
+
+def _is_done(future: Future, end: float) -> bool:
+    return future.done() or time.monotonic() > end
 
 
 def _at_pose(pose: Pose) -> PlaceRobot.Request:

@@ -268,11 +268,7 @@ def type_mismatch(node: Node, topic: str, kind: type) -> str:
 
 
 def rival_senders(node: Node, topics: Iterable[str]) -> str:
-    """Return the topics with several publishers, and the publishers' names. Each should have one source.
-
-    Two simulations on one domain are an example. A publisher that was killed counts until DDS drops it after
-    20 s.
-    """
+    """Return the topics with several publishers, which DDS counts for 20 s after they were killed."""
     senders = {topic: [node_of(s) for s in node.get_publishers_info_by_topic(topic)] for topic in topics}
     return "; ".join(
         f"{topic}: expected one publisher, got {len(names)}: {_several(sorted(names))}"

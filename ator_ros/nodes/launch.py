@@ -60,9 +60,8 @@ _VALUES: Mapping[str, Callable[[str], str]] = {
 
 def main() -> None:
     """Print a value, without an end of line."""
-    if len(sys.argv) != 3 or sys.argv[1] not in _VALUES:
-        sys.exit(f"launch: expected one of {', '.join(_VALUES)} and its argument, got {sys.argv[1:]}")
-    sys.stdout.write(_VALUES[sys.argv[1]](sys.argv[2]))
+    _, name, argument = sys.argv
+    sys.stdout.write(_VALUES[name](argument))
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ from ator_ros.resources import resource_path
 RANGE, THIS_MACHINE = "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 _OPEN = ("SUBNET", "SYSTEM_DEFAULT")
-_ONLY_HERE = "ROS_LOCALHOST_ONLY"  # of older distributions; overrides RANGE
 _ELSEWHERE = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
 _DOMAINS = range(1, 101)
 _FIRST_PORT, _PORTS = 7400, 250  # UDP ports of domain 0, and of each domain, in the DDS standard
@@ -28,8 +27,7 @@ def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:
     file that `PROFILES` names forbids. An empty variable counts as unset. Call this before ``rclpy.init``.
     """
     environment[RANGE] = environment.get(RANGE) or THIS_MACHINE
-    is_open = environment[RANGE] in _OPEN and environment.get(_ONLY_HERE) != "1"
-    if not is_open and not any(environment.get(name) for name in (*_ELSEWHERE, PROFILES)):
+    if environment[RANGE] not in _OPEN and not any(environment.get(name) for name in (*_ELSEWHERE, PROFILES)):
         environment[PROFILES] = str(resource_path("config", "fastdds_loopback.xml"))
 
 
@@ -58,7 +56,6 @@ def free_domain() -> Iterator[int]:
 
 def domains_in_use() -> set[int]:
     """Return the ROS domains whose UDP ports are open on this machine, of any user."""
-    files = [file for file in map(Path, ("/proc/net/udp", "/proc/net/udp6")) if file.is_file()]
-    rows = [row.split() for file in files for row in file.read_text().splitlines()[1:]]
+    rows = [row.split() for row in Path("/proc/net/udp").read_text().splitlines()[1:]]
     ports = [int(row[1].rpartition(":")[2], 16) for row in rows]
     return {(port - _FIRST_PORT) // _PORTS for port in ports if port >= _FIRST_PORT}

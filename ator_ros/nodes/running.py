@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import inspect
 import os
-import re
 import signal
 import sys
 import time
@@ -28,10 +27,6 @@ from ator_ros.resources import ResourceError
 
 _WAKE_UP = 0.1
 _LAST_SPINS = 0.3  # s
-_LIST = re.compile(r"Parameters: see `\w+`")
-"""Where a node's docstring names the list in its source; the help prints that list itself."""
-_RCL_SOURCE = re.compile(r", at \S+:\d+")
-"""Where rcl's errors, which have several lines, name their place in its source."""
 _LONGEST_REASON = 1000
 """Characters of the line with which a node ends: a path may have 255 in each of its parts."""
 _EXPECTED = (
@@ -62,7 +57,7 @@ def run_node(
         node = make()
     except _EXPECTED as error:
         rclpy.try_shutdown()
-        reason = printable(_RCL_SOURCE.sub("", " ".join(str(error).split())), _LONGEST_REASON)
+        reason = printable(" ".join(str(error).split()), _LONGEST_REASON)  # rcl's have several lines
         sys.exit(f"{Path(sys.argv[0]).name}: {reason}")
     # Libraries and models live as long as the process: scanning them for garbage would take up to 50 ms.
     gc.collect()
@@ -93,7 +88,7 @@ def _command_line(make: Callable[[], Node], parameters: Sequence[Parameter]) -> 
     lines = [f"  {p.name:24}{p.description} (default: {p.default!r})" for p in parameters]
     return ArgumentParser(
         usage="%(prog)s [-h] [--ros-args -p PARAMETER:=VALUE ... -r NAME:=OTHER ...]",
-        description=_LIST.sub("Parameters: below", inspect.getdoc(make) or ""),
+        description=inspect.getdoc(make),
         epilog="\n".join(["parameters:", *lines]) if lines else None,
         formatter_class=RawDescriptionHelpFormatter,
     )

@@ -147,10 +147,7 @@ class SimulatedWorld:
     def place_robot(self, pose: Pose, number: int, *, v: float, w: float) -> None:
         """Put a robot's axle at `pose`, moving at v (m/s) and w (rad/s).
 
-        Raises
-        ------
-        MessageError
-            Outside the floor, in another robot, an object or a wall, or faster than the robot's limits.
+        MessageError is raised outside the floor, in another body, or beyond the robot's limits.
         """
         limits = self.robots[number].robot.limits
         self._check_inside(pose.x, pose.y, "pose.pose.position")
@@ -163,10 +160,7 @@ class SimulatedWorld:
     def place_object(self, name: str, x: float, y: float, *, vx: float, vy: float) -> None:
         """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s.
 
-        Raises
-        ------
-        MessageError
-            Outside the floor, in a robot, another object or a wall, or faster than 10 m/s.
+        MessageError is raised outside the floor, in another body, or above 10 m/s.
         """
         self._check_inside(x, y, "position.point")
         for axis, value in (("x", vx), ("y", vy)):

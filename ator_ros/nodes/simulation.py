@@ -115,7 +115,6 @@ class SimulationNode(Node):
         NAME of each object of the scene (nav_msgs/Odometry): position and velocity, both in the
         header's frame; nothing while the object is not there.
         joint_states, robot_description; tf of all robots: see `RobotTopics`.
-    Publishes
         /clock (rosgraph_msgs/Clock), when `publish_clock`: every tick.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Services
@@ -323,13 +322,7 @@ def _parameters_of(name: str, place: int) -> tuple[Parameter, ...]:
 
 
 def robots_of(settings: Mapping[str, Any]) -> dict[str, Robot]:
-    """Return the robots by name, all in the scene of the first.
-
-    Raises
-    ------
-    SetupError
-        A name is invalid or not unique, or a file cannot be used.
-    """
+    """Return the robots by name, all in the scene of the first; raises SetupError."""
     names, files = settings["robots"], settings["descriptions"]
     if len(set(names)) < len(names) or not all(is_name(name) for name in names if name or len(names) > 1):
         raise SetupError(
@@ -346,13 +339,7 @@ def robots_of(settings: Mapping[str, Any]) -> dict[str, Robot]:
 
 
 def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
-    """Return the world at its start; what its robots observe errs independently.
-
-    Raises
-    ------
-    SetupError
-        A parameter or a file cannot be used, a start is outside the floor, or two overlap.
-    """
+    """Return the world at its start; what its robots observe errs independently. Raises SetupError."""
     robots = robots_of(settings)
     scene = next(iter(robots.values())).scene
     config = SensorConfig(

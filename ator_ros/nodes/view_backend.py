@@ -46,14 +46,11 @@ from ator_ros.view.history import ExecutedChain, History
 from ator_ros.world.messages import MessageError, object_from, pose_from
 from ator_ros.world.state import ObjectState, RobotState, World
 
-_DISCOVERY = 2.0
-"""Real s after which a simulation, or a service of the executor, counts as missing."""
-_PLACED = 2.0
-"""Real s after which what the simulation has placed counts as placed, observed or not."""
+_DISCOVERY = 2.0  # real s after which a simulation, or a service of the executor, counts as missing
+_PLACED = 2.0  # real s after which what the simulation has placed counts as placed, observed or not
 _CHAIN_TIMEOUT = 5.0
 """Seconds without status after which a chain counts as lost; the executor publishes it twice a second."""
-_OBJECT_TIMEOUT = 1.0
-"""Seconds by the stamps after which an object that is not observed is no longer shown."""
+_OBJECT_TIMEOUT = 1.0  # s by the stamps after which an object that is not observed is no longer shown
 _FRESH = 3
 """Messages after which one was surely sent after a request: the first may have been on its way."""
 _WARNING_PERIOD = 2.0
@@ -86,7 +83,7 @@ class WorldMonitor:
         """Subscribe to the robot's state, with the parameters of its executor; raises SetupError."""
         settings = {**settings, "frame": self._frame}
         self._source = RobotSource(
-            self._node, settings, self._robot, self._take_robot, self._reject, self._warn, self._tf
+            self._node, settings, self._robot, self._take_robot, self._reject, self.warn, self._tf
         )
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
@@ -98,9 +95,10 @@ class WorldMonitor:
         self._received[name] += 1
 
     def _reject(self, _: str, error: MessageError) -> None:
-        self._warn(f"ignored: {error}")
+        self.warn(f"ignored: {error}")
 
-    def _warn(self, text: str) -> None:
+    def warn(self, text: str) -> None:
+        """Log a warning, at most every two seconds."""
         self._node.get_logger().warning(text, throttle_duration_sec=_WARNING_PERIOD)
 
     def silence(self) -> float:
@@ -171,7 +169,7 @@ class GoalMonitor:
                 self.external = self._external_goal(message, run)
             except MessageError as error:
                 self.external = None
-                self._warn(f"chain_under_way: ignored: {error}")
+                self._world.warn(f"chain_under_way: ignored: {error}")
                 return
         if not run.ended:
             self._active, self._is_new = (message.chain_id, run), True
@@ -205,14 +203,11 @@ class GoalMonitor:
         try:
             self.history.add(_executed_chain(message))
         except MessageError as error:
-            self._warn(f"performance/chain: ignored: {error}")
+            self._world.warn(f"performance/chain: ignored: {error}")
 
     def _take_path(self, message: Path) -> None:
         places = [(pose.pose.position.x, pose.pose.position.y) for pose in message.poses]
         self.path = np.array(places) if places and np.isfinite(places).all() else None
-
-    def _warn(self, text: str) -> None:
-        self._node.get_logger().warning(text, throttle_duration_sec=_WARNING_PERIOD)
 
     def watch(self) -> None:
         """End the active run as lost if its executor has gone, or has published no status for too long.
@@ -482,7 +477,8 @@ class RosBackend(GoalMonitor):
         try:
             self._client.until(lambda: run.started or _is_rejected(future), "the status of execute_chain")
         except BackendError:
-            self._request_cancel(goal_id.hex)  # it may have been accepted, and would not be watched
+            with contextlib.suppress(BackendError):  # it may have been accepted, and would not be watched
+                self._client.send(self._cancel, CancelGoal.Request(goal_info=_goal_info(goal_id.hex)))
             raise
         if _is_rejected(future):
             raise BackendError("the executor accepts no goal")
@@ -500,10 +496,6 @@ class RosBackend(GoalMonitor):
         finally:
             if self.active_goal == goal:
                 self.lose()
-
-    def _request_cancel(self, goal: str) -> None:
-        with contextlib.suppress(BackendError):
-            self._client.send(self._cancel, CancelGoal.Request(goal_info=_goal_info(goal)))
 
 
 def _goal_info(chain_id: str) -> GoalInfo:

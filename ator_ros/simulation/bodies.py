@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ator_ros.geometry import quaternion_from_yaw
 from ator_ros.robot.description import Robot
-from ator_ros.simulation import physics as p
+from ator_ros.simulation.physics import BulletClient
 from ator_ros.simulation.urdf import WHEEL_NAMES, robot_urdf
 from ator_ros.world.scene import WALL_THICKNESS, Bay, RoundObject
 
@@ -16,15 +16,15 @@ GRAVITY = 9.81
 WALL_HEIGHT = 0.4
 
 
-def make_floor(client: int) -> int:
+def make_floor(client: BulletClient) -> int:
     """Make the plane z = 0 and return its body id."""
-    shape = p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client)
-    floor = p.createMultiBody(0, shape, physicsClientId=client)
-    p.changeDynamics(floor, -1, lateralFriction=1.0, restitution=0.0, physicsClientId=client)
+    shape = client.createCollisionShape(client.GEOM_PLANE)
+    floor = client.createMultiBody(0, shape)
+    client.changeDynamics(floor, -1, lateralFriction=1.0, restitution=0.0)
     return int(floor)
 
 
-def make_bay(client: int, bay: Bay) -> list[int]:
+def make_bay(client: BulletClient, bay: Bay) -> list[int]:
     """Make the three walls of a bay and return their body ids."""
     half_depth, half_width = bay.depth / 2, bay.width / 2
     side = _box(client, half_depth, WALL_THICKNESS / 2)
@@ -41,30 +41,28 @@ def make_bay(client: int, bay: Bay) -> list[int]:
         (back, bay.depth + WALL_THICKNESS / 2, 0.0),
     ):
         place = [bay.x + c * ahead - s * aside, bay.y + s * ahead + c * aside, WALL_HEIGHT / 2]
-        walls.append(
-            int(p.createMultiBody(0, shape, -1, place, quaternion_from_yaw(turned), physicsClientId=client))
-        )
+        walls.append(int(client.createMultiBody(0, shape, -1, place, quaternion_from_yaw(turned))))
     return walls
 
 
-def _box(client: int, half_length: float, half_width: float) -> int:
+def _box(client: BulletClient, half_length: float, half_width: float) -> int:
     halves = [half_length, half_width, WALL_HEIGHT / 2]
-    return int(p.createCollisionShape(p.GEOM_BOX, halfExtents=halves, physicsClientId=client))
+    return int(client.createCollisionShape(client.GEOM_BOX, halfExtents=halves))
 
 
-def make_object(client: int, item: RoundObject) -> int:
+def make_object(client: BulletClient, item: RoundObject) -> int:
     """Make an object's body and return its id."""
-    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=item.radius, physicsClientId=client)
-    return int(p.createMultiBody(item.mass, shape, physicsClientId=client))
+    shape = client.createCollisionShape(client.GEOM_SPHERE, radius=item.radius)
+    return int(client.createMultiBody(item.mass, shape))
 
 
-def set_object_dynamics(client: int, body: int, item: RoundObject) -> None:
+def set_object_dynamics(client: BulletClient, body: int, item: RoundObject) -> None:
     """Set an object's mass and friction: a hollow sphere that decelerates as it rolls."""
     inertia = 2.0 / 3.0 * item.mass * item.radius**2
     # A rolling hollow sphere resists with (1 + 2/3) m a r; Bullet: coefficient times normal force.
     rolling = 5.0 / 3.0 * item.radius * item.rolling_deceleration / GRAVITY
-    p.changeDynamics(body, -1, mass=item.mass, physicsClientId=client)  # which resets the inertia
-    p.changeDynamics(
+    client.changeDynamics(body, -1, mass=item.mass)  # which resets the inertia
+    client.changeDynamics(
         body,
         -1,
         localInertiaDiagonal=[inertia] * 3,
@@ -74,27 +72,26 @@ def set_object_dynamics(client: int, body: int, item: RoundObject) -> None:
         restitution=item.restitution,
         linearDamping=0.0,
         angularDamping=0.0,
-        physicsClientId=client,
     )
 
 
-def load_base(client: int, robot: Robot) -> tuple[int, list[int]]:
+def load_base(client: BulletClient, robot: Robot) -> tuple[int, list[int]]:
     """Load the robot and return its body id and the joint indices of its left and right wheel."""
     with tempfile.TemporaryDirectory(prefix="ator_ros_") as folder:
         file = Path(folder) / "robot.urdf"
         file.write_text(robot_urdf(robot), encoding="utf-8")
-        body = p.loadURDF(str(file), flags=p.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client)
-    count = p.getNumJoints(body, physicsClientId=client)
-    names = {p.getJointInfo(body, joint, physicsClientId=client)[1].decode(): joint for joint in range(count)}
+        body = client.loadURDF(str(file), flags=client.URDF_USE_INERTIA_FROM_FILE)
+    count = client.getNumJoints(body)
+    names = {client.getJointInfo(body, joint)[1].decode(): joint for joint in range(count)}
     wheels = [names[name] for name in WHEEL_NAMES]
     wheel_friction, caster_friction = 1.0, 0.0
     front = robot.build.front_friction
-    p.changeDynamics(body, -1, lateralFriction=front, restitution=1.0, physicsClientId=client)
+    client.changeDynamics(body, -1, lateralFriction=front, restitution=1.0)
     for wheel in wheels:
-        p.changeDynamics(
+        client.changeDynamics(
             body, wheel, lateralFriction=wheel_friction, rollingFriction=0.0, restitution=0.0,
-            linearDamping=0.0, angularDamping=0.0, jointDamping=0.0, physicsClientId=client,
+            linearDamping=0.0, angularDamping=0.0, jointDamping=0.0
         )  # fmt: skip
     caster = names["caster_joint"]
-    p.changeDynamics(body, caster, lateralFriction=caster_friction, restitution=0.0, physicsClientId=client)
+    client.changeDynamics(body, caster, lateralFriction=caster_friction, restitution=0.0)
     return int(body), wheels

@@ -1,7 +1,8 @@
-"""pybullet, imported when the first of its functions is used: ``--help`` and most nodes need none."""
+"""pybullet, imported when the first world is made: ``--help`` and most nodes need none."""
 
 from __future__ import annotations
 
+import functools
 import importlib
 import os
 import sys
@@ -9,11 +10,20 @@ from pathlib import Path
 from typing import Any
 
 
-def __getattr__(name: str) -> Any:
-    """Return what pybullet has under a name, which is looked up here from then on."""
-    found = getattr(_imported_without_banner("pybullet"), name)
-    globals()[name] = found
-    return found
+class BulletClient:
+    """A new world, with the functions and constants of pybullet; `pybullet_utils` has one that prints."""
+
+    def __init__(self) -> None:
+        self._pybullet = _imported_without_banner("pybullet")
+        self._number = self._pybullet.connect(self._pybullet.DIRECT)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what pybullet has under a name, for this world."""
+        found = getattr(self._pybullet, name)
+        if callable(found):
+            found = functools.partial(found, physicsClientId=self._number)
+        setattr(self, name, found)
+        return found
 
 
 def _imported_without_banner(module: str) -> Any:

@@ -102,21 +102,12 @@ def settle(simulation: Simulation, top: Top, goal: Goal) -> World:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """How a TOP ended, by the true state.
+    """How a TOP ended, by the true state after objects have settled: `world`.
 
-    Attributes
-    ----------
-    success : bool
-        Its action succeeded, and its post-condition holds.
-    reason : str
-        A sentence on how it ended.
-    world : World
-        The state in which it was judged, after objects have settled.
-    error : float
-        Distance of the robot's point from the goal in m where the TOP places it there; else how far the world
-        is from the post-condition, in the unit of the worst variable.
-    heading_error : float
-        Difference of headings in rad; NaN where the TOP does not place the robot.
+    It is a `success` if its action succeeded, and its post-condition holds. The `error` is the distance of
+    the robot's point from the goal in m where the TOP places it there; else how far the world is from the
+    post-condition, in the unit of the worst variable. The `heading_error` (rad) is NaN where the TOP does not
+    place the robot.
     """
 
     success: bool

@@ -8,8 +8,8 @@ from collections.abc import Iterable
 from ator_ros.geometry import Pose, quaternion_from_yaw, yaw_from_quaternion
 from ator_ros.robot.description import Robot
 from ator_ros.robot.response import clip, ramped
-from ator_ros.simulation import physics as p
 from ator_ros.simulation.bodies import load_base
+from ator_ros.simulation.physics import BulletClient
 from ator_ros.world.state import STOP, Command, RobotState
 
 COMMAND_TIMEOUT = 0.15
@@ -30,18 +30,18 @@ class SimulatedBase:
 
     Parameters
     ----------
-    client : int
-        Where it is made.
     shares : (float, float)
         Speeds of the left and the right wheel as shares of what was commanded.
     period : float
         Time of a physics step in s.
     """
 
-    def __init__(self, client: int, robot: Robot, shares: tuple[float, float], *, period: float) -> None:
-        self._client, self.robot, self._shares = client, robot, shares
+    def __init__(
+        self, client: BulletClient, robot: Robot, shares: tuple[float, float], *, period: float
+    ) -> None:
+        self._bullet, self.robot, self._shares = client, robot, shares
         self.body, self._wheels = load_base(client, robot)
-        self._com = p.getDynamicsInfo(self.body, -1, physicsClientId=client)[3]
+        self._com = self._bullet.getDynamicsInfo(self.body, -1)[3]
         self._command, self._expires, self._setpoint = STOP, -math.inf, STOP
         self._torques = [robot.wheel_torque] * 2
         self._gains = [period / robot.motor_time_constant] * 2
@@ -52,23 +52,22 @@ class SimulatedBase:
 
         They are the body with the floor, and the wheels with all but the floor.
         """
-        client = self._client
-        p.setCollisionFilterPair(self.body, floor, -1, -1, 0, physicsClientId=client)
-        links = {other: p.getNumJoints(other, physicsClientId=client) for other in others}
+        self._bullet.setCollisionFilterPair(self.body, floor, -1, -1, 0)
+        links = {other: self._bullet.getNumJoints(other) for other in others}
         for wheel in self._wheels:
             for other, count in links.items():
                 for link in range(-1, count):
-                    p.setCollisionFilterPair(self.body, other, wheel, link, 0, physicsClientId=client)
+                    self._bullet.setCollisionFilterPair(self.body, other, wheel, link, 0)
 
     def place(self, pose: Pose, v: float, w: float) -> None:
         """Put the axle at `pose`, moving at v (m/s) and w (rad/s); it slows down unless commanded."""
-        client, c, s = self._client, math.cos(pose.yaw), math.sin(pose.yaw)
+        c, s = math.cos(pose.yaw), math.sin(pose.yaw)
         velocity = (c * v - s * w * self._com[0], s * v + c * w * self._com[0], 0.0)
         self.move(pose)
-        p.resetBaseVelocity(self.body, velocity, (0.0, 0.0, w), physicsClientId=client)
+        self._bullet.resetBaseVelocity(self.body, velocity, (0.0, 0.0, w))
         turn = w * self.robot.track / 2.0
         for wheel, speed in zip(self._wheels, (v - turn, v + turn), strict=True):
-            p.resetJointState(self.body, wheel, 0.0, speed / self.robot.wheel_radius, physicsClientId=client)
+            self._bullet.resetJointState(self.body, wheel, 0.0, speed / self.robot.wheel_radius)
         self._command, self._expires, self._setpoint = STOP, -math.inf, Command(v, w)
         self._held = None
 
@@ -77,9 +76,7 @@ class SimulatedBase:
         c, s = math.cos(pose.yaw), math.sin(pose.yaw)
         # Bullet's base position is the centre of mass, not the axle.
         position = (pose.x + c * self._com[0], pose.y + s * self._com[0], self._com[2])
-        p.resetBasePositionAndOrientation(
-            self.body, position, quaternion_from_yaw(pose.yaw), physicsClientId=self._client
-        )
+        self._bullet.resetBasePositionAndOrientation(self.body, position, quaternion_from_yaw(pose.yaw))
 
     def command(self, command: Command, time: float) -> None:
         """Accept a command at `time` (s); it holds for 0.15 s."""
@@ -99,10 +96,10 @@ class SimulatedBase:
         elif self._held is None:
             self._held = self._standing_wheels()
         if self._held is None:
-            self._control(p.VELOCITY_CONTROL, targetVelocities=speeds)
+            self._control(self._bullet.VELOCITY_CONTROL, targetVelocities=speeds)
         else:
             self._control(
-                p.POSITION_CONTROL,
+                self._bullet.POSITION_CONTROL,
                 targetPositions=self._held,
                 targetVelocities=speeds,
                 positionGains=[_HOLDING_GAIN] * 2,
@@ -110,25 +107,24 @@ class SimulatedBase:
 
     def _standing_wheels(self) -> list[float] | None:
         """Return the wheels' angles in rad, or None while they turn."""
-        states = p.getJointStates(self.body, self._wheels, physicsClientId=self._client)
+        states = self._bullet.getJointStates(self.body, self._wheels)
         stand = all(abs(state[1]) < _BLOCKED_BELOW for state in states)
         return [state[0] for state in states] if stand else None
 
     def _control(self, mode: int, **targets: object) -> None:
-        p.setJointMotorControlArray(
+        self._bullet.setJointMotorControlArray(
             self.body,
             self._wheels,
             mode,
             forces=self._torques,
             velocityGains=self._gains,
-            physicsClientId=self._client,
             **targets,
         )
 
     def state(self) -> RobotState:
         """Return the true state."""
-        position, quaternion = p.getBasePositionAndOrientation(self.body, physicsClientId=self._client)
-        linear, angular = p.getBaseVelocity(self.body, physicsClientId=self._client)
+        position, quaternion = self._bullet.getBasePositionAndOrientation(self.body)
+        linear, angular = self._bullet.getBaseVelocity(self.body)
         yaw = yaw_from_quaternion(*quaternion)
         c, s = math.cos(yaw), math.sin(yaw)
         pose = Pose(position[0] - c * self._com[0], position[1] - s * self._com[0], yaw)

@@ -9,8 +9,8 @@ from types import TracebackType
 
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
-from ator_ros.simulation import physics as p
 from ator_ros.simulation.bodies import GRAVITY, make_bay, make_floor, make_object, set_object_dynamics
+from ator_ros.simulation.physics import BulletClient
 from ator_ros.simulation.simulated_base import SimulatedBase
 from ator_ros.world.state import CONTROL_PERIOD, Command, ObjectState, World
 
@@ -50,7 +50,7 @@ class Simulation:
         self, robot: Robot, *, wheels: tuple[float, float] = (1.0, 1.0), others: Sequence[Robot] = ()
     ) -> None:
         self.robot = robot
-        self._client: int = p.connect(p.DIRECT)
+        self._bullet = BulletClient()
         # The origin of the physics is the centre of the area: far from it, contacts would be rounded.
         self._area = robot.scene.area
         self._away = max(_AWAY, self._area.width / 2 + self._area.margin + _AWAY / 2)
@@ -61,22 +61,21 @@ class Simulation:
             self.remove_object(name)
 
     def _build(self, robots: Sequence[Robot], wheels: tuple[float, float]) -> None:
-        client = self._client
-        p.setGravity(0, 0, -GRAVITY, physicsClientId=client)
-        p.setPhysicsEngineParameter(
+        bullet = self._bullet
+        bullet.setGravity(0, 0, -GRAVITY)
+        bullet.setPhysicsEngineParameter(
             fixedTimeStep=TICK / RAMPS_PER_TICK,
             numSubSteps=PHYSICS_RATE // (CONTROL_RATE * RAMPS_PER_TICK),
             numSolverIterations=SOLVER_ITERATIONS,
             deterministicOverlappingPairs=1,
-            physicsClientId=client,
         )
-        floor = make_floor(client)
+        floor = make_floor(bullet)
         scene, area = self.robot.scene, self._area
         bays = (dataclasses.replace(bay, x=bay.x - area.x, y=bay.y - area.y) for bay in scene.bays)
-        self._walls = [wall for bay in bays for wall in make_bay(client, bay)]
-        self._bodies = {name: make_object(client, item) for name, item in scene.objects.items()}
+        self._walls = [wall for bay in bays for wall in make_bay(bullet, bay)]
+        self._bodies = {name: make_object(bullet, item) for name, item in scene.objects.items()}
         self._present: dict[str, bool] = {}
-        self._bases = [SimulatedBase(client, each, wheels, period=1.0 / PHYSICS_RATE) for each in robots]
+        self._bases = [SimulatedBase(bullet, each, wheels, period=1.0 / PHYSICS_RATE) for each in robots]
         for base in self._bases:
             rest = [other.body for other in self._bases if other is not base]
             base.ignore(floor, (*self._bodies.values(), *self._walls, *rest))
@@ -96,14 +95,14 @@ class Simulation:
         return Pose(pose.x - self._area.x, pose.y - self._area.y, pose.yaw)
 
     def place_object(self, name: str, x: float, y: float, *, vx: float = 0.0, vy: float = 0.0) -> None:
-        """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s; ValueError if there is none."""
-        set_object_dynamics(self._client, self._body_of(name), self.robot.scene.objects[name])
+        """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s."""
+        set_object_dynamics(self._bullet, self._bodies[name], self.robot.scene.objects[name])
         self._move_object(name, x - self._area.x, y - self._area.y, vx, vy)
         self._present[name] = True
 
     def remove_object(self, name: str) -> None:
-        """Take an object off the floor; raises ValueError if the scene has no such object."""
-        p.changeDynamics(self._body_of(name), -1, mass=0.0, physicsClientId=self._client)
+        """Take an object off the floor."""
+        self._bullet.changeDynamics(self._bodies[name], -1, mass=0.0)
         self._move_object(name, 0.0, self._away + list(self._bodies).index(name), 0.0, 0.0)
         self._present[name] = False
 
@@ -116,7 +115,7 @@ class Simulation:
 
     def object_overlap(self, name: str, x: float, y: float) -> str:
         """Return which body an object at (x, y) m would overlap; empty if none. Nothing is moved."""
-        body = self._body_of(name)
+        body = self._bodies[name]
         with self._restored(body):
             self._move_object(name, x - self._area.x, y - self._area.y, 0.0, 0.0)
             return self._overlap(body)
@@ -124,13 +123,13 @@ class Simulation:
     @contextmanager
     def _restored(self, body: int) -> Iterator[None]:
         """Put a body back after the block, with its velocity."""
-        place = p.getBasePositionAndOrientation(body, physicsClientId=self._client)
-        velocity = p.getBaseVelocity(body, physicsClientId=self._client)
+        place = self._bullet.getBasePositionAndOrientation(body)
+        velocity = self._bullet.getBaseVelocity(body)
         try:
             yield
         finally:
-            p.resetBasePositionAndOrientation(body, *place, physicsClientId=self._client)
-            p.resetBaseVelocity(body, *velocity, physicsClientId=self._client)
+            self._bullet.resetBasePositionAndOrientation(body, *place)
+            self._bullet.resetBaseVelocity(body, *velocity)
 
     def _overlap(self, body: int) -> str:
         """Return the name of a body that `body` overlaps; wheels touch nothing but the floor."""
@@ -142,32 +141,23 @@ class Simulation:
         for other, name in others.items():
             if other == body:
                 continue
-            contacts = p.getClosestPoints(body, other, 0.0, -1, -1, physicsClientId=self._client)
+            contacts = self._bullet.getClosestPoints(body, other, 0.0, -1, -1)
             if any(contact[_DISTANCE] < -_DEEPEST for contact in contacts):
                 return name
         return ""
 
     def place_objects(self, objects: Mapping[str, ObjectState]) -> None:
-        """Place these objects and take all others off the floor; raises ValueError if one is unknown."""
+        """Place these objects and take all others off the floor."""
         for name, there in objects.items():
             self.place_object(name, there.x, there.y, vx=there.vx, vy=there.vy)
         for name in self._bodies:
             if name not in objects:
                 self.remove_object(name)
 
-    def _body_of(self, name: str) -> int:
-        if name not in self._bodies:
-            raise ValueError(f"object: expected one of the scene, {sorted(self._bodies)}, got {name!r}")
-        return self._bodies[name]
-
     def _move_object(self, name: str, x: float, y: float, vx: float, vy: float) -> None:
         body, radius = self._bodies[name], self.robot.scene.objects[name].radius
-        p.resetBasePositionAndOrientation(
-            body, (x, y, radius), (0.0, 0.0, 0.0, 1.0), physicsClientId=self._client
-        )
-        p.resetBaseVelocity(
-            body, (vx, vy, 0.0), (-vy / radius, vx / radius, 0.0), physicsClientId=self._client
-        )
+        self._bullet.resetBasePositionAndOrientation(body, (x, y, radius), (0.0, 0.0, 0.0, 1.0))
+        self._bullet.resetBaseVelocity(body, (vx, vy, 0.0), (-vy / radius, vx / radius, 0.0))
 
     def command(self, command: Command, *, number: int = 0) -> None:
         """Send a base a velocity command; it holds for 0.15 s and is clipped to the limits."""
@@ -178,7 +168,7 @@ class Simulation:
         for _ in range(RAMPS_PER_TICK):
             for base in self._bases:
                 base.ramp(self.time, TICK / RAMPS_PER_TICK)
-            p.stepSimulation(physicsClientId=self._client)
+            self._bullet.stepSimulation()
         self._ticks += 1
 
     def world(self, *, number: int = 0) -> World:
@@ -191,16 +181,14 @@ class Simulation:
         return World(self.time, dataclasses.replace(state, pose=self._area.at(x, y, yaw)), objects)
 
     def _object_state(self, body: int) -> ObjectState:
-        position, _ = p.getBasePositionAndOrientation(body, physicsClientId=self._client)
-        linear, _ = p.getBaseVelocity(body, physicsClientId=self._client)
+        position, _ = self._bullet.getBasePositionAndOrientation(body)
+        linear, _ = self._bullet.getBaseVelocity(body)
         x, y, _ = self._area.at(position[0], position[1])
         return ObjectState(x, y, linear[0], linear[1])
 
     def close(self) -> None:
         """Free the world; it cannot be used afterwards."""
-        if self._client >= 0:
-            p.disconnect(physicsClientId=self._client)
-            self._client = -1
+        self._bullet.disconnect()
 
     def __enter__(self) -> Simulation:
         return self

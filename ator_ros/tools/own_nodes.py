@@ -67,13 +67,12 @@ class NodeProcesses:
     def start(self, name: str, parameters: Mapping[str, object]) -> None:
         """Start our executable `name` with these parameters; NodesError if it is not installed."""
         arguments = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
-        words = [_executable("ator_ros", name, "nodes"), *(["--ros-args", *arguments] if arguments else [])]
-        self._run(name, words, None)
+        self._run(name, [_executable("ator_ros", name, "nodes"), "--ros-args", *arguments])
 
     def start_server(self, server: DeclaredServer) -> None:
         """Start an action server of a domain; NodesError if it is not installed, or cannot be started."""
         if not server.command:
-            self._run(server.name, [_executable(server.package, server.executable)], None)
+            self._run(server.name, [_executable(server.package, server.executable)])
             return
         try:
             self._run(server.name, server.words, server.folder)
@@ -82,7 +81,7 @@ class NodeProcesses:
                 f"servers: command: expected a program, got {server.name}: {error.strerror}"
             ) from error
 
-    def _run(self, name: str, words: Sequence[str], folder: str | None) -> None:
+    def _run(self, name: str, words: Sequence[str], folder: str | None = None) -> None:
         with self._log(name).open("wb") as log:
             self._processes[name] = subprocess.Popen(
                 words,
@@ -159,8 +158,7 @@ def all_nodes(
 ) -> Iterator[NodeProcesses]:
     """Start simulation, refinement, executor and the domain's action servers on an unused ROS domain.
 
-    `simulated` and `executed` are further parameters of simulation and executor. NodesError is raised if a
-    node or a server is not installed.
+    `simulated` and `executed` are further parameters. NodesError is raised if an executable is not installed.
     """
     of_domain = domain_for(source.domain, source.robot)
     for server in of_domain.servers:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import itertools
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from ator_ros.domains.domain import Domain, DomainError, domain_for
@@ -36,9 +35,7 @@ from ator_ros.view.editor import Editor
 from ator_ros.view.page import Page
 
 _PORTS = (1024, 65535)  # below, only root may listen
-_PERIOD = 1.0 / 25.0
-_ROUNDS = 2
-"""Iterations of the loop per processing of commands: a drag is refined 12.5 times a second."""
+_PERIOD = 1.0 / 25.0  # s
 _SIMULATED = {"lockstep": True}
 """The simulation waits for the executor at any speed, so that a busy machine does not change a chain."""
 _EXECUTED = {"odom_timeout": 60.0}
@@ -72,7 +69,14 @@ def serve(
         raise DomainError(f"domain: expected one with chains, got {found.name}, which has none")
     body = found.robot(robot or None)
     source = ToolsetSource(domain=domain or found.name, robot=robot, models=models)
-    with _nodes(attach, real_time_factor, source) as (number, check), contextlib.ExitStack() as closing:
+    number, check = None, lambda: None
+    with contextlib.ExitStack() as closing:
+        if attach:
+            stay_on_this_machine(os.environ)
+        else:
+            nodes = closing.enter_context(all_nodes(real_time_factor, source, _SIMULATED, _EXECUTED))
+            number, check = nodes.domain, nodes.check
+            print(f"view: three nodes start on ROS domain {number} …", flush=True)
         backends: dict[str, RosBackend] = {}
         for name in robots or [""]:
             space = ["--ros-args", "-r", f"__ns:=/{name}"] if name else []
@@ -100,20 +104,6 @@ def serve(
         _loop(editor, page, check)
 
 
-@contextlib.contextmanager
-def _nodes(
-    attach: bool, real_time_factor: float, source: ToolsetSource
-) -> Iterator[tuple[int | None, Callable[[], None]]]:
-    """Yield the ROS domain (None: the environment's), and a function that raises if a node has ended."""
-    if attach:
-        stay_on_this_machine(os.environ)
-        yield None, lambda: None
-        return
-    with all_nodes(real_time_factor, source, _SIMULATED, _EXECUTED) as nodes:
-        print(f"view: three nodes start on ROS domain {nodes.domain} …", flush=True)
-        yield nodes.domain, nodes.check
-
-
 def _models(folder: str, domain: Domain, robot: Robot) -> Mapping[str, Mapping[str, PerformanceModel]]:
     """Read the models of all action sets; sets without models are left out."""
     found = {}
@@ -126,9 +116,9 @@ def _models(folder: str, domain: Domain, robot: Robot) -> Mapping[str, Mapping[s
 
 def _loop(editor: Editor, page: Page, check: Callable[[], None]) -> None:
     due = time.monotonic()
-    for number in itertools.count():
+    while True:
         check()
-        editor.step(() if number % _ROUNDS else page.take_commands())
+        editor.step(page.take_commands())
         page.update(time.monotonic())
         due = max(due + _PERIOD, time.monotonic())
         time.sleep(max(0.0, due - time.monotonic()))

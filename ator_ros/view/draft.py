@@ -17,10 +17,8 @@ from ator_ros.tops.library import LeftOutError, TopLibrary
 from ator_ros.tops.objects import followed
 from ator_ros.world.state import ObjectState, RobotState, World
 
-_MOVED = 0.01
-"""Distance in m, or difference in rad, by which the robot must have moved for a new refinement."""
-_SAME_PLACE = 0.15
-"""Distance in m up to which a goal counts as lying at an object that its step follows."""
+_MOVED = 0.01  # m or rad by which the robot must have moved for a new refinement
+_SAME_PLACE = 0.15  # m up to which a goal counts as lying at an object that its step follows
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -16,8 +16,7 @@ from ator_ros.printable import printable
 _MOST = 500
 _SHOWN = 12
 _RECENT = 20
-_SAME = 0.05
-"""Distance in m, and difference in rad, up to which two starts or goals count as the same."""
+_SAME = 0.05  # m and rad up to which two starts or goals count as the same
 _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>#|~$!])")
 
 
@@ -81,11 +80,6 @@ class History:
     def chains(self) -> tuple[ExecutedChain, ...]:
         """The chains, the oldest first."""
         return tuple(chain for chain, _ in tuple(self._chains))
-
-    @property
-    def gains(self) -> tuple[float, ...]:
-        """By how many s each refined chain was faster than the last unrefined one that it repeats, or NaN."""
-        return tuple(gain for _, gain in tuple(self._chains))
 
     def report(self, learned: str = "") -> str:
         """Return, in Markdown, the mean error and gain, the learned models, and the newest chains."""

@@ -119,14 +119,9 @@ class Panel:
             self._button("Play refined", lambda: editor.execute(REFINED))
             self._button("Race: naive, then refined", lambda: editor.execute(NAIVE, REFINED))
             if editor.backend.can_place:
-                self._buttons(
-                    "Time",
-                    {
-                        "pause": lambda: editor.pause(paused=True),
-                        "go on": lambda: editor.pause(paused=False),
-                        "back": editor.reset,
-                    },
-                )
+                self._button("Pause", lambda: editor.pause(paused=True))
+                self._button("Go on", lambda: editor.pause(paused=False))
+                self._button("Back to the start", editor.reset)
             else:
                 self._button("Stop", editor.stop)
             self._verdict = gui.add_markdown("")
@@ -209,10 +204,6 @@ class Panel:
 
     def _button(self, label: str, command: Callable[[], None]) -> None:
         self._gui.add_button(label).on_click(lambda _: self._commands.put(command))
-
-    def _buttons(self, label: str, commands: Mapping[str, Callable[[], None]]) -> None:
-        group = self._gui.add_button_group(label, tuple(commands))
-        group.on_click(lambda _: self._commands.put(commands[group.value]))
 
     def _on_change(self, field: Any, command: Callable[[Any], None]) -> None:
         """Queue what a client enters; values that we set ourselves are no commands."""

@@ -17,20 +17,10 @@ from ator_ros.nodes.network import stay_on_this_machine
 
 
 class Hosted:
-    """A node of ours that spins in a thread until it is closed; one at a time.
+    """A node of ours, named as its executable, that spins in a thread until it is closed; one at a time.
 
-    Parameters
-    ----------
-    name : str
-        Of the executable whose node it is.
-    domain : int
-        ROS domain.
-    said : callable
-        Returns what was written to standard output and error since it was last called.
-    words : str
-        Other ROS arguments.
-    parameters : object
-        The node's ROS parameters.
+    `said` returns what was written to standard output and error since it was last called; `words` are other
+    ROS arguments, and `parameters` the node's.
     """
 
     def __init__(

@@ -27,23 +27,8 @@ _OFF = 0.1
 class PlayedNodes:
     """A simulation of robot and ball, refinement, and an executor that ends no goal.
 
-    Parameters
-    ----------
-    domain : int
-        ROS domain.
-    from_tf : bool
-        Whether the robot's state comes from tf alone, and the executor says so.
-
-    Attributes
-    ----------
-    paused : bool
-        Whether time stands still.
-    robot : Pose
-        Where the robot is.
-    accepts : bool
-        Whether the executor accepts goals.
-    silent : bool
-        Whether it publishes no status of those that it has accepted.
+    With `from_tf` the robot's state comes from tf alone, and the executor says so. `accepts` is whether the
+    executor accepts goals, `silent` whether it publishes no status of them.
     """
 
     def __init__(self, domain: int, *, from_tf: bool = False) -> None:

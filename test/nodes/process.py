@@ -20,20 +20,9 @@ LOGS: list[Path] = []
 
 
 class Process:
-    """An installed executable, running.
+    """An installed executable with its command line, whose output goes to `log`.
 
-    Parameters
-    ----------
-    name : str
-        Of the executable in lib/ator_ros.
-    log : Path
-        Where its output goes.
-    domain : int
-        ROS domain.
-    arguments : sequence of str
-        Command line.
-    environment : mapping, optional
-        Environment variables that differ; None takes one away.
+    `environment` are variables that differ; None takes one away.
     """
 
     def __init__(
@@ -98,15 +87,7 @@ class Process:
 
 
 class Processes:
-    """The executables that a test has started; none of them outlives it.
-
-    Parameters
-    ----------
-    domain : int
-        ROS domain.
-    logs : Path
-        Folder for their output.
-    """
+    """The executables that a test has started, with their output in `logs`; none of them outlives it."""
 
     def __init__(self, domain: int, logs: Path) -> None:
         self._domain, self._logs = domain, logs

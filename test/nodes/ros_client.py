@@ -30,18 +30,8 @@ RETRY = 8.0
 class Client:
     """A node in this process that listens to odom and ball, commands, and calls services.
 
-    Parameters
-    ----------
-    domain : int
-        ROS domain.
-    namespace : str
-        Of the robot that it listens to.
-    frame : str
-        The frame of that robot's odometry.
-    steers : bool
-        Whether it publishes commands: one process cannot have a topic with two types.
-    observes : bool
-        Whether it subscribes to odom and ball.
+    `frame` is that of the robot's odometry in `namespace`. With `steers` it publishes commands: one process
+    cannot have a topic with two types. With `observes` it subscribes to odom and ball.
     """
 
     def __init__(

@@ -45,7 +45,6 @@ def test_help_tells_the_parameters(ended: Ended, name: str, parameter: str) -> N
     code, output = ended(name, "--help")
     assert code == 0
     assert f"\n  {parameter} " in output
-    assert "Parameters: below" in output
 
 
 def test_words_that_are_not_ros_s_end_a_node(ended: Ended) -> None:
