@@ -19,21 +19,7 @@ PERIOD = 0.05
 
 
 class MovingBase:
-    """Follows its commands at once; starts at the origin.
-
-    Parameters
-    ----------
-    client : Client
-        Whose node it uses.
-    kind : type
-        Of its commands: Twist or TwistStamped.
-    topic, odom, frame : str
-        Its topics, and the frame of its odometry.
-    qos : QoSProfile
-        Of its subscription.
-    share : float
-        Of the commanded speed, with which it moves.
-    """
+    """Follows its commands at once; starts at the origin, and moves with a `share` of the commanded speed."""
 
     def __init__(
         self,

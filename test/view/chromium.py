@@ -38,17 +38,7 @@ def need_browser(request: pytest.FixtureRequest) -> None:
 
 
 class Chromium:
-    """One tab; a context manager.
-
-    Parameters
-    ----------
-    folder : Path
-        Empty folder for its profile.
-    url : str
-        Page to open.
-    patience : float
-        Seconds that each thing may take.
-    """
+    """One tab that shows `url`, with an empty folder for its profile; a context manager."""
 
     def __init__(self, folder: Path, url: str, *, patience: float = 120.0) -> None:
         assert EXECUTABLE is not None

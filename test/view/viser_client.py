@@ -23,25 +23,15 @@ _HEIGHT = 1000.0
 
 
 class ViserClient:
-    """Connected at once; `scene` is what it would draw.
+    """Connected at once; `scene` has the position of each node, by name, None until one is sent.
 
-    Attributes
-    ----------
-    scene : dict
-        Position of each node that is there, by name; None until one is sent.
-    drawn : Counter
-        How often each node was sent, or its lines were.
-    fields : dict of str to str
-        Identifiers of the panel's fields, by label.
-    patience : float
-        Seconds that each thing may take.
+    `drawn` counts how often each node was sent, or its lines were.
     """
 
     def __init__(self, port: int) -> None:
         self.scene: dict[str, Any] = {}
         self.patience = _PATIENCE
         self.drawn = Counter[str]()
-        self.fields: dict[str, str] = {}
         self._texts: dict[str, str] = {}
         version = f"viser-v{viser.__version__}"
         self._socket = connect(f"ws://127.0.0.1:{port}", subprotocols=[version], max_size=None)  # type: ignore[list-item]
@@ -69,7 +59,6 @@ class ViserClient:
         elif kind == "GuiUpdateMessage":
             self._write(message["uuid"], message["updates"])
         elif "container_uuid" in message and "props" in message:
-            self.fields[str(message["props"].get("label"))] = message["uuid"]
             self._write(message["uuid"], message["props"])
         elif name is not None and "props" in message:  # others change what is drawn already
             self.scene.setdefault(str(name), None)
