@@ -212,7 +212,7 @@ class LearnedSets(Generic[User]):
 
     def _log_failure(self, error: Exception) -> None:
         name = "" if self._seen is None else self._seen.name
-        self._node.get_logger().warning(f"the learned set {name} is not used: {error or repr(error)}")
+        self._node.get_logger().warning(f"the learned set {name} is not used: {str(error) or repr(error)}")
 
     def startup_text(self) -> str:
         """Return what a node logs of its models at the start: those of the default action set."""
