@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from ator_ros.actions import TIME_LIMIT
@@ -13,7 +12,6 @@ from ator_ros.execution.chain_executor import ChainExecutor, ChainStep, Ending
 from ator_ros.execution.rolling import Rolling
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
-from ator_ros.robot.response import Foresight
 from ator_ros.simulation.run import judge, place, run
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import TopChain
@@ -30,8 +28,7 @@ class ChainRun:
     duration : float
         In s; the time limit if the chain failed.
     success : bool
-        Whether every action succeeded and the last TOP's post-condition truly holds; with simulated sensors
-        only its terms about objects count.
+        Whether every action succeeded and the last TOP's post-condition truly holds.
     reason : str
         How it ended, in a sentence.
     actions : tuple of float
@@ -73,8 +70,6 @@ def run_chain(
     time_limit: float = TIME_LIMIT,
     executor: ChainExecutor | None = None,
     rolling: Rolling | None = None,
-    observe: Callable[[World], World] | None = None,
-    latency: float = 0.0,
 ) -> ChainRun:
     """Execute `chain` from `start` in a new simulation.
 
@@ -94,35 +89,26 @@ def run_chain(
         Executes the chain; by default a new one.
     rolling : Rolling, optional
         Estimate of how objects roll, which is updated; by default a new one.
-    observe : callable, optional
-        Returns the state that the executor observes, once per tick; by default the true state.
-    latency : float
-        Time in s by which observed states are predicted forward, see `Foresight`.
     """
     rolling = rolling if rolling is not None else Rolling(library.robot)
     if executor is None:
         executor = ChainExecutor(library, chain, time_limit=time_limit, rolling=rolling)
-    foresight = Foresight(robot, latency)
 
-    def steered(observed: World) -> ChainStep:
-        world = foresight.ahead(observed)
+    def steered(world: World) -> ChainStep:
         rolling.observe(world)
-        step = executor.step(world)
-        if step.status is Status.RUNNING:
-            foresight.sent(observed.time, step.command)
-        return step
+        return executor.step(world)
 
     with Simulation(robot) as simulation:
         place(simulation, start)
         ticks, message = round(time_limit * CONTROL_RATE) + 1, "broken off"
         try:
-            done = run(simulation, steered, ticks=ticks, observe=observe)
+            done = run(simulation, steered, ticks=ticks)
             status = Status.RUNNING if done is None else done.status
             message = f"not done after {time_limit:g} s" if done is None else done.message
             ended, ended_actions, last = simulation.time, tuple(executor.records), chain.calls[-1]
         finally:  # an error must not leave the action under way without its end
             executor.break_off(simulation.world(), Ending.CANCELED, message)
-        judgement = judge(simulation, last.top, last.goal, status, message, drifts=observe is not None)
+        judgement = judge(simulation, last.top, last.goal, status, message)
     return ChainRun(
         ended if judgement.success else time_limit,
         judgement.success,

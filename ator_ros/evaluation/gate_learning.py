@@ -184,7 +184,13 @@ def learn_gates(examples: GateExamples, fit: Fit = fit_threshold) -> LearnedGate
     """
     comparison, threshold, tree = compare_gates(examples, fit), fit(examples), fit_tree(examples)
     kinds: dict[str, LearnedGate] = {"threshold": threshold, "tree": tree}
-    careful = [kind for kind in kinds if _is_careful(comparison[kind])]
+    careful = [
+        kind
+        for kind, judged in comparison.items()
+        if kind in kinds
+        and judged["lower"] <= MOST_SLOWER * len(examples.naive)
+        and judged["kept_gain_percent"] >= 100.0 * KEPT
+    ]
     better = max(careful or kinds, key=lambda kind: comparison[kind]["utility"])
     return LearnedGates(threshold, tree, comparison, kinds[better])
 
@@ -238,11 +244,6 @@ def compare_gates(examples: GateExamples, fit: Fit = fit_threshold) -> dict[str,
     results = {name: _judged(examples, rows) for name, rows in refine.items()}
     results["tree"]["accuracy_percent"] = round(100.0 * correct / len(examples.naive), 1)
     return results
-
-
-def _is_careful(judged: Mapping[str, float]) -> bool:
-    runs = judged["higher"] + judged["equal"] + judged["lower"]
-    return judged["lower"] <= MOST_SLOWER * runs and judged["kept_gain_percent"] >= 100.0 * KEPT
 
 
 def _judged(examples: GateExamples, refine: NDArray[np.bool_]) -> dict[str, float]:

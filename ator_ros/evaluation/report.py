@@ -56,7 +56,6 @@ def write_report(folder: Path, result: Mapping[str, Any]) -> Path:
     domain = settings["source"]["domain"]
     versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items())
     parts: list[Part] = [
-        ("p", verdict(summary)),
         ("h2", "Table 1 of the paper"),
         table_1(summary, PAPER_TABLE_1 if domain == DEFAULT else ()),
         ("h2", "All policies on the same starts"),
@@ -90,25 +89,6 @@ def page(title: str, parts: Iterable[Part]) -> str:
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
         f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(body) + "\n</body></html>\n"
     )
-
-
-def verdict(summary: Mapping[str, Any]) -> str:
-    """Return in words what came out."""
-    best = summary.get("gated", summary.get("refined", summary["naive"]))
-    text = (
-        f"Over {summary['situations']} random situations, each chain executed in the simulator, refining "
-        f"headings saves {best['improvement_percent']:.1f} % of the time "
-        f"({_interval(best['improvement_ci95'], 1)} %) "
-        f"and makes {best['lower']} runs slower by more than {100 * EQUAL:.0f} %."
-    )
-    if best["oracle_captured_percent"] is not None:
-        text += (
-            f" That is {best['oracle_captured_percent']:.0f} % of what the best executed heading could save."
-        )
-    if "gated_speed" in summary:
-        speed = summary["gated_speed"]["improvement_percent"]
-        text += f" With the arrival speed free too it saves {speed:.1f} %."
-    return text
 
 
 def table_1(summary: Mapping[str, Any], published: Sequence[tuple[str, ...]]) -> pd.DataFrame:

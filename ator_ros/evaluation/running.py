@@ -12,7 +12,7 @@ from ator_ros.evaluation.situation import Record, Settings, evaluate_trial
 from ator_ros.evaluation.statistics import prediction_errors, summarise
 from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.experience.json_lines import PartialResults
-from ator_ros.experience.parallel import cluster, progress, run_tasks
+from ator_ros.experience.parallel import HERE, Workers, progress, run_tasks
 from ator_ros.experience.table import library_versions
 from ator_ros.files import load, save
 
@@ -71,26 +71,11 @@ def run_situations(
     *,
     situations: int,
     folder: Path,
-    jobs: int = 1,
-    backend: str = "loky",
-    scheduler: str | None = None,
+    workers: Workers = HERE,
 ) -> list[Record]:
     """Evaluate situations 0 to `situations` - 1, except those whose results are already in `folder`.
 
     The same call resumes where it was interrupted.
-
-    Parameters
-    ----------
-    settings : Settings
-        Everything that the results depend on.
-    situations : int
-        Number of situations.
-    folder : Path
-        Folder of partial results.
-    jobs, backend
-        As for `ator_ros.experience.parallel.run_tasks`.
-    scheduler : str, optional
-        Address of a Dask scheduler, see `ator_ros.experience.parallel.cluster`.
 
     Raises
     ------
@@ -103,10 +88,10 @@ def run_situations(
     """
     identity = {"settings": asdict(settings), "digest": settings.source.digest()}
     expected = "results of the same settings, models and gate"
-    with PartialResults(folder / PARTIAL, identity, expected) as partial, cluster(scheduler):
+    with PartialResults(folder / PARTIAL, identity, expected) as partial:
         records = {record["index"]: record for record in partial.results}
         tasks = [(settings, index) for index in range(situations) if index not in records]
-        results = run_tasks(evaluate_trial, tasks, jobs=jobs, backend=backend)
+        results = run_tasks(evaluate_trial, tasks, workers)
         for record in progress(results, done=situations - len(tasks), total=situations, unit="situation"):
             partial.append(record)
             records[record["index"]] = record

@@ -81,30 +81,25 @@ class Settings:
 
 
 class Executions:
-    """Executes chains from one start; equal chains are executed once."""
+    """Executes chains from one start; equal chains are executed once, and their `runs` kept."""
 
     def __init__(self, tools: Toolset, library: TopLibrary, trial: Trial) -> None:
         self._robot, self._library, self._trial = tools.robot, library, trial
         self._time_limit = tools.domain.time_limit
-        self._runs: dict[ChainKey, ChainRun] = {}
+        self.runs: dict[ChainKey, ChainRun] = {}
 
     def __call__(self, chain: TopChain) -> ChainRun:
         """Return the run of `chain`."""
         key = key_of(chain)
-        if key not in self._runs:
+        if key not in self.runs:
             world, limit = self._trial.world, self._time_limit
-            self._runs[key] = run_chain(self._robot, self._library, world, chain, time_limit=limit)
-        return self._runs[key]
+            self.runs[key] = run_chain(self._robot, self._library, world, chain, time_limit=limit)
+        return self.runs[key]
 
     def leg(self, start: World, chain: TopChain) -> float:
         """Return the duration in s of a chain from another start; infinite if it fails."""
         run = run_chain(self._robot, self._library, start, chain, time_limit=self._time_limit)
         return run.duration if run.success else math.inf
-
-    @property
-    def count(self) -> int:
-        """Number of distinct chains executed."""
-        return len(self._runs)
 
 
 def evaluate_trial(task: tuple[Settings, int]) -> Record:
@@ -144,7 +139,7 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
         record.update(_joint_oracle(settings, tools, trial, execute, [c.chain for c in choices.values()]))
     elif settings.oracle:
         record.update(_oracle(settings, tools, trial, execute, naive(tools, trial).chain))
-    record["executed"] = execute.count
+    record["executed"] = len(execute.runs)
     return record
 
 

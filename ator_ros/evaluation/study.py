@@ -104,7 +104,23 @@ SETTINGS = "study settings"
 
 @dataclass(frozen=True)
 class StudySettings:
-    """What the files of a study depend on: options of `study`, and the digest of robot and scene."""
+    """What the files of a study depend on.
+
+    Attributes
+    ----------
+    description_digest, domain, action_set : str
+        Digest of robot and scene, and names of domain and action set.
+    episodes : int
+        Of each action.
+    situations : int
+        Number of situations of the gate, and of others of the evaluation.
+    seed : int
+        Seed of the episodes; fresh episodes, gate and evaluation use the three seeds after it.
+    chain : str or None
+        The chain of the evaluation, if the robot can execute it.
+    oracle : int
+        Number of headings of the first subgoal that the oracle executes.
+    """
 
     description_digest: str
     domain: str
@@ -182,7 +198,17 @@ def study_page(result: StudyResult) -> str:
     parts: list[Part] = [
         ("p", f"Domain {result.domain}, action set {result.action_set}."),
         ("h2", "Actions"),
-        pd.DataFrame(_action_row(name, row) for name, row in result.actions.items()),
+        pd.DataFrame(
+            {
+                "action": name,
+                "episodes": row.episodes,
+                "success": f"{100 * row.success:.2f} %",
+                "mean duration, s": "-" if row.mean_duration_s is None else f"{row.mean_duration_s:.2f}",
+                "model's MAE, s": f"{row.accuracy['mae_s']:.3f}" if "mae_s" in row.accuracy else "-",
+                "RMSE, s": f"{row.accuracy['rmse_s']:.3f}" if "rmse_s" in row.accuracy else "-",
+            }
+            for name, row in result.actions.items()
+        ),
     ]
     if result.left_out:
         parts += [
@@ -198,28 +224,16 @@ def study_page(result: StudyResult) -> str:
             ("p", "The evaluation in full: evaluation/report.html"),
         ]
     if result.variables:
-        parts += [("h2", "Open variables"), pd.DataFrame(map(_variable_row, result.variables))]
+        variables = pd.DataFrame(
+            {
+                "step": f"{each.step} ({each.top})",
+                "open variable": each.name,
+                "free in": f"{100 * each.free:.0f} %",
+                "predicted gain alone, s": f"{each.gain_s:.2f}",
+                "explanation": each.explanation,
+            }
+            for each in result.variables
+        )
+        parts += [("h2", "Open variables"), variables]
     parts += [("h2", "To repeat this"), ("pre", result.command)]
     return page(f"{result.robot}: actions and their refinement", parts)
-
-
-def _action_row(name: str, row: MeasuredAction) -> dict[str, Any]:
-    errors = [f"{row.accuracy[key]:.3f}" if key in row.accuracy else "-" for key in ("mae_s", "rmse_s")]
-    return {
-        "action": name,
-        "episodes": row.episodes,
-        "success": f"{100 * row.success:.2f} %",
-        "mean duration, s": "-" if row.mean_duration_s is None else f"{row.mean_duration_s:.2f}",
-        "model's MAE, s": errors[0],
-        "RMSE, s": errors[1],
-    }
-
-
-def _variable_row(each: OpenVariable) -> dict[str, Any]:
-    return {
-        "step": f"{each.step} ({each.top})",
-        "open variable": each.name,
-        "free in": f"{100 * each.free:.0f} %",
-        "predicted gain alone, s": f"{each.gain_s:.2f}",
-        "explanation": each.explanation,
-    }

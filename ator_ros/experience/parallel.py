@@ -10,6 +10,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
+from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any, TypeVar
 
@@ -27,8 +28,31 @@ class BackendError(RuntimeError):
     """A parallel backend that cannot be used; the message says what to install or to start."""
 
 
+@dataclass(frozen=True)
+class Workers:
+    """Where tasks are executed.
+
+    Attributes
+    ----------
+    jobs : int
+        Number of worker processes; 1 runs in this process, -1 takes every core. With `dask` the cluster
+        decides and this only says how many tasks are under way at once (-1: as many as it has threads).
+    backend : {"loky", "dask"}
+        Local processes, or a cluster.
+    scheduler : str or None
+        Address of the cluster's scheduler, as in ``tcp://host:8786``.
+    """
+
+    jobs: int = 1
+    backend: str = "loky"
+    scheduler: str | None = None
+
+
+HERE, EVERY_CORE = Workers(), Workers(-1)
+
+
 def run_tasks(
-    function: Callable[[Task], Result], tasks: Sequence[Task], *, jobs: int = 1, backend: str = "loky"
+    function: Callable[[Task], Result], tasks: Sequence[Task], workers: Workers = HERE
 ) -> Iterator[Result]:
     """Yield ``function(task)`` for every task, in the order of the tasks.
 
@@ -41,22 +65,25 @@ def run_tasks(
         A function at the top level of a module.
     tasks : sequence
         Its arguments.
-    jobs : int
-        Number of worker processes; 1 runs in this process, -1 takes every core. With `dask` the cluster
-        decides and this only says how many tasks are under way at once (-1: as many as it has threads).
-    backend : {"loky", "dask"}
-        Local processes, or the cluster of the `distributed.Client` that is open.
+    workers : Workers, optional
+        By default this process.
 
     Raises
     ------
     BackendError
-        The backend is unknown, not installed, or has no cluster to work on; or a worker was killed.
+        The backend is not installed; there is no cluster, it has no workers, or they cannot import this
+        package; or a worker was killed.
     """
-    if backend not in BACKENDS:
-        raise BackendError(f"backend: expected one of {', '.join(BACKENDS)}, got {backend!r}")
-    if backend == "loky" and jobs == 1:
+    if workers == HERE:
         yield from map(function, tasks)
         return
+    with _cluster(workers.scheduler):
+        yield from _parallel(function, tasks, workers.jobs, workers.backend)
+
+
+def _parallel(
+    function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int, backend: str
+) -> Iterator[Result]:
     import joblib  # takes a second
 
     # loky ends workers that were idle or have grown, and starts others; each task is still done.
@@ -108,15 +135,8 @@ def progress(results: Iterable[Result], *, done: int, total: int, unit: str) -> 
 
 
 @contextlib.contextmanager
-def cluster(address: str | None) -> Iterator[None]:
-    """Connect to the dask scheduler at `address`, as in ``tcp://host:8786``; None connects to nothing.
-
-    Raises
-    ------
-    BackendError
-        `distributed` is not installed, no scheduler answers at `address`, the cluster has no workers, or they
-        cannot import this package.
-    """
+def _cluster(address: str | None) -> Iterator[None]:
+    """Connect to the dask scheduler at `address`; None connects to nothing."""
     if address is None:
         yield
         return

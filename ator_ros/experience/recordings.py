@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.experience.columns import MOST_OBJECTS, ExperienceError
+from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.drives import CMD_VEL, ODOM, RECORDS, SHORTEST, TF, SegmentReader, drives
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.records import ENDED, Vocabulary, episode_of
@@ -117,19 +117,18 @@ def select(topics: Iterable[Topic], wanted: Sequence[Wanted], names: Mapping[str
     selection.robots = sorted({*found[ODOM], *found[RECORDS]})
     if names:
         selection.robots = [names.get(ODOM, "").rpartition("/")[0] + "/"]
-    for role, there in found.items():
-        for robot in selection.robots:
-            is_only = robot in found[ODOM] and len(found[ODOM]) == 1
-            read = {ABSOLUTE, robot} & set(there)
-            if not read and (names or (is_only and role not in (ODOM, CMD_VEL))):
-                outer = [space for space in there if robot.startswith(space)]
-                read = {max(outer, key=len)} if outer else set(there)
-            if len(read - {ABSOLUTE}) > 1:
-                several = (topic for space in sorted(there) for topic, _ in there[space])
-                selection.skipped.append(f"skipped {_listed(several)}: expected one of them as {role}")
-                continue
-            for link in itertools.chain.from_iterable(there[space] for space in read):
-                selection.routes[link].append((robot, role))
+    for (role, there), robot in itertools.product(found.items(), selection.robots):
+        is_only = robot in found[ODOM] and len(found[ODOM]) == 1
+        read = {ABSOLUTE, robot} & set(there)
+        if not read and (names or (is_only and role not in (ODOM, CMD_VEL))):
+            outer = [space for space in there if robot.startswith(space)]
+            read = {max(outer, key=len)} if outer else set(there)
+        if len(read - {ABSOLUTE}) > 1:
+            several = (topic for space in sorted(there) for topic, _ in there[space])
+            selection.skipped.append(f"skipped {_listed(several)}: expected one of them as {role}")
+            continue
+        for link in itertools.chain.from_iterable(there[space] for space in read):
+            selection.routes[link].append((robot, role))
     return selection
 
 
@@ -240,10 +239,15 @@ def read_recording(
     if not episodes:
         if wrong := next((recorded.wrong for recorded in by_robot.values() if recorded.wrong), ""):
             raise RecordingError(f"{file}: {RECORDS}: expected a record that can be used, got none: {wrong}")
-        raise RecordingError(f"{file}: {'; '.join([_nothing(selection, topics), *remarks[:3]])}")
+        there = [topic for topic, kind in topics if kind in TYPES[ODOM] | TYPES[CMD_VEL]]
+        found = f"topics of these types: {_listed(there)}; name them with --odom and --cmd-vel"
+        expected = (
+            f"expected the topic {RECORDS}, or odom (Odometry) and cmd_vel (Twist or TwistStamped) in one "
+            f"namespace, with a drive of at least {SHORTEST} s between two stops"
+        )
+        found = found if there else "there are no topics of these types"
+        raise RecordingError(f"{file}: {'; '.join([expected, found, *remarks[:3]])}")
     objects = tuple(dict.fromkeys([*domain.objects, *(name for each in episodes for name in each.objects)]))
-    if len(objects) > MOST_OBJECTS:
-        raise RecordingError(f"{file}: expected at most {MOST_OBJECTS} objects, got {len(objects)}")
     action_sets = sorted(set().union(*(recorded.action_sets for recorded in by_robot.values())))
     if len(action_sets) > 1:
         raise RecordingError(f"{file}: expected records of one action set, got {_listed(action_sets)}")
@@ -288,22 +292,6 @@ def _read(
         why = "it needs too much memory" if isinstance(error, MemoryError) else printable(error, 200)
         raise RecordingError(f"{file}: expected a recording of ros2 bag record -s mcap: {why}") from error
     return by_robot, selection, topics
-
-
-def _nothing(selection: Selection, topics: Iterable[Topic]) -> str:
-    """Return why a recording has no episode, and what can be done."""
-    routed: dict[str, set[str]] = defaultdict(set)
-    for robot, role in itertools.chain.from_iterable(selection.routes.values()):
-        routed[robot].add(role)
-    if any(roles >= {ODOM, CMD_VEL} for roles in routed.values()):
-        read = _listed(topic for topic, _ in selection.routes)
-        return f"expected at least one drive of {SHORTEST} s between two stops on {read}, found none"
-    there = [topic for topic, kind in topics if kind in TYPES[ODOM] | TYPES[CMD_VEL]]
-    found = f"topics of these types: {_listed(there)}; name them with --odom and --cmd-vel"
-    return (
-        f"expected the topic {RECORDS}, or odom (Odometry) and cmd_vel (Twist or TwistStamped) in one "
-        f"namespace; {found if there else 'there are no topics of these types'}"
-    )
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -50,12 +50,8 @@ def calibrate(
         Greatest commands in m/s and rad/s; None: 1.5 times the limits of `robot`.
     space : float
         Free space ahead in m.
-    stamped : str
-        Whether cmd_vel is a TwistStamped: "auto", "true" or "false".
-    frame : str
-        Frame of the odometry.
-    words : sequence of str
-        The command line, for ROS and for the file.
+    stamped, frame, words
+        As for `drive_over_ros`.
     """
     from ator_ros.tools.calibration_drive import drive_over_ros  # needs ROS
 

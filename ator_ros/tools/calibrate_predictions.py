@@ -31,18 +31,10 @@ from ator_ros.tools.command_line import add_models, add_setting, destination, ru
 def calibrate_predictions(
     evaluations: Sequence[Path], source: ToolsetSource, *, command: str, actions: Sequence[str] | None = None
 ) -> None:
-    """Learn corrections of predicted durations from evaluations, and write them beside the models.
+    """Learn corrections of predicted durations from folders of `evaluate`; write them beside the models.
 
-    Parameters
-    ----------
-    evaluations : sequence of Path
-        Folders that `evaluate` has written.
-    source : ToolsetSource
-        Robot and models; the action set is that of the evaluations.
-    command : str
-        The command line, for the file.
-    actions : sequence of str, optional
-        Learn the corrections of these only, and keep those of the others; by default all.
+    `source` is that of robot and models; the action set is that of the evaluations. With `actions`, those of
+    other actions are kept. `command` is the command line, for the file.
     """
     results = [(folder, read_result(folder)) for folder in evaluations]
     sets = {result.settings["source"]["action_set"] for _, result in results}
@@ -74,23 +66,9 @@ def calibrate_predictions(
 def save_learned(
     examples: Sequence[StepExample], source: ToolsetSource, training: Mapping[str, Any], **others: Any
 ) -> None:
-    """Learn a calibration, see `fit_calibration`; write it beside the models, and print its errors.
+    """Learn a calibration, write it beside the models of `source`, and print its errors.
 
-    Parameters
-    ----------
-    examples : sequence of StepExample
-        Executed actions.
-    source : ToolsetSource
-        The models.
-    training : mapping
-        How it is learned, for the file.
-    others
-        Further arguments of `fit_calibration`.
-
-    Raises
-    ------
-    EvaluationError
-        There are too few examples.
+    `training` says how it is learned, for the file; `others` are further arguments of `fit_calibration`.
     """
     models, path = tools_of(source)[0].models, source.folder() / CALIBRATION
     calibration = fit_calibration(examples, models, **others)

@@ -19,7 +19,7 @@ from ator_ros.evaluation.trials import possible_actions
 from ator_ros.experience import collect as simulated
 from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.json_lines import PartialResults
-from ator_ros.experience.parallel import cluster, progress
+from ator_ros.experience.parallel import EVERY_CORE, Workers, progress
 from ator_ros.experience.table import (
     Experience,
     join,
@@ -36,7 +36,7 @@ from ator_ros.tools.command_line import (
     run_tool,
     source_of,
     whole,
-    workers,
+    workers_of,
 )
 
 EPISODES = "episodes of the same seed, robot, domain, action set and versions"
@@ -51,29 +51,13 @@ def collect(
     command: str,
     episodes: int = 1000,
     seed: int = 101,
-    jobs: int = -1,
-    backend: str = "loky",
-    scheduler: str | None = None,
+    workers: Workers = EVERY_CORE,
     over_ros: float | None = None,
 ) -> None:
-    """Execute episodes of each action and write their table; episodes of an interrupted call are kept.
+    """Execute `episodes` of each action and write their table; episodes of an interrupted call are kept.
 
-    Parameters
-    ----------
-    actions : sequence of str
-        Names of actions; those that the robot cannot execute are left out with a message.
-    source : ToolsetSource
-        Domain, robot and set of actions.
-    out : Path
-        The table.
-    command : str
-        The command line, for the table.
-    episodes, seed : int
-        Episodes of each action, and the seed of their situations.
-    jobs, backend, scheduler
-        As for `ator_ros.experience.parallel`.
-    over_ros : float, optional
-        Drive over ROS with this real-time factor; by default in the simulator without ROS.
+    Actions that the robot cannot execute are left out with a message. `command` is the command line, for the
+    table. With `over_ros`, a real-time factor, actions are executed over ROS, else in the simulator alone.
     """
     require_pyarrow()
     domain, robot = find_domain(source.domain), source.described()
@@ -89,7 +73,7 @@ def collect(
     versions = {"versions": library_versions()}
     identity = {**settings, **versions, "robot": robot.sections(), "over_ros": over_ros is not None}
     partial = PartialResults(out.with_suffix(".episodes.jsonl"), identity, EPISODES)
-    with partial, cluster(scheduler):
+    with partial:
         frames = map(pd.DataFrame, partial.results)
         there = {(frame["action"].iloc[0], int(frame["episode"].iloc[0])): frame for frame in frames}
         if over_ros is None:
@@ -100,8 +84,7 @@ def collect(
                 objects=domain.objects,
                 episodes=episodes,
                 seed=seed,
-                jobs=jobs,
-                backend=backend,
+                workers=workers,
                 time_limit=domain.time_limit,
                 finished=frozenset(there),
             )
@@ -175,7 +158,7 @@ def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
         episodes=options.episodes,
         seed=options.seed,
         over_ros=options.real_time_factor if options.over_ros else None,
-        **workers(options),
+        workers=workers_of(options),
     )
 
 

@@ -19,7 +19,7 @@ from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.experience.columns import ExperienceError
-from ator_ros.experience.parallel import BACKENDS, BackendError
+from ator_ros.experience.parallel import BACKENDS, BackendError, Workers
 from ator_ros.files import FileError, portable_command
 from ator_ros.performance.model_file import ModelFileError
 from ator_ros.performance.training import TrainingError
@@ -164,9 +164,9 @@ def add_parallel_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, as in tcp://host:8786")
 
 
-def workers(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of `add_parallel_options` as arguments of what runs in parallel."""
-    return {"jobs": options.jobs, "backend": options.backend, "scheduler": options.cluster}
+def workers_of(options: argparse.Namespace) -> Workers:
+    """Return the workers that the options of `add_parallel_options` name."""
+    return Workers(options.jobs, options.backend, options.cluster)
 
 
 def parse(

@@ -14,7 +14,7 @@ from ator_ros.evaluation.running import PARTIAL, RESULT, run_situations, write_r
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import make_toolset
 from ator_ros.evaluation.trials import EvaluationError
-from ator_ros.files import exclusive_folder
+from ator_ros.experience.parallel import EVERY_CORE, Workers
 from ator_ros.tools.command_line import (
     RESUMES,
     add_models,
@@ -24,7 +24,7 @@ from ator_ros.tools.command_line import (
     run_tool,
     source_of,
     whole,
-    workers,
+    workers_of,
 )
 
 
@@ -34,36 +34,20 @@ def evaluate(
     *,
     command: str,
     situations: int = 100,
-    jobs: int = -1,
-    backend: str = "loky",
-    scheduler: str | None = None,
+    workers: Workers = EVERY_CORE,
 ) -> None:
     """Execute situations with every policy; write `evaluation.json` and the report, and print the tables.
 
-    Parameters
-    ----------
-    settings : Settings
-        Seed, chain, policies, oracle, and where robot, models and gate come from.
-    out : Path
-        Folder of the results.
-    command : str
-        The command line, for the result.
-    situations : int
-        Number of situations.
-    jobs, backend, scheduler
-        As for `run_situations`.
+    `command` is the command line, for the result.
     """
     make_toolset(settings.source)  # a damaged file is reported before anything is executed
-    with exclusive_folder(out):
-        records = run_situations(
-            settings, situations=situations, folder=out, jobs=jobs, backend=backend, scheduler=scheduler
-        )
-        result = write_result(out, settings, records, command)
-        for table in (policy_table(result["summary"]), prediction_table(result["summary"])):
-            if len(table):
-                print(table.to_string(index=False), end="\n\n")
-        report = write_report(out, result)
-        (out / PARTIAL).unlink()
+    records = run_situations(settings, situations=situations, folder=out, workers=workers)
+    result = write_result(out, settings, records, command)
+    for table in (policy_table(result["summary"]), prediction_table(result["summary"])):
+        if len(table):
+            print(table.to_string(index=False), end="\n\n")
+    report = write_report(out, result)
+    (out / PARTIAL).unlink(missing_ok=True)
     print(f"wrote {out / RESULT} and {report}")
 
 
@@ -138,7 +122,9 @@ def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
         source=source,
         joint_oracle=options.oracle_jointly,
     )
-    evaluate(settings, options.out, command=command, situations=options.situations, **workers(options))
+    evaluate(
+        settings, options.out, command=command, situations=options.situations, workers=workers_of(options)
+    )
 
 
 def main(argv: Sequence[str] | None = None) -> int:

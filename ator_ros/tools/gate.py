@@ -27,8 +27,8 @@ from ator_ros.evaluation.running import run_situations
 from ator_ros.evaluation.situation import Record, Settings
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
 from ator_ros.evaluation.trials import EvaluationError
+from ator_ros.experience.parallel import EVERY_CORE, Workers
 from ator_ros.experience.table import join, read_experience
-from ator_ros.files import exclusive_folder
 from ator_ros.refinement.gate import GATE, Gate, OpenGate, opened, save_gate
 from ator_ros.tools.calibrate_predictions import save_learned
 from ator_ros.tools.command_line import (
@@ -39,7 +39,7 @@ from ator_ros.tools.command_line import (
     run_tool,
     source_of,
     whole,
-    workers,
+    workers_of,
 )
 
 ROOM = 1.5
@@ -57,32 +57,26 @@ def learn_gate(
     room: bool = False,
     calibrate: bool = False,
     draw_errors: bool = False,
-    jobs: int = -1,
-    backend: str = "loky",
-    scheduler: str | None = None,
+    workers: Workers = EVERY_CORE,
 ) -> None:
     """Learn the gate of a chain from executed situations, and write it beside the models.
 
     Parameters
     ----------
-    source : ToolsetSource
-        Robot, actions and models.
-    chain : str
-        Name of the domain's chain.
+    source, chain
+        Robot, actions and models, and the name of the domain's chain.
     work : Path
         Folder of partial results.
     command : str
         The command line, for the file.
-    situations, seed : int
-        Number and seed of the situations.
+    situations, seed, workers
+        As for `run_situations`.
     room : bool
         Choose no arrival at a speed at which the robot could not stop before a bay.
     calibrate : bool
         Also learn corrections of predictions; the gate then judges corrected predictions.
     draw_errors : bool
         Learn a threshold from errors drawn for each chain from those of similar ones.
-    jobs, backend, scheduler
-        As for `run_situations`.
     """
     source.require_executable(chain)
     source.digests(chain)  # a missing model is reported before anything is executed
@@ -90,10 +84,7 @@ def learn_gate(
     if room:
         gate = OpenGate(widths=gate.widths, room=ROOM)
     settings = Settings(seed, chain, policies, source=source, room=ROOM if room else 0.0)
-    with exclusive_folder(work):
-        records = run_situations(
-            settings, situations=situations, folder=work, jobs=jobs, backend=backend, scheduler=scheduler
-        )
+    records = run_situations(settings, situations=situations, folder=work, workers=workers)
     steps: list[StepExample] = []
     if calibrate:
         steps, records = _corrected(records, source, seed, chain, gate)
@@ -201,7 +192,9 @@ def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
     sizes = {"situations": options.situations, "seed": options.seed}
     of_executed = {name: getattr(options, name) for name in ("room", "calibrate", "draw_errors")}
     if not options.episodes:
-        learn_gate(source, chain, options.work, command=command, **sizes, **of_executed, **workers(options))
+        learn_gate(
+            source, chain, options.work, command=command, **sizes, **of_executed, workers=workers_of(options)
+        )
         return
     for name, given in of_executed.items():
         if given:

@@ -33,16 +33,7 @@ def plan(
 ) -> None:
     """Print the chains that achieve a goal, the best one first.
 
-    Parameters
-    ----------
-    domain, robot
-        Domain and robot.
-    goal : sequence of str
-        A name, or statements.
-    world : World
-        Where robot and objects are.
-    action_set, models : str
-        Name of the set of actions, and folder of the models; empty: the shipped ones.
+    The goal is a name or statements; `models` is the folder of the models, empty: as shipped.
     """
     library = domain.library(robot, action_set)
     chains = chains_for(_statements(goal, domain, robot), world, library, domain.objects)

@@ -28,8 +28,9 @@ from ator_ros.evaluation.study import (
 )
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
 from ator_ros.evaluation.trials import EvaluationError, possible_actions, possible_chain, random_trial
+from ator_ros.experience.parallel import EVERY_CORE, Workers
 from ator_ros.experience.table import join, read_experience
-from ator_ros.files import FileError, load, save, write_text
+from ator_ros.files import load, save, write_text
 from ator_ros.performance.model_file import load_model
 from ator_ros.refinement.gate import GATE
 from ator_ros.robot.description import Robot
@@ -47,73 +48,42 @@ MARGIN = 1.0
 
 
 def study(
-    out: Path,
-    source: ToolsetSource,
-    *,
-    command: str,
-    episodes: int,
-    situations: int,
-    seed: int,
-    chain: str | None,
-    oracle: int,
-    jobs: int = -1,
+    out: Path, source: ToolsetSource, settings: StudySettings, *, command: str, workers: Workers = EVERY_CORE
 ) -> None:
-    """Collect, train, learn the gate and evaluate for a robot; write `study.json` and `study.html`.
+    """Collect, train, learn the gate and evaluate for a robot; write `study.json` and `study.html` to `out`.
 
-    Parameters
-    ----------
-    out : Path
-        Folder of the study.
-    source : ToolsetSource
-        Domain, robot, set of actions, and the folder of the models that are learned.
-    command : str
-        The command line, for the result.
-    episodes : int
-        Of each action.
-    situations : int
-        Number of situations of the gate, and of others of the evaluation.
-    seed : int
-        Seed of the episodes; fresh episodes, gate and evaluation use the three seeds after it.
-    chain : str or None
-        The chain of the evaluation, if the robot can execute it.
-    oracle : int
-        Number of headings of the first subgoal that the oracle executes.
-    jobs : int
-        Worker processes; -1: one per core.
+    `source` names the folder of the models that are learned; `command` is the command line, for the result.
     """
     of_domain, described, action_set = find_domain(source.domain), source.described(), source.action_set
-    settings = StudySettings(
-        described.description_digest(), source.domain, action_set, episodes, situations, seed, chain, oracle
-    )
     actions, left_out = possible_actions(of_domain, action_set, described)
     if not actions:
         raise EvaluationError("; ".join(dict.fromkeys(left_out.values())) or f"{of_domain.name}: no actions")
     for name, reason in left_out.items():
         print(f"study: without {name}: {reason}", file=sys.stderr)
     _begin(out, settings)
-    tables = {
-        kind: _collected(out / kind, source, settings, seed + after, actions, jobs)
+    tables = [
+        _collected(out / kind, source, settings, settings.seed + after, actions, workers)
         for after, kind in enumerate(("experience", "fresh"))
-    }
+    ]
     if not all((source.folder() / f"{action}.json").exists() for action in actions):
         print("study: models", flush=True)
         train(
-            list(tables["experience"].values()),
+            tables[0],
             Path(source.models),
             command="train of study",
-            fresh=list(tables["fresh"].values()),
+            fresh=tables[1],
             domain=of_domain,
             robot=described,
             gate=False,
         )
     learned = [name for name in actions if (source.folder() / f"{name}.json").exists()]
-    possible = possible_chain(of_domain, make_library(described, source), chain, learned)
+    possible = possible_chain(of_domain, make_library(described, source), settings.chain, learned)
     evaluation: dict[str, Any] | None = None
     variables: tuple[OpenVariable, ...] = ()
     if possible is None:
         print(f"study: without an evaluation: no chain of {of_domain.name} has only {', '.join(learned)}")
     else:
-        evaluation = _evaluated(out, source, settings, possible, jobs)
+        evaluation = _evaluated(out, source, settings, possible, workers)
         variables = _variables(source, settings, possible)
     result = StudyResult(
         command=command,
@@ -140,10 +110,7 @@ def _begin(out: Path, ours: StudySettings) -> None:
     if not os.path.lexists(file):
         save(file, SETTINGS, ours)
         return
-    try:
-        theirs = load(file, SETTINGS, StudySettings)
-    except FileError as error:
-        raise EvaluationError(f"{error}: choose another --out") from error
+    theirs = load(file, SETTINGS, StudySettings)
     for name, value in vars(ours).items():
         if (found := getattr(theirs, name)) != value:
             raise EvaluationError(
@@ -158,31 +125,29 @@ def _collected(
     settings: StudySettings,
     seed: int,
     actions: Sequence[str],
-    jobs: int,
-) -> dict[str, Path]:
-    """Collect the tables that are missing or were interrupted; return them by action."""
-    tables = {}
-    for action in actions:
-        tables[action] = table = folder / f"{action}.parquet"
-        if table.exists():
-            continue
-        print(f"study: {folder.name} of {action}", flush=True)
-        collect(
-            [action], source, table, command=f"collect of study, seed {seed}", episodes=settings.episodes,
-            seed=seed, jobs=jobs,
-        )  # fmt: skip
+    workers: Workers,
+) -> list[Path]:
+    """Collect the tables that are missing or were interrupted; return all, one for each action."""
+    tables = [folder / f"{action}.parquet" for action in actions]
+    for action, table in zip(actions, tables, strict=True):
+        if not table.exists():
+            print(f"study: {folder.name} of {action}", flush=True)
+            collect(
+                [action], source, table, command=f"collect of study, seed {seed}", episodes=settings.episodes,
+                seed=seed, workers=workers,
+            )  # fmt: skip
     return tables
 
 
 def _evaluated(
-    out: Path, source: ToolsetSource, settings: StudySettings, chain: str, jobs: int
+    out: Path, source: ToolsetSource, settings: StudySettings, chain: str, workers: Workers
 ) -> dict[str, Any]:
     """Learn the gate and evaluate, unless this is done already; return the summary."""
     if not (source.folder() / GATE).exists():
         print("study: gate", flush=True)
         learn_gate(
             source, chain, out / "gate", command="gate of study", situations=settings.situations,
-            seed=settings.seed + 2, room=True, calibrate=True, draw_errors=True, jobs=jobs,
+            seed=settings.seed + 2, room=True, calibrate=True, draw_errors=True, workers=workers,
         )  # fmt: skip
     folder = out / "evaluation"
     if not (folder / RESULT).exists():
@@ -191,7 +156,9 @@ def _evaluated(
             settings.seed + 3, chain, POLICIES, settings.oracle,
             MARGIN if settings.oracle else None, source=source,
         )  # fmt: skip
-        evaluate(evaluated, folder, command="evaluate of study", situations=settings.situations, jobs=jobs)
+        evaluate(
+            evaluated, folder, command="evaluate of study", situations=settings.situations, workers=workers
+        )
     return read_result(folder).summary
 
 
@@ -251,17 +218,12 @@ def arguments() -> argparse.ArgumentParser:
 
 
 def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
-    study(
-        options.out,
-        dataclasses.replace(source_of(options), models=str(options.out / "models")),
-        command=command,
-        episodes=options.episodes,
-        situations=options.situations,
-        seed=options.seed,
-        chain=options.chain,
-        oracle=options.oracle,
-        jobs=options.jobs,
+    source = dataclasses.replace(source_of(options), models=str(options.out / "models"))
+    sizes = (options.episodes, options.situations, options.seed, options.chain, options.oracle)
+    settings = StudySettings(
+        source.described().description_digest(), source.domain, source.action_set, *sizes
     )
+    study(options.out, source, settings, command=command, workers=Workers(options.jobs))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -63,12 +63,8 @@ def train(
         Of the models.
     command : str
         The command line, for the files.
-    domain, robot
-        The domain and its robot.
-    action_set : str, optional
-        Action set of recorded odometry and commands; tables and records name their own.
-    topics : mapping, optional
-        Topics of odometry and commands in recordings, see `read_recording`.
+    domain, robot, action_set, topics
+        As for `read_sources`.
     observed : bool
         Learn from odometry, goals and results alone.
     gate : bool

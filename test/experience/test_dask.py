@@ -18,7 +18,7 @@ import pytest
 from experience_rows import made_up_model
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.parallel import BackendError, cluster, run_tasks
+from ator_ros.experience.parallel import BackendError, Workers, run_tasks
 from ator_ros.experience.table import read_experience
 from ator_ros.performance.model_file import save_model
 from ator_ros.robot.description import load_robot
@@ -64,22 +64,22 @@ def test_evaluate_gives_the_same_runs(address: str, tmp_path: Path) -> None:
 
 def test_an_address_that_is_none_is_refused() -> None:
     expected = "cluster: expected a dask scheduler as in tcp://host:8786, got 'nowhere'"
-    with pytest.raises(BackendError, match=expected), cluster("nowhere"):
-        pass
+    with pytest.raises(BackendError, match=expected):
+        list(run_tasks(abs, [1], Workers(2, "dask", "nowhere")))
 
 
 def test_dask_without_a_cluster_is_refused() -> None:
     gc.collect()  # dask stumbles over clients of former tests that are collected meanwhile
     with pytest.raises(BackendError, match="'dask' cannot be used"):
-        list(run_tasks(abs, [1], jobs=2, backend="dask"))
+        list(run_tasks(abs, [1], Workers(2, "dask")))
 
 
 PROGRAM = """
 import os, signal, time
-from ator_ros.experience.parallel import run_tasks
+from ator_ros.experience.parallel import Workers, run_tasks
 
 before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
-results = list(run_tasks(abs, [-1, -2], jobs=-1))
+results = list(run_tasks(abs, [-1, -2], Workers(-1)))
 time.sleep(0.5)
 assert results == [1, 2]
 assert before == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
@@ -107,9 +107,8 @@ def test_results_come_as_they_are_made(address: str, tmp_path: Path) -> None:
     files = [tmp_path / name for name in ("one", "two", "three")]
     for file in files if joblib.__version__.startswith("1.3.") else files[:1]:  # 1.3 gives all at once
         file.touch()
-    with cluster(address):
-        results = run_tasks(wait_for, files, jobs=-1, backend="dask")
-        assert next(results) == "one"  # the others wait for what is made only now
-        for file in files[1:]:
-            file.touch()
-        assert list(results) == ["two", "three"]
+    results = run_tasks(wait_for, files, Workers(-1, "dask", address))
+    assert next(results) == "one"  # the others wait for what is made only now
+    for file in files[1:]:
+        file.touch()
+    assert list(results) == ["two", "three"]

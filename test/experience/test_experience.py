@@ -27,6 +27,7 @@ from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
 from ator_ros.experience.collect import collect
 from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.episode import run_episode
+from ator_ros.experience.parallel import Workers
 from ator_ros.experience.table import (
     Experience,
     join,
@@ -143,7 +144,7 @@ def test_a_ball_that_is_lost_makes_a_failure_of_a_good_end(robot: Robot) -> None
 
 def test_same_seed_gives_the_same_table_whatever_the_workers(robot: Robot, frame: pd.DataFrame) -> None:
     tops, objects = SOCCER.tops, SOCCER.objects
-    parallel = join(collect([TURNING], tops, robot, objects=objects, episodes=6, seed=5, jobs=2))
+    parallel = join(collect([TURNING], tops, robot, objects=objects, episodes=6, seed=5, workers=Workers(2)))
     pd.testing.assert_frame_equal(parallel, frame, check_exact=True)
     other = join(collect([TURNING], tops, robot, objects=objects, episodes=1, seed=6))
     assert other["x"].iloc[0] != frame["x"].iloc[0]

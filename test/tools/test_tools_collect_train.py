@@ -18,11 +18,11 @@ import pytest
 from experience_rows import made_up_experience
 from selection import few
 
-from ator_ros.experience.parallel import run_tasks
+from ator_ros.experience.parallel import Workers, run_tasks
 from ator_ros.experience.table import Experience, read_experience, write_experience
 from ator_ros.refinement.gate import ThresholdGate, load_gate, save_gate
 from ator_ros.robot.description import load_robot
-from ator_ros.tools import collect, train
+from ator_ros.tools import collect, evaluate, train
 from ator_ros.tools.command_line import INTERRUPTED
 from scripts import accuracy
 
@@ -61,7 +61,7 @@ def test_collect_keeps_the_finished_episodes_when_a_worker_is_killed(
 ) -> None:
     def broken(*args: Any, **options: Any) -> Iterator[pd.DataFrame]:
         yield made_up_experience("goToPose", episodes=3)
-        yield from run_tasks(die, [signal.SIGKILL] * 2, jobs=2)
+        yield from run_tasks(die, [signal.SIGKILL] * 2, Workers(2))
 
     monkeypatch.setattr(collect.simulated, "collect", broken)
     file = tmp_path / "part.parquet"
@@ -137,11 +137,16 @@ def test_finished_episodes_of_other_settings_are_not_continued(
     assert kept.read_bytes() == before
 
 
-def test_two_collections_do_not_share_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    kept = tmp_path / "t.episodes.jsonl"
-    with kept.open("ab") as file:
+@pytest.mark.parametrize(
+    ("tool", "out", "partial"),
+    [(collect, "t.parquet", "t.episodes.jsonl"), (evaluate, ".", "situations.jsonl")],
+)
+def test_two_commands_do_not_share_a_result(
+    tool: Any, out: str, partial: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with (tmp_path / partial).open("ab") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        assert collect.main(["--actions", "goToPose", "--out", str(tmp_path / "t.parquet")]) == 1
+        assert tool.main(["--out", str(tmp_path / out)]) == 1
     assert "expected a file of its own, another command is writing it" in capsys.readouterr().err
 
 
