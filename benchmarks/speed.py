@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, started
+from ator_ros.actions.base import Action, ActionError, Goal, Point, Status
 from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of, objects_of
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
@@ -121,16 +121,17 @@ def tick_times(action: Action, world: World, goal: Goal) -> list[float]:
     """Return the processor time in s of each tick of an action whose robot follows every command."""
     began, times = time.process_time(), []
     try:
-        with started(action, world, goal, "measured"):
-            for _ in range(TICKS):
-                step = action.step(world)
-                times.append(time.process_time() - began)
-                if step.status is not Status.RUNNING:
-                    break
-                world = _after(action.robot, world, step.command or STOP)
-                began = time.process_time()
+        action.start(world, goal)
     except ActionError:
+        return [time.process_time() - began]
+    for _ in range(TICKS):
+        step = action.step(world)
         times.append(time.process_time() - began)
+        if step.status is not Status.RUNNING:
+            break
+        world = _after(action.robot, world, step.command or STOP)
+        began = time.process_time()
+    action.end("measured")
     return times
 
 

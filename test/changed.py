@@ -20,29 +20,18 @@ class Changed:
         Time constant of the motors in s; 0: as described.
     wheels : (float, float)
         See `Simulation`.
-    rolls : float
-        How many times as far objects roll.
     """
 
     acceleration: float = 1.0
     lag: float = 0.0
     wheels: tuple[float, float] = (1.0, 1.0)
-    rolls: float = 1.0
 
     def robot(self, described: Robot) -> Robot:
         """Return the robot as it is, which the simulation is made of; the described one still plans."""
         limits, share = described.limits, self.acceleration
         slower = Limits(limits.v, limits.w, share * limits.a, limits.brake, share * limits.aw)
-        objects = {
-            name: dataclasses.replace(item, rolling_deceleration=item.rolling_deceleration / self.rolls)
-            for name, item in described.scene.objects.items()
-        }
-        return dataclasses.replace(
-            described,
-            limits=slower,
-            motor_time_constant=self.lag or described.motor_time_constant,
-            scene=dataclasses.replace(described.scene, objects=objects),
-        )
+        lag = self.lag or described.motor_time_constant
+        return dataclasses.replace(described, limits=slower, motor_time_constant=lag)
 
 
 CHANGES: dict[str, Changed] = {
@@ -50,7 +39,5 @@ CHANGES: dict[str, Changed] = {
     "motors": Changed(acceleration=0.7),
     "lag": Changed(lag=0.12),
     "wheel": Changed(wheels=(0.92, 1.0)),
-    "roll": Changed(rolls=2.0),
 }
-"""No change; 70 % of the motors' acceleration; motors that lag by 0.12 s; a wheel that slips by 8 %; objects
-that roll twice as far."""
+"""No change; 70 % of the motors' acceleration; motors that lag by 0.12 s; a wheel that slips by 8 %."""

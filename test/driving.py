@@ -6,12 +6,13 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from executions import execution as execution_of
+
 from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.motion_watch import Driving
-from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.supervisor import Deadlines, Phase, Supervisor
+from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.sensors import ObjectErrors, SensorConfig, Sensors
 from ator_ros.simulation.simulation import TICK, Simulation
@@ -101,16 +102,7 @@ def drive(
     `odometry` changes what is told of the world, `motors` what the base makes of a command at a time (s).
     """
     base, robot = base or Base(), library.robot
-    execution = Supervisor(
-        library,
-        chain,
-        refine=False,
-        again_after=0.0,
-        now=0.0,
-        predictor=Predictor(robot, {}),
-        deadlines=Deadlines(),
-        fence=fence or Fence.around(robot),
-    )
+    execution = execution_of(chain, library=library, again_after=0.0, now=0.0, fence=fence)
     done, driving, sensors = Drive(execution), Driving(robot, base.latency), Sensors(base.sensors, seed)
     errors = base.sensors.objects.get(BALL, ObjectErrors())
     tracker, last = ObjectTracker(errors.noise, errors.velocity_noise), -1.0
@@ -122,7 +114,10 @@ def drive(
             )
         while execution.phase is not Phase.ENDED and simulation.time < limit:
             world = simulation.world()
-            seen, now = odometry(tracker.observe(sensors.observe(world), BALL)), world.time
+            seen, now = sensors.observe(world), world.time
+            if ball_of(seen) is not None:
+                seen = seen.with_object(BALL, tracker.update(seen.time, ball_of(seen)))
+            seen = odometry(seen)
             if seen.time > last:
                 last = seen.time
                 command = execution.tick(driving.ahead(seen), now, fault=driving.fault(seen, now))

@@ -11,6 +11,7 @@ from ator_ros.execution.supervisor import Deadlines, Supervisor
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
 
 ROBOT = load_robot()
@@ -33,16 +34,21 @@ def execution(
     refine: bool = False,
     fetches: int = 0,
     predictor: Predictor | None = None,
+    library: TopLibrary = LIBRARY,
+    deadlines: Deadlines | None = None,
+    fence: Fence | None = None,
+    again_after: float = 0.15,
+    now: float = 100.0,
 ) -> Supervisor:
     return Supervisor(
-        LIBRARY,
+        library,
         plan,
         refine=refine,
-        again_after=0.15,
-        now=100.0,
-        predictor=predictor or Predictor(ROBOT, {}),
-        deadlines=Deadlines(),
-        fence=Fence.around(ROBOT),
+        again_after=again_after,
+        now=now,
+        predictor=predictor or Predictor(library.robot, {}),
+        deadlines=deadlines or Deadlines(),
+        fence=fence or Fence.around(library.robot),
         fetches=fetches,
         alternatives=others,
     )

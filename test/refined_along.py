@@ -7,15 +7,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ator_ros.actions.base import Status
+from executions import execution
+
+from ator_ros.actions.base import Status, Step
 from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.toolset import Toolset
 from ator_ros.evaluation.trials import Trial
-from ator_ros.execution.chain_executor import ActionRecord, ChainStep, Ending
-from ator_ros.execution.fence import Fence
-from ator_ros.execution.predictions import Predictor
+from ator_ros.execution.chain_executor import ActionRecord, Ending
 from ator_ros.execution.refining import AGAIN_AFTER
-from ator_ros.execution.supervisor import Deadlines, Supervisor
+from ator_ros.execution.supervisor import Deadlines
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.refiner import Refiner, choose
 from ator_ros.tops.chain import TopChain
@@ -68,16 +68,13 @@ class RefinedAlong:
     def __init__(self, library: TopLibrary, chain: TopChain, along: Along, *, time_limit: float) -> None:
         self.asked = 0
         self._chain, self._along = chain, along
-        self._supervisor = Supervisor(
-            library,
-            along.plans[0],
-            now=0.0,
-            predictor=Predictor(library.robot, {}),
-            deadlines=Deadlines(action=time_limit),
-            fence=Fence.around(library.robot),
+        self._supervisor = execution(
+            *along.plans,
             refine=True,
+            library=library,
+            deadlines=Deadlines(action=time_limit),
             again_after=along.again_after,
-            alternatives=along.plans[1:],
+            now=0.0,
         )
         self._begun = False
 
@@ -91,9 +88,9 @@ class RefinedAlong:
         """The actions that have ended."""
         return self._supervisor.executor.records
 
-    def step(self, world: World) -> ChainStep:
+    def step(self, world: World) -> Step:
         """Return the command of this tick; the answer to the first question is known already."""
-        run, executor = self._supervisor, self._supervisor.executor
+        run = self._supervisor
         if not self._begun:
             self._begun = True
             run.tick(world, world.time)
@@ -104,7 +101,7 @@ class RefinedAlong:
         status = Status.RUNNING
         if run.ending is not None:
             status = Status.SUCCEEDED if run.ending is Ending.SUCCEEDED else Status.FAILED
-        return ChainStep(command, status, executor.index, run.reason, executor.elapsed)
+        return Step(command, status, run.reason)
 
     def break_off(self, world: World, ending: Ending, why: str) -> None:
         """End the action under way, if any."""
@@ -115,7 +112,7 @@ class RefinedAlong:
         run, question = self._supervisor, self._supervisor.question
         if question is None:
             return
-        chains = (question.chain, *(other.chain for other in question.others))
+        chains = (question.chain, *(chain for _, chain in question.others))
         try:
             choice = choose(self._along.refiner, question.world, chains)
         except RefinementError as error:

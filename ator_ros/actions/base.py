@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import enum
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -87,11 +86,6 @@ class Action(ABC):
     Actions are black boxes: their performance is learned by observation alone. Each start is a new instance;
     `setup` prepares all of them. Another instance may start with a new goal of the same step before this one
     ends.
-
-    Parameters
-    ----------
-    robot : Robot
-        Shape and limits of the robot that executes the action.
     """
 
     name: ClassVar[str]
@@ -108,12 +102,8 @@ class Action(ABC):
         """Prepare what all instances need for this robot, so that the first tick is not slower than others.
 
         Called on the first instance that a TOP library makes, when a node starts, and before each run of an
-        action alone. It may be called several times: keep tables in a cache of the module.
-
-        Raises
-        ------
-        ActionError
-            The action cannot be executed by this robot.
+        action alone. It may be called several times: keep tables in a cache of the module. Raises ActionError
+        if the robot cannot execute the action.
         """
 
     def defer_planning(self, time: float) -> None:  # noqa: B027
@@ -123,10 +113,7 @@ class Action(ABC):
     def start(self, world: World, goal: Goal) -> None:
         """Commit to `goal` from the state `world`.
 
-        Raises
-        ------
-        ActionError
-            The action cannot be executed from here, or the goal is not one of this action's.
+        Raises ActionError if it cannot be executed from here, or is not one of this action's.
         """
 
     @abstractmethod
@@ -145,47 +132,8 @@ class Action(ABC):
 
         Called exactly once after every `start` that did not raise, whatever ended the action: success,
         failure, a time limit, a cancellation, another goal, a lost input, the fence, the end of the program.
-
-        Parameters
-        ----------
-        reason : str
-            The reason, in a sentence.
+        `reason` is a sentence on it.
         """
-
-
-@dataclass(slots=True)
-class Use:
-    """The reason for which a started action will be ended."""
-
-    reason: str
-
-
-@contextmanager
-def started(action: Action, world: World, goal: Goal, reason: str = "broken off") -> Iterator[Use]:
-    """Start an action for a block of code, and end it however the block is left.
-
-    For actions that start and end in one function; `StepRun` manages those that live from tick to tick.
-
-    Parameters
-    ----------
-    action : Action
-        Set up, where it needs that.
-    world, goal
-        As for `Action.start`.
-    reason : str
-        The reason for the end, unless the block sets another one.
-
-    Raises
-    ------
-    ActionError
-        The action cannot start; then it is not ended.
-    """
-    action.start(world, goal)
-    use = Use(reason)
-    try:
-        yield use
-    finally:
-        action.end(use.reason)
 
 
 def finished(status: Status, message: str, command: Command | None = STOP) -> Step:

@@ -6,28 +6,25 @@ import dataclasses
 import math
 import re
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from ator_ros.actions.base import Action, ActionError, Goal, Step
 from ator_ros.actions.goal_variables import GOAL_VARIABLES
 from ator_ros.files import is_name
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
-from ator_ros.schema import require
+from ator_ros.schema import Within, require
 from ator_ros.world.state import World
 
 Scalar = bool | int | float | str
 _SOURCES = ("goal", *(f"goal.{name}" for name in GOAL_VARIABLES), "frame")
 """Sources of a field of the server's goal: the goal's pose, one of its variables, or the frame."""
-_SERVER = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*")
 _TYPE = re.compile(r"[a-z]\w*/action/[A-Z]\w*")
-_PATH = re.compile(r"[a-z]\w*(\[0\])?(\.[a-z]\w*(\[0\])?)*", re.ASCII)
 LONGEST = 86_400.0
 """Greatest timeout in s: a day, longer than a robot drives on one charge."""
 
 
-def _check_path(path: str) -> None:
-    require(bool(_PATH.fullmatch(path)), "field", "names joined by dots, [0] for the item of a list", path)
+Duration = Annotated[float, Within(0.001, LONGEST)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +41,6 @@ class Filling:
         The value itself.
     frame : str or None
         With the source "goal": the pose's frame; None: the frame that the node estimates the state in.
-
-    Raises
-    ------
-    ValueError
-        There is not exactly one value, the source is unknown, or there is a frame without a pose.
     """
 
     field: str
@@ -58,14 +50,12 @@ class Filling:
 
     def __post_init__(self) -> None:
         """Check that there is one value."""
-        _check_path(self.field)
         both = [name for name in (self.source, self.constant) if name is not None]
         require(len(both) == 1, "source, constant", "one of the two", both)
         named = self.source in (None, *_SOURCES) or self.goal_variable is not None
         require(named, "source", f"one of {', '.join(_SOURCES)}, or goal.NAME", self.source)
-        require(
-            self.frame is None or self.source == "goal", "frame", "none without `source: goal`", self.frame
-        )
+        framed = self.frame is None or self.source == "goal"
+        require(framed, "frame", "none without `source: goal`", self.frame)
 
     @property
     def goal_variable(self) -> str | None:
@@ -81,23 +71,12 @@ class Expectation:
     field: str
     equals: Scalar
 
-    def __post_init__(self) -> None:
-        """Check the name of the field."""
-        _check_path(self.field)
-
 
 @dataclass(frozen=True, slots=True)
 class Success:
-    """The result of a server that means success.
+    """What means success: final states of the server's goal, and values of fields of its result.
 
-    Attributes
-    ----------
-    status : tuple of str
-        Final states of its goal that mean success.
-    fields : tuple of Expectation
-        Fields of its result, and their values.
-    reason : str or None
-        A field of the result with the reason of a failure, for messages.
+    `reason` names a field of the result with the reason of a failure, for messages.
     """
 
     status: tuple[Literal["succeeded", "aborted", "canceled"], ...] = ("succeeded",)
@@ -107,8 +86,6 @@ class Success:
     def __post_init__(self) -> None:
         """Check that some state means success."""
         require(bool(self.status), "status", "at least one state", list(self.status))
-        if self.reason is not None:
-            _check_path(self.reason)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,17 +107,11 @@ class Timeouts:
         Real s from a cancellation until the server reports the end of the goal.
     """
 
-    server: float = 2.0
-    acceptance: float = 2.0
-    silence: float = 3.0
-    result: float = 120.0
-    cancel: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Check that all are positive."""
-        for name in ("server", "acceptance", "silence", "result", "cancel"):
-            value = getattr(self, name)
-            require(0.0 < value <= LONGEST, name, f"a time in s above 0, at most {LONGEST:g}", value)
+    server: Duration = 2.0
+    acceptance: Duration = 2.0
+    silence: Duration = 3.0
+    result: Duration = 120.0
+    cancel: Duration = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,10 +126,6 @@ class RemoteCall:
         Its type, as in nav2_msgs/action/NavigateToPose, which is imported at run time.
     goal : tuple of Filling
         How fields of its goal are filled; the others keep their defaults.
-    success : Success
-        What its result means.
-    timeouts : Timeouts
-        How long it may take.
     """
 
     server: str
@@ -168,8 +135,7 @@ class RemoteCall:
     timeouts: Timeouts = dataclasses.field(default_factory=Timeouts)
 
     def __post_init__(self) -> None:
-        """Check the names."""
-        require(bool(_SERVER.fullmatch(self.server)), "server", "the name of an action server", self.server)
+        """Check type and fields."""
         require(bool(_TYPE.fullmatch(self.type)), "type", "a type as in a_package/action/AType", self.type)
         fields = [filling.field for filling in self.goal]
         require(bool(fields), "goal", "at least one field", fields)
@@ -177,15 +143,7 @@ class RemoteCall:
 
 
 class UnreachableAction(Action):
-    """An action whose server cannot be used, for example without ROS: it never starts.
-
-    Parameters
-    ----------
-    robot : Robot
-        As for all actions.
-    why : str
-        The reason, in a sentence.
-    """
+    """An action whose server cannot be used, for example without ROS: it never starts."""
 
     name = "remote"
 

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import Any
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step
 from ator_ros.actions.goal_variables import goal_values
-from ator_ros.execution.rolling import Rolling
 from ator_ros.geometry import FloatArray
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import state_of
@@ -30,9 +26,7 @@ from ator_ros.tops.objects import (
     kept,
 )
 from ator_ros.tops.outcome import failure, may_settle, unmet
-from ator_ros.world.state import STOP, Command, World
-
-Predict = Callable[[World], Any]
+from ator_ros.world.state import STOP, World
 
 STOPPING = "stopping, to go on from there"
 """Message of a step that waits until the robot stands."""
@@ -68,22 +62,6 @@ class Stage(enum.Enum):
     OVER = "over"
 
 
-STAGES: Mapping[Stage, frozenset[Stage]] = MappingProxyType(
-    {
-        Stage.STANDING: frozenset({Stage.READY, Stage.OVER}),
-        Stage.READY: frozenset({Stage.ACTING, Stage.OVER}),
-        Stage.ACTING: frozenset({Stage.SETTLING, Stage.OVER}),
-        Stage.SETTLING: frozenset({Stage.OVER}),
-        Stage.OVER: frozenset(),
-    }
-)
-"""The stages that may follow each stage; an action is ended when its step leaves ACTING."""
-
-
-class TransitionError(RuntimeError):
-    """An event without a transition in the present phase: a fault of the program."""
-
-
 @dataclass(frozen=True, slots=True)
 class ActionRecord:
     """How one action of a chain went.
@@ -92,16 +70,10 @@ class ActionRecord:
     ----------
     index : int
         Step of the chain, from 0.
-    top, action : str
-        Names of the TOP and of its action.
-    start : World
-        Situation in which the action started.
-    goal : Goal
-        Its goal.
-    end : World
-        Situation in which it ended.
-    duration : float
-        Time it took in s.
+    chain : TopChain
+        The chain with its goals when the action started.
+    start, end : World
+        Situations in which the action started and ended.
     ending : Ending
         SUCCEEDED, FAILED, or why it was broken off: PREEMPTED by another goal of the same step, for example
         because an object had moved, or the ending of the whole chain.
@@ -109,36 +81,34 @@ class ActionRecord:
         A sentence on how it ended.
     position_error, heading_error : float
         Distance from the goal at the end in m, difference of headings in rad.
-    predicted : object
-        What the performance model predicted at the start; None without one.
     lost : str or None
         The object whose loss made it fail; None if it did not fail, or not for that reason.
     """
 
     index: int
-    top: str
-    action: str
+    chain: TopChain
     start: World
-    goal: Goal
     end: World
-    duration: float
     ending: Ending
     reason: str
     position_error: float
     heading_error: float
-    predicted: Any = None
     lost: str | None = None
 
+    @property
+    def top(self) -> str:
+        """Name of the TOP."""
+        return self.chain.calls[self.index].top.name
 
-@dataclass(frozen=True, slots=True)
-class ChainStep:
-    """One tick of a chain: command, status, step (from 0), a sentence, time since the start in s."""
+    @property
+    def goal(self) -> Goal:
+        """Goal of the action."""
+        return self.chain.calls[self.index].goal
 
-    command: Command | None
-    status: Status
-    index: int
-    message: str
-    elapsed: float
+    @property
+    def duration(self) -> float:
+        """Time it took in s."""
+        return self.end.time - self.start.time
 
 
 class ChainExecutor:
@@ -154,24 +124,18 @@ class ChainExecutor:
         The actions that have ended.
     fetched : int
         Number of times that a lost object was fetched again.
+    elapsed : float
+        Time in s from the first tick to the last one.
+    released : bool
+        Whether another program moves the robot: the last tick had no command.
 
     Parameters
     ----------
-    library : TopLibrary
-        TOPs and actions.
-    chain : TopChain
-        The chain to execute; each pre-condition is checked before its step starts.
     time_limit : float
         Time in s that each step may take, including all changes of its goal.
-    predict : callable, optional
-        Predicts the performance of a step for its record, given the world in which it starts, the chain, and
-        its index (from 0).
     fetches : int
         Number of times that a lost object may be fetched again; the chain then goes on from the latest step
         that fetches it.
-    rolling : Rolling, optional
-        Observed deceleration of rolling objects, updated by the caller. Steps use it if they begin from a
-        stand, because actions compute tables for it.
     """
 
     def __init__(
@@ -180,28 +144,22 @@ class ChainExecutor:
         chain: TopChain,
         *,
         time_limit: float = TIME_LIMIT,
-        predict: Callable[[World, TopChain, int], Any] | None = None,
         fetches: int = 0,
-        rolling: Rolling | None = None,
     ) -> None:
-        self._described, self._rolling = library, rolling
-        self._library = self._corrected_library()
+        self._library = library
         self.chain = chain
-        self._time_limit = time_limit
-        self._predict = predict
-        self._fetches = fetches
+        self._time_limit, self._fetches = time_limit, fetches
         self._began: float | None = None
         self._planned = -math.inf  # when a step was last planned while another was driven, s
-        self._last: ChainStep | None = None
+        self.elapsed, self.released = 0.0, False
         self.records: list[ActionRecord] = []
         self.fetched = 0
         self.index = 0
-        self._run = self._new_run(chain, 0)
+        self._run = self._new_run(chain)
 
     def choose(self, chain: TopChain) -> None:
         """Execute `chain` instead of the one given; only before the first tick."""
-        assert self._began is None
-        self.chain, self._run = chain, self._new_run(chain, 0)
+        self.chain, self._run = chain, self._new_run(chain)
 
     def begin_again(self, chain: TopChain) -> bool:
         """Execute `chain` instead if the first action failed where it began; return whether it did."""
@@ -212,17 +170,22 @@ class ChainExecutor:
         stayed = there.distance(here) <= _STAYED and abs(there.relative(here).yaw) <= _STAYED
         if first.lost is not None or not stayed or chain.calls[0] == self.chain.calls[0]:
             return False
-        self.chain = chain
-        self._enter(0, standing_first=True)
+        self.chain, self.index = chain, 0
+        self._run = self._new_run(chain, standing_first=True)
         return True
 
-    def step(self, world: World) -> ChainStep:
+    def step(self, world: World) -> Step:
         """Return the command of this tick; after an action ends, the next one begins in the same tick.
 
         At most one action begins per tick, because each plans.
         """
-        if self._began is None:
-            self._began = world.time
+        self._began = world.time if self._began is None else self._began
+        self.elapsed = world.time - self._began
+        step = self._next(world)
+        self.released = step.command is None
+        return step
+
+    def _next(self, world: World) -> Step:
         step = self._follow(world)
         while step is None:
             waiting = not self._run.begun
@@ -232,15 +195,16 @@ class ChainExecutor:
             self.records.append(self._run.close(world, _ENDINGS[step.status], step.message))
             following = self._after(world, step.status)
             if following is None:
-                return self._chain_step(world, Step(STOP, step.status, step.message))
-            self._enter(*following)
-            if self._run.stage is Stage.STANDING:
+                return Step(STOP, step.status, step.message)
+            self.index, standing_first = following
+            self._run = self._new_run(self.chain, standing_first=standing_first)
+            if standing_first:
                 step = Step(STOP, Status.RUNNING, STOPPING)
             elif waiting or self._planned == world.time:
                 step = Step(step.command, Status.RUNNING, step.message)
             else:
                 step = self._follow(world)
-        return self._chain_step(world, step)
+        return step
 
     def break_off(self, world: World, ending: Ending, why: str) -> None:
         """End the action under way, if any, and record it as ended by `ending` in the state `world`."""
@@ -249,41 +213,25 @@ class ChainExecutor:
 
     def path(self) -> FloatArray | None:
         """Return the planned path of the active action; see `Action.path`."""
-        return self._run.path()
+        action = self._run.action
+        return None if action is None else action.path()
 
     @property
     def call(self) -> TopCall:
         """The step being executed, with its present goal."""
         return self.chain.calls[self.index]
 
-    @property
-    def elapsed(self) -> float:
-        """Time in s from the first tick to the last one."""
-        return 0.0 if self._last is None else self._last.elapsed
-
-    @property
-    def released(self) -> bool:
-        """Whether another program moves the robot: the last tick had no command."""
-        return self._last is not None and self._last.command is None
-
     def head_for(self, world: World, chain: TopChain) -> bool:
-        """Replace the present step and later ones, or their goals, without a stop.
+        """Continue with `chain`, whose steps up to the present one are done, without a stop.
 
-        Parameters
-        ----------
-        world : World
-            The present state.
-        chain : TopChain
-            The steps that are done, and the others from here on.
-
-        Returns
-        -------
-        bool
-            False if no path for the changed step is found in this tick; then nothing has changed.
+        Return False if no path for the changed step is found in this tick; then nothing has changed.
         """
         if chain.calls[self.index] != self._run.call:
-            run = self._changed_run(chain, standing_first=self._run.stage is Stage.STANDING)
-            if self._run.stage is Stage.SETTLING or (self._run.begun and self._is_blocked(world)):
+            standing_first = self._run.stage is Stage.STANDING
+            run = self._new_run(chain, standing_first=standing_first, since=self._run.since)
+            name = followed(self._run.call.top)
+            blocked = name is not None and is_in_the_way(world, self._library.robot, name)
+            if self._run.stage is Stage.SETTLING or (self._run.begun and blocked):
                 return False
             if self._run.begun and not self._begins(world, run):
                 return False
@@ -294,8 +242,9 @@ class ChainExecutor:
     def _begins(self, world: World, run: StepRun) -> bool:
         """Begin `run` while the robot drives; return whether its path was planned in this tick."""
         self._planned = world.time
-        self._run.defer_planning(world.time)  # it may go on after all: one search per tick
-        planned = run.begin(world) is None and not run.planning
+        if self._run.action is not None:  # it may go on after all: one search per tick
+            self._run.action.defer_planning(world.time)
+        planned = run.begin(world) is None and run.action is not None and not run.action.planning
         if not planned:
             run.end("no path from here was found in one tick: the former goal stays")
         return planned
@@ -312,14 +261,9 @@ class ChainExecutor:
         chain = self.chain.with_goal(self.index, at_object(call.goal, resting, name))
         if self.head_for(world, chain):
             return None
-        self._replace_run(world, self._changed_run(chain, standing_first=True))
+        self._replace_run(world, self._new_run(chain, standing_first=True, since=self._run.since))
         self.chain = chain
         return Step(STOP, Status.RUNNING, STOPPING)
-
-    def _is_blocked(self, world: World) -> bool:
-        """Return whether the followed object lies so close ahead that the robot can only stop."""
-        name = followed(self._run.call.top)
-        return name is not None and is_in_the_way(world, self._library.robot, name)
 
     def _replace_run(self, world: World, run: StepRun) -> None:
         if self._run.begun:
@@ -330,125 +274,53 @@ class ChainExecutor:
         """Return the next step and whether the robot must stand first; None at the end of the chain."""
         if status is Status.SUCCEEDED:
             return (self.index + 1, False) if self.index + 1 < len(self.chain) else None
-        fetching = self._fetching_step(world)
-        if fetching is None:
-            return None
-        self.fetched += 1
-        return fetching, True
-
-    def _fetching_step(self, world: World) -> int | None:
-        """Return the step that fetches a lost object again; None if none is lost or may be fetched."""
         top = self._run.call.top
         name = held_first(top) or (fetched(top) if self._run.begun else None)
         if name is None or self.fetched >= self._fetches or not is_lost(world, self._library.robot, name):
             return None
-        before = (i for i in range(self.index, -1, -1) if fetched(self.chain.calls[i].top) == name)
-        return next(before, None)
-
-    def _enter(self, index: int, standing_first: bool) -> None:
-        self.index = index
-        if standing_first:
-            self._library = self._corrected_library()
-        self._run = self._new_run(self.chain, index, standing_first=standing_first)
-
-    def _corrected_library(self) -> TopLibrary:
-        """Return the TOPs and actions for the scene with observed decelerations."""
-        return self._described if self._rolling is None else self._rolling.library(self._described)
-
-    def _changed_run(self, chain: TopChain, *, standing_first: bool) -> StepRun:
-        """Return a run of the present step with its goal in `chain`; its time limit keeps running."""
-        return self._new_run(chain, self.index, standing_first=standing_first, since=self._run.since)
+        for index in range(self.index, -1, -1):
+            if fetched(self.chain.calls[index].top) == name:  # the step that fetches the lost object again
+                self.fetched += 1
+                return index, True
+        return None
 
     def _new_run(
-        self, chain: TopChain, index: int, *, standing_first: bool = False, since: float | None = None
+        self, chain: TopChain, *, standing_first: bool = False, since: float | None = None
     ) -> StepRun:
-        predict = self._predict
+        """Return a run of the present step of `chain`; `since` keeps the time limit of a former run."""
         return StepRun(
-            self._library,
-            index,
-            chain.calls[index],
-            time_limit=self._time_limit,
-            predict=None if predict is None else lambda world: predict(world, chain, index),
-            standing_first=standing_first,
-            since=since,
+            self._library, chain, self.index, self._time_limit, standing_first=standing_first, since=since
         )
-
-    def _chain_step(self, world: World, step: Step) -> ChainStep:
-        assert self._began is not None
-        elapsed = world.time - self._began
-        self._last = ChainStep(step.command, step.status, self.index, step.message, elapsed)
-        return self._last
 
 
 class StepRun:
     """One action of a chain with one goal, from its pre-condition to its post-condition.
 
-    Attributes
-    ----------
-    stage : Stage
-        Where it is.
-    call : TopCall
-        The step.
-    since : float or None
-        Time in s from which its limit counts.
-
-    Parameters
-    ----------
-    library : TopLibrary
-        TOPs and actions.
-    index : int
-        Index of the step, from 0.
-    call : TopCall
-        The step to execute.
-    time_limit : float
-        Time in s that it may take, including the stop before it.
-    predict : callable, optional
-        Predicts the performance of the step from the world in which it starts.
-    standing_first : bool
-        Whether the robot must stand before the action starts.
-    since : float, optional
-        Time in s from which the limit counts, if this run replaces one with another goal.
+    `action` is the action while it runs. `time_limit` (s) includes the stop before it, if the robot must
+    stand first. It counts from `since` (s), that of the run that this one replaces with another goal.
     """
 
     def __init__(
         self,
         library: TopLibrary,
+        chain: TopChain,
         index: int,
-        call: TopCall,
-        *,
         time_limit: float,
-        predict: Predict | None = None,
+        *,
         standing_first: bool = False,
         since: float | None = None,
     ) -> None:
-        self.call = call
-        self.since = since
+        self.call, self.since = chain.calls[index], since
         self.stage = Stage.STANDING if standing_first else Stage.READY
-        self._library, self._index = library, index
-        self._time_limit, self._predict = time_limit, predict
-        self._action: Action | None = None
+        self._library, self._chain, self._index, self._time_limit = library, chain, index, time_limit
+        self.action: Action | None = None
         self._start: World | None = None
         self._settling = math.inf  # time in s since which the action's effect is awaited
-        self._predicted: Any = None
 
     @property
     def begun(self) -> bool:
         """Whether its action has started."""
-        return self._action is not None
-
-    @property
-    def planning(self) -> bool:
-        """Whether its action has started and is still planning."""
-        return self.stage is Stage.ACTING and self._acting.planning
-
-    def path(self) -> FloatArray | None:
-        """Return the planned path of its action; see `Action.path`."""
-        return self._acting.path() if self.stage is Stage.ACTING else None
-
-    def defer_planning(self, time: float) -> None:
-        """Let the action, if it has started, plan nothing in the tick at `time` (s)."""
-        if self.stage is Stage.ACTING:
-            self._acting.defer_planning(time)
+        return self._start is not None
 
     def begin(self, world: World) -> str | None:
         """Start the action; return the reason if that is impossible."""
@@ -462,9 +334,7 @@ class StepRun:
             action.start(world, call.goal)
         except ActionError as error:
             return str(error)
-        self._action, self._start = action, world
-        self._go(Stage.ACTING)
-        self._predicted = None if self._predict is None else self._predict(world)
+        self.action, self._start, self.stage = action, world, Stage.ACTING
         return None
 
     def step(self, world: World) -> Step:
@@ -479,18 +349,13 @@ class StepRun:
         if self.stage is Stage.STANDING:
             if not world.robot.is_standing:
                 return Step(STOP, Status.RUNNING, STOPPING)
-            self._go(Stage.READY)
+            self.stage = Stage.READY
         fault = self.begin(world) if self.stage is Stage.READY else None
         if fault is not None:
             return Step(STOP, Status.FAILED, fault)
-        if self.stage is Stage.SETTLING:
+        if self.action is None:  # it has ended, and its effect is awaited
             return self._confirmed(world, Step(STOP, Status.SUCCEEDED, f"{self.call.top.name} has settled"))
-        return self._confirmed(world, self._acting.step(world))
-
-    @property
-    def _acting(self) -> Action:
-        assert self._action is not None
-        return self._action
+        return self._confirmed(world, self.action.step(world))
 
     def _confirmed(self, world: World, step: Step) -> Step:
         """Return `step`; a failure or a stop to settle if the action succeeded without its post-condition."""
@@ -502,45 +367,32 @@ class StepRun:
             return step
         self._settling = min(self._settling, world.time)
         if may_settle(top, world) and world.time - self._settling < top.settles:
-            if self.stage is Stage.ACTING:
-                self._go(Stage.SETTLING, step.message)
+            self.end(step.message)
+            self.stage = Stage.SETTLING
             return Step(STOP, Status.RUNNING, f"{top.name} settles: {'; '.join(lacks)}")
         return Step(STOP, Status.FAILED, failure(top, lacks))
 
     def end(self, reason: str) -> None:
         """End the step, and its action if that runs; see `Action.end`."""
-        self._go(Stage.OVER, reason)
-
-    def _go(self, stage: Stage, why: str = "") -> None:
-        """Go on to the next stage; the action ends, for the reason `why`, when it leaves ACTING."""
-        former, self.stage = self.stage, stage
-        if stage not in STAGES[former]:
-            raise TransitionError(f"stage {former.name}: expected another stage, got {stage.name}")
-        if former is Stage.ACTING:
-            self._acting.end(why)
+        if self.action is not None:
+            self.action.end(reason)
+        self.action, self.stage = None, Stage.OVER
 
     def close(self, world: World, ending: Ending, reason: str) -> ActionRecord:
         """End the step in the state `world`; return its record."""
         self.end(reason)
-        call, start, robot = self.call, self._start or world, self._library.robot
-        pose, goal = world.robot.pose, call.goal.robot_pose(robot)
+        robot, pose = self._library.robot, world.robot.pose
+        goal = self.call.goal.robot_pose(robot)
+        held = kept(self.call.top) if self.begun else held_first(self.call.top)
+        lost = ending is Ending.FAILED and held is not None and is_lost(world, robot, held)
         return ActionRecord(
             self._index,
-            call.top.name,
-            call.top.action,
-            start,
-            call.goal,
+            self._chain,
+            self._start or world,
             world,
-            world.time - start.time,
             ending,
             reason,
             pose.distance(goal),
             abs(pose.relative(goal).yaw),
-            self._predicted,
-            self._lost(world) if ending is Ending.FAILED else None,
+            held if lost else None,
         )
-
-    def _lost(self, world: World) -> str | None:
-        """Return the object that this step should hold and does not; None if there is none."""
-        name = kept(self.call.top) if self.begun else held_first(self.call.top)
-        return name if name is not None and is_lost(world, self._library.robot, name) else None

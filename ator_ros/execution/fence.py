@@ -14,7 +14,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.robot.response import clip, stopping_distance
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_front
-from ator_ros.tops.ranges import Range, RangeOf, Ranges
+from ator_ros.tops.ranges import Range, Ranges
 from ator_ros.world.state import CONTROL_PERIOD, RobotState, World
 
 _DOUBT = 0.3
@@ -44,21 +44,14 @@ def _room(robot: Robot, point: Point, speed: float = 0.0) -> float:
     return room_inside(robot) + _stop_room(speed, robot) + held
 
 
-def _inside(
-    name: str,
-    places: RangeOf,
-    speeds: RangeOf | None,
-    edges: tuple[float, float],
-    robot: Robot,
-    goal: Goal,
-) -> Range:
-    """Return the range of `places` as far as it lies between two edges of a fence."""
-    usual, speed = places(robot, goal), goal.speed if speeds is None else speeds(robot, goal).high
-    room = _room(robot, goal.point, speed)
+def _inside(axis: str, ranges: Ranges, edges: tuple[float, float], robot: Robot, goal: Goal) -> Range:
+    """Return the range of a coordinate as far as it lies between two edges of a fence, at all speeds."""
+    usual, speeds = ranges[axis](robot, goal), ranges.get("speed")
+    room = _room(robot, goal.point, goal.speed if speeds is None else speeds(robot, goal).high)
     low, high = max(usual.low, edges[0] + room), min(usual.high, edges[1] - room)
     if low <= high:
         return dataclasses.replace(usual, low=low, high=high)
-    here = getattr(goal.pose, name)
+    here = getattr(goal.pose, axis)
     return dataclasses.replace(usual, low=here, high=here, steps=1)
 
 
@@ -78,13 +71,7 @@ class Fence:
 
     @classmethod
     def of(cls, edges: Sequence[float]) -> Fence:
-        """Return the fence with the edges x_min, y_min, x_max, y_max in m.
-
-        Raises
-        ------
-        ValueError
-            They are not four finite numbers, or a least one is not below the greatest.
-        """
+        """Return the fence with the edges x_min, y_min, x_max, y_max in m; raises ValueError."""
         if len(edges) != 4 or not all(map(math.isfinite, edges)):
             raise ValueError(f"expected four finite numbers in m, got {list(edges)}")
         fence = cls(*edges)
@@ -95,14 +82,9 @@ class Fence:
     def part_of(
         self, edges: tuple[float, float, float, float], robot: Robot, point: Point
     ) -> tuple[float, float, float, float]:
-        """Return the part of a rectangle where goals of `point` do not lead out.
+        """Return the part of a rectangle (x_min, y_min, x_max, y_max) where goals of `point` do not lead out.
 
         The fence around the area leaves the rectangle as it is; without such a part the fence counts alone.
-
-        Parameters
-        ----------
-        edges : tuple of float
-            x_min, y_min, x_max, y_max in m.
         """
         if self == Fence.around(robot):
             return edges
@@ -119,11 +101,11 @@ class Fence:
         """
         if self == Fence.around(robot):
             return ranges
-        speeds, edges = ranges.get("speed"), {"x": (self.x_min, self.x_max), "y": (self.y_min, self.y_max)}
+        edges = {"x": (self.x_min, self.x_max), "y": (self.y_min, self.y_max)}
         inside = {
-            name: functools.partial(_inside, name, ranges[name], speeds, bounds)
-            for name, bounds in edges.items()
-            if name in ranges
+            axis: functools.partial(_inside, axis, ranges, bounds)
+            for axis, bounds in edges.items()
+            if axis in ranges
         }
         return {**ranges, **inside}
 
@@ -138,13 +120,12 @@ class Fence:
         """
         for number, call in enumerate(chain.calls):
             if self.leads_out(call, robot):
-                (x, y, _), speed = call.goal.robot_pose(robot), call.goal.speed
-                room = f"{room_inside(robot):.2f} m from its edge" + (", with room to stop" if speed else "")
+                x, y, _ = call.goal.robot_pose(robot)
                 return (
                     f"{where}.calls[{number}].goal ({call.top.name}): expected a place for the robot inside "
-                    f"the {self}, {room}, got the axle at x {x:.2f} m, y {y:.2f} m"
-                    + (f", {speed:.2f} m/s" if speed else "")
-                    + "; change scene.area or the parameter fence"
+                    f"the {self}, {room_inside(robot):.2f} m from its edge, with room to stop, got the "
+                    f"axle at x {x:.2f} m, y {y:.2f} m, {call.goal.speed:.2f} m/s; change scene.area or the "
+                    "parameter fence"
                 )
         return None
 
@@ -181,16 +162,8 @@ class FenceWatch:
     """Detects, during one goal, that the robot is about to leave the area.
 
     A robot that starts outside may drive in. It must not get farther away than its start plus twice its
-    reach, which is the room to turn round. Once inside, it must stay inside.
-
-    Parameters
-    ----------
-    fence : Fence
-        The area.
-    robot : Robot
-        Its limits and the lag of its motors.
-    longest_gap : float
-        Greatest time in s between two states; after it the robot is commanded to stand anyway.
+    reach, which is the room to turn round. Once inside, it must stay inside. If there is no state for
+    `longest_gap` s, the robot is commanded to stand anyway.
     """
 
     def __init__(self, fence: Fence, robot: Robot, longest_gap: float) -> None:

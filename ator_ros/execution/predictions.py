@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
 
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.refinement.calibration import Calibration, chosen_headings
@@ -15,19 +14,11 @@ from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 
 
-def remaining(prediction: ChainPrediction, step: int, since: float) -> float:
-    """Return the predicted time in s to a chain's end, `since` s after `step` (from 0) has begun."""
-    current, *rest = (action.get("duration", math.nan) for action in prediction.actions[step:])
-    return max(0.0, current - since) + sum(rest)
-
-
 class Predictor:
     """Predicts chains and their actions.
 
     Parameters
     ----------
-    robot : Robot
-        Sizes and limits.
     models : mapping
         Action name to performance model; chains with other actions are not predicted.
     calibration : Calibration, optional
@@ -66,36 +57,18 @@ class Predictor:
         )
         return corrected.actions[0]
 
-    def later(self, world: World, chain: TopChain, step: int) -> Callable[[], Mapping[str, float] | None]:
-        """Return what predicts as `action` does when it is called: not in the tick that starts the step."""
-        return functools.partial(self.action, world, chain, step)
-
-
-class _Predicted(NamedTuple):
-    """The prediction of a chain from a step (from 0) on, as of a time in s."""
-
-    step: int
-    time: float
-    prediction: Callable[[], ChainPrediction | None]
-
 
 class Forecast:
     """What is predicted of a chain under execution: of all of it, and of what remains since its last change.
 
     Predictions are computed on first use, so that they do not delay a command.
-
-    Parameters
-    ----------
-    predictor : Predictor
-        Predicts chains.
-    executor : ChainExecutor
-        Executes the chain.
     """
 
     def __init__(self, predictor: Predictor, executor: ChainExecutor) -> None:
         self._predictor, self._executor = predictor, executor
-        self._whole: _Predicted | None = None
-        self._rest: _Predicted | None = None
+        self._whole: Callable[[], ChainPrediction | None] | None = None
+        self._rest: Callable[[], ChainPrediction | None] | None = None
+        self._step, self._time = 0, math.nan  # where and when (s) `_rest` begins
 
     @property
     def begun(self) -> bool:
@@ -104,27 +77,26 @@ class Forecast:
 
     def begin(self, world: World) -> None:
         """Predict the chain from the state `world`, in which it starts."""
-        self._whole = self._rest = self._from(0, world)
+        self.change(world)
+        self._whole = self._rest
 
     def change(self, world: World) -> None:
         """Predict from the state `world` what remains of the chain, which has changed."""
-        self._rest = self._from(self._executor.index, world)
-
-    def _from(self, step: int, world: World) -> _Predicted:
-        rest = TopChain(self._executor.chain.calls[step:])
-        prediction = functools.cache(functools.partial(self._predictor.chain, world, rest))
-        return _Predicted(step, world.time, prediction)
+        self._step, self._time = self._executor.index, world.time
+        rest = TopChain(self._executor.chain.calls[self._step :])
+        self._rest = functools.cache(functools.partial(self._predictor.chain, world, rest))
 
     @property
     def whole(self) -> ChainPrediction | None:
         """The prediction of the chain with which it started; None before, and without models."""
-        return None if self._whole is None else self._whole.prediction()
+        return None if self._whole is None else self._whole()
 
     def remaining(self, now: float) -> float:
         """Return the predicted time in s from `now`, on odometry's clock, to the end; NaN if unknown."""
-        rest, step, records = self._rest, self._executor.index, self._executor.records
-        predicted = None if rest is None or step < rest.step else rest.prediction()
-        if rest is None or predicted is None:
+        step, records = self._executor.index - self._step, self._executor.records
+        prediction = None if self._rest is None or step < 0 else self._rest()
+        if prediction is None:
             return math.nan
-        began = max(rest.time, records[-1].end.time) if records else rest.time
-        return remaining(predicted, step - rest.step, now - began)
+        began = max(self._time, records[-1].end.time) if records else self._time
+        current, *rest = (action.get("duration", math.nan) for action in prediction.actions[step:])
+        return max(0.0, current - (now - began)) + sum(rest)

@@ -31,12 +31,8 @@ _SAME = 1e-6
 _PLACE = ("x", "y")
 
 
-@dataclass(frozen=True, slots=True)
-class Continuation:
-    """The steps of a plan that are not done; `number` is that of the plan among those of the goal, from 0."""
-
-    number: int
-    chain: TopChain
+Continuation = tuple[int, TopChain]
+"""Number of a plan among those of the goal, from 0, and its steps that are not done."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,14 +79,8 @@ class Refining:
 
     Parameters
     ----------
-    executor : ChainExecutor
-        Owns the chain.
-    library : TopLibrary
-        The robot, and the ranges of goal variables.
     plans : sequence of TopChain
         The chains of the goal, of which an answer may choose any.
-    wanted : bool
-        As above.
     again_after : float
         Distance in m by which an object or the robot must differ from the last question before refinement is
         asked again; 0: never again.
@@ -143,13 +133,7 @@ class Refining:
         self.question = Question(resting, TopChain(chain.calls[step:]), step, now, others, cause)
 
     def take(self, chain: TopChain, refined: bool, reason: str, chosen: int) -> None:
-        """Accept the answer to `question`; while the robot drives, `apply` applies it in the next tick.
-
-        Parameters
-        ----------
-        chain, refined, reason, chosen
-            As for `Supervisor.refined_to`.
-        """
+        """Accept an answer, see `Supervisor.refined_to`; while the robot drives, `apply` applies it."""
         assert self.question is not None
         choices = len(self._plans) if self._first is None else 1 + len(self.question.others)
         if chosen >= choices:
@@ -186,10 +170,7 @@ class Refining:
     def revert(self, why: str) -> bool:
         """Begin with the chain as sent if the first action of the refined one failed where it began.
 
-        Returns
-        -------
-        bool
-            Whether it begins again; `why` is the failure.
+        Return whether it begins again; `why` is the failure.
         """
         if not self.refined or not self._executor.begin_again(self._plans[self._number]):
             return False
@@ -209,7 +190,7 @@ class Refining:
             self.refuse(obstacle)
             return False
         if chosen:
-            self._number = question.others[chosen - 1].number
+            self._number = question.others[chosen - 1][0]
             reason = f"alternative {self._number} is chosen: {reason}"
         self._close(reason, changed=True)
         return True
@@ -220,7 +201,7 @@ class Refining:
         if step != self._executor.index:
             return "the step was over when the answer came"
         if chosen:
-            rest = question.others[chosen - 1].chain
+            _, rest = question.others[chosen - 1]
             chain = TopChain((*chain.calls[:step], *rest.calls))
             question = dataclasses.replace(question, chain=rest)
         resting = at_rest(world, self._robot)
@@ -250,13 +231,7 @@ class Refining:
 
 
 class ReplanTrigger:
-    """Compares objects with where they were expected, and the robot with its planned path.
-
-    Parameters
-    ----------
-    robot : Robot
-        Its sizes, and the deceleration of rolling objects.
-    """
+    """Compares objects with where they were expected, and the robot with its planned path."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -274,18 +249,8 @@ class ReplanTrigger:
     ) -> str:
         """Return what deviates by more than `most` (m) from the reference; empty if nothing does.
 
-        Objects are compared where they come to rest, those that the robot itself moves excepted.
-
-        Parameters
-        ----------
-        most : float
-            Distance in m.
-        world : World
-            The present state.
-        chain, step
-            The chain, and the step being executed, from 0.
-        path : callable
-            Returns the planned path of the active action; see `Action.path`.
+        Objects are compared where they come to rest, those that the robot itself moves excepted. `step` of
+        `chain` is executed, from 0; `path` returns the planned path of its action, see `Action.path`.
         """
         resting = at_rest(world, self._robot)
         for _, name in awaited(chain.calls[step:]):
@@ -325,18 +290,9 @@ def awaited(calls: Sequence[TopCall]) -> Iterator[tuple[int, str]]:
 
 
 def with_followed(chain: TopChain, resting: World, robot: Robot, *, step: int = 0) -> TopChain:
-    """Return `chain` with the goals from `step` on where the objects lie that have left them.
+    """Return `chain` with the goals from `step` on (from 0) where the objects lie that have left them.
 
-    Parameters
-    ----------
-    chain : TopChain
-        The chain.
-    resting : World
-        The state, with its objects at rest.
-    robot : Robot
-        Its sizes.
-    step : int
-        The first step that is not done, from 0.
+    `resting` is the state, with its objects at rest.
     """
     for index, name in awaited(chain.calls[step:]):
         call = chain.calls[step + index]
@@ -350,16 +306,8 @@ def continuations(
 ) -> tuple[Continuation, ...]:
     """Return how other plans go on from here: after the steps that they share with what is done, or from 0.
 
-    Parameters
-    ----------
-    plans : sequence of TopChain
-        The plans of the goal.
-    number : int
-        Number of the plan that is executed, from 0.
-    chain, step
-        The chain as it is executed, and the first step of it that is not done, from 0.
-    resting, robot
-        As for `with_followed`. What is no valid plan from there is left out.
+    `chain` is executed, as plan `number` (from 0); `step` is its first step that is not done. What is no
+    valid plan from the state `resting`, whose objects are at rest, is left out.
     """
     found = []
     done = chain.calls[:step]
@@ -370,7 +318,7 @@ def continuations(
         for rest in ([TopChain(plan.calls[len(done) :])] if shared else []) + [plan]:
             moved = with_followed(rest, resting, robot)
             if not moved.violations(resting, robot):
-                found.append(Continuation(other, moved))
+                found.append((other, moved))
                 break
     return tuple(found)
 

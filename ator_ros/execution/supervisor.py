@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Status
-from ator_ros.execution.chain_executor import ChainExecutor, Ending, TransitionError
+from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.execution.fence import Fence, FenceWatch
 from ator_ros.execution.predictions import Forecast, Predictor
 from ator_ros.execution.refining import AGAIN_AFTER, Question, Refining
-from ator_ros.execution.rolling import Rolling
 from ator_ros.geometry import FloatArray
 from ator_ros.tops.chain import Top, TopChain
 from ator_ros.tops.library import TopLibrary
@@ -33,57 +31,16 @@ _FIRST_GAP = 1.0
 
 
 class Phase(enum.Enum):
-    """Phase of the execution of a goal."""
+    """Phase of the execution of a goal, in this order; REFINING is left out if no refinement is wanted.
+
+    Whatever ends a goal leads to STOPPING; without odometry, or if it is dropped, it is ENDED at once.
+    """
 
     WAITING = "waiting for the first state"
     REFINING = "waiting for refinement"
     EXECUTING = "executing"
     STOPPING = "stopping"
     ENDED = "ended"
-
-
-class Signal(enum.Enum):
-    """What happens to a goal besides its endings."""
-
-    READY = "all that the chain needs is known, and no refinement is wanted"
-    ASKED = "all that the chain needs is known, and refinement is asked"
-    ANSWERED = "refinement has answered or timed out"
-    STOOD = "the robot stands, or the time to stop is over"
-    NO_ODOMETRY = "odometry is missing, so no state will show that the robot stands"
-    DROPPED = "the goal does not wait until the robot stands: a newer goal takes over, or the program ends"
-
-
-Event = Signal | Ending
-
-_FROM_OUTSIDE = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN, Ending.INPUT_LOST, Ending.BASE_FAULT)
-ENDINGS: Mapping[Phase, tuple[Ending, ...]] = MappingProxyType(
-    {
-        Phase.WAITING: (*_FROM_OUTSIDE, Ending.REFUSED),
-        Phase.REFINING: _FROM_OUTSIDE,
-        Phase.EXECUTING: (
-            *_FROM_OUTSIDE,
-            Ending.SUCCEEDED,
-            Ending.FAILED,
-            Ending.OBJECT_LOST,
-            Ending.OUT_OF_BOUNDS,
-        ),
-    }
-)
-"""How a goal may end in each phase; the robot then stops."""
-
-TRANSITIONS: Mapping[tuple[Phase, Event], Phase] = MappingProxyType(
-    {
-        (Phase.WAITING, Signal.READY): Phase.EXECUTING,
-        (Phase.WAITING, Signal.ASKED): Phase.REFINING,
-        (Phase.REFINING, Signal.ANSWERED): Phase.EXECUTING,
-        **{(phase, ending): Phase.STOPPING for phase, endings in ENDINGS.items() for ending in endings},
-        (Phase.STOPPING, Ending.BASE_FAULT): Phase.STOPPING,  # instead of a success
-        (Phase.STOPPING, Signal.STOOD): Phase.ENDED,
-        (Phase.STOPPING, Signal.NO_ODOMETRY): Phase.ENDED,
-        (Phase.STOPPING, Signal.DROPPED): Phase.ENDED,
-    }
-)
-"""All transitions: phase and event, and the phase that follows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +76,7 @@ class Deadlines:
 
 
 class Supervisor:
-    """One goal, from its acceptance until the robot stands again; its phases follow `TRANSITIONS`.
+    """One goal, from its acceptance until the robot stands again; see `Phase`.
 
     Attributes
     ----------
@@ -131,25 +88,15 @@ class Supervisor:
         A sentence on what happens now; after the end, on why it ended.
     start : World or None
         The state in which the chain started, before that the newest one; None if there was none.
-    executor : ChainExecutor
-        Executes the chain: present goals, step, records, elapsed time.
-    refining : Refining
-        Questions to refinement, their results, and what they change.
-    forecast : Forecast
-        Predictions of the chain.
+    executor, refining, forecast : ChainExecutor, Refining, Forecast
+        The chain with its present goals, the questions to refinement, and the predictions of the chain.
     slowdown : float
         How many times longer the real timeouts of odometry are: 1, or more where its clock is slow.
 
     Parameters
     ----------
-    library : TopLibrary
-        TOPs and actions.
-    chain : TopChain
-        The chain to execute.
     now : float
         Real time in s, in all methods; states carry a time of their own.
-    predictor, deadlines, fence
-        Predictions of chains, times after which waiting ends, area in which the robot may drive.
     refine : bool
         Whether the goal asks for refinement; the chain starts after the first answer.
     again_after : float
@@ -160,8 +107,6 @@ class Supervisor:
     alternatives : sequence of TopChain
         Other chains for the same end: refinement may choose one of them, and without it the first valid
         plan is executed.
-    rolling : Rolling, optional
-        Observed deceleration of rolling objects; see `ChainExecutor`.
     """
 
     def __init__(
@@ -177,21 +122,13 @@ class Supervisor:
         again_after: float = AGAIN_AFTER,
         fetches: int = 0,
         alternatives: Sequence[TopChain] = (),
-        rolling: Rolling | None = None,
     ) -> None:
         self.phase = Phase.WAITING
         self.ending: Ending | None = None
         self.reason = Phase.WAITING.value
         self.start: World | None = None
         self.slowdown = 1.0
-        self.executor = ChainExecutor(
-            library,
-            chain,
-            time_limit=deadlines.action,
-            predict=predictor.later,
-            fetches=fetches,
-            rolling=rolling,
-        )
+        self.executor = ChainExecutor(library, chain, time_limit=deadlines.action, fetches=fetches)
         plans = (chain, *alternatives)
         self.refining = Refining(self.executor, library, plans, wanted=refine, again_after=again_after)
         self.forecast = Forecast(predictor, self.executor)
@@ -225,23 +162,10 @@ class Supervisor:
         overdue: frozenset[str] = frozenset(),
         fault: str | None = None,
     ) -> Command | None:
-        """Process a newer state of the world; return the command for it.
+        """Process a newer state at `now` (real s); return the command, None if another program drives.
 
-        Parameters
-        ----------
-        world : World
-            The state.
-        now : float
-            Real time in s.
-        overdue : frozenset of str
-            Objects whose messages are late: a step that needs one pauses.
-        fault : str, optional
-            How the base does not follow its commands; the goal then ends.
-
-        Returns
-        -------
-        Command or None
-            None if another program moves the robot.
+        A step that needs an object that is `overdue`, whose messages are late, pauses. The goal ends if there
+        is a `fault`: how the base does not follow its commands.
         """
         if fault is not None:
             self.base_fault(fault)
@@ -267,7 +191,7 @@ class Supervisor:
         if self.refining.wanted:
             self.refining.ask(world, now)
             self.forecast.change(world)  # for feedback until the answer
-        self._dispatch(Signal.ASKED if self.refining.wanted else Signal.READY)
+        self.phase = Phase.REFINING if self.refining.wanted else Phase.EXECUTING
         self.reason = self.phase.value
         return not self.refining.wanted
 
@@ -351,7 +275,7 @@ class Supervisor:
                 f"{LONGEST_STOP:g} s after it was commanded to stop"
             )
         if late or world.robot.is_standing:
-            self._dispatch(Signal.STOOD)
+            self.phase = Phase.ENDED
 
     # Deadlines
 
@@ -377,8 +301,9 @@ class Supervisor:
 
     def watch(self, now: float) -> None:
         """Check all deadlines at `now`."""
-        if self.phase is Phase.WAITING and now - self._accepted > self.slowdown * self._deadlines.start:
-            self._give_up_waiting()
+        start = self.slowdown * self._deadlines.start
+        if self.phase is Phase.WAITING and now - self._accepted > start:
+            self._give_up_waiting(start)
         if self.question is not None and now - self.question.asked > self._deadlines.refinement:
             self.unrefined(f"no answer within {self._deadlines.refinement:g} s")
         limit = self.slowdown * self._deadlines.odom
@@ -387,15 +312,14 @@ class Supervisor:
         if self.phase is not Phase.ENDED and now - self._odom_at > limit:
             reason = f"odom is missing: expected newer odometry within {limit:.3g} s, got none"
             self.end(Ending.INPUT_LOST, reason)
-            self._dispatch(Signal.NO_ODOMETRY)
+            self.phase = Phase.ENDED  # no state will show that the robot stands
 
-    def _give_up_waiting(self) -> None:
-        seconds = self.slowdown * self._deadlines.start
-        got = "got none" if math.isinf(self._odom_at) else "it came too late"
+    def _give_up_waiting(self, seconds: float) -> None:
         limit = f"expected one within {seconds:.3g} s of the goal"
         if self.start is None:
+            got = "got none" if math.isinf(self._odom_at) else "it came too late"
             self.end(Ending.INPUT_LOST, f"odom is missing: {limit}, {got}")
-            self._dispatch(Signal.NO_ODOMETRY)
+            self.phase = Phase.ENDED
         else:
             name, top = missing_in(self.executor.chain.calls, self.start) or ("", "")
             self.end(Ending.INPUT_LOST, f"{name} is missing: {top} needs it, {limit}, got none")
@@ -403,18 +327,10 @@ class Supervisor:
     # Answers of refinement
 
     def refined_to(self, chain: TopChain, refined: bool, reason: str, *, chosen: int = 0) -> None:
-        """Accept the answer to `question`.
+        """Accept the answer to `question`, and its reason.
 
-        Parameters
-        ----------
-        chain : TopChain
-            The answer. An unrefined one may differ from the question: naive values replace placeholders.
-        refined : bool
-            Whether it is refined.
-        reason : str
-            Why, or why not.
-        chosen : int
-            Index of the chain that was refined: 0 is that of the question, others are its alternatives.
+        An unrefined chain may differ from the question: naive values replace placeholders. `chosen` is the
+        index of the chain that was refined: 0 is that of the question, others are its alternatives.
         """
         if self.question is not None:
             self.refining.take(chain, refined, reason, chosen)
@@ -428,7 +344,7 @@ class Supervisor:
 
     def _start_answered(self) -> None:
         if self.phase is Phase.REFINING:
-            self._dispatch(Signal.ANSWERED)
+            self.phase = Phase.EXECUTING
             self.reason = self.phase.value  # feedback may be sent before the next tick
 
     # The end
@@ -439,16 +355,14 @@ class Supervisor:
             return
         if self._newest is not None:
             self.executor.break_off(self._newest, ending, reason)
-        self._dispatch(ending)
-        self.reason = reason
+        self.phase, self.ending, self.reason = Phase.STOPPING, ending, reason
         if math.isinf(self._odom_at):  # odometry never came: its deadline counts from the acceptance
             self._odom_at = self._accepted
 
     def base_fault(self, reason: str) -> None:
         """End because the base does not follow its commands, also after a success, before it stands."""
         if self.ending is Ending.SUCCEEDED and self.phase is Phase.STOPPING:
-            self._dispatch(Ending.BASE_FAULT)
-            self.reason = reason
+            self.ending, self.reason = Ending.BASE_FAULT, reason
         self.end(Ending.BASE_FAULT, reason)
 
     def explain(self, cause: str) -> None:
@@ -459,13 +373,4 @@ class Supervisor:
     def drop(self) -> None:
         """End a goal that stops at once, without waiting until the robot stands."""
         if self.phase is Phase.STOPPING:
-            self._dispatch(Signal.DROPPED)
-
-    def _dispatch(self, event: Event) -> None:
-        """Go on to the phase that follows; raise TransitionError if the table has no such transition."""
-        following = TRANSITIONS.get((self.phase, event))
-        if following is None:
-            raise TransitionError(f"phase {self.phase.name}: expected another event, got {event.name}")
-        self.phase = following
-        if isinstance(event, Ending):
-            self.ending = event
+            self.phase = Phase.ENDED

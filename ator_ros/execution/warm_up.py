@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 from collections.abc import Iterator
 
-from ator_ros.actions.base import Action, ActionError, Goal, Status, started
+from ator_ros.actions.base import ActionError, Goal, Status
 from ator_ros.execution.predictions import Predictor
 from ator_ros.geometry import Pose
 from ator_ros.refinement import RefinementError
@@ -47,9 +47,8 @@ def _chains(library: TopLibrary) -> Iterator[tuple[World, TopChain]]:
             TopCall(first, library.goal(first, area.at(0.0, 0.0)), _OPEN),
             TopCall(last, library.goal(last, area.at(2.0, 1.0))),
         )
-        held = held_first(first) is not None
-        start = _holding(robot, _away(robot), first) if held else _world(robot, first)
-        yield start, TopChain(calls)
+        held = area.at(-1.0, 0.5, 1.0) if held_first(first) is not None else None
+        yield _world(robot, first, held), TopChain(calls)
 
 
 def warm_up_actions(library: TopLibrary, predictor: Predictor) -> None:
@@ -61,7 +60,7 @@ def warm_up_actions(library: TopLibrary, predictor: Predictor) -> None:
     corner = Pose(x - 0.3, y + width / 2.0 + 0.2, 0.5)
     for top in library.usable():
         if held_first(top) is not None:
-            starts = (_holding(robot, Pose(x - 2.0, y, 0.2), top), _holding(robot, corner, top))
+            starts = (_world(robot, top, Pose(x - 2.0, y, 0.2)), _world(robot, top, corner))
             goals = (Pose(x, y, 0.0), Pose(x, y, 0.0))
         else:
             starts = (_world(robot, top),) * 2
@@ -72,41 +71,28 @@ def warm_up_actions(library: TopLibrary, predictor: Predictor) -> None:
                 predictor.chain(world, TopChain((call,)))
 
 
-def _holding(robot: Robot, pose: Pose, top: Top) -> World:
-    hold = robot.hold_point(pose)
-    return _with_objects(robot, pose, ObjectState(hold.x, hold.y), top)
+def _world(robot: Robot, top: Top, pose: Pose | None = None) -> World:
+    """Return a world in which all objects are at the centre of the area and the robot away from them.
 
-
-def _world(robot: Robot, top: Top) -> World:
-    """Return a world in which all objects are at the centre of the area, and the robot is away from them."""
-    centre = robot.scene.area.at(0.0, 0.0)
-    return _with_objects(robot, _away(robot), ObjectState(centre.x, centre.y), top)
-
-
-def _away(robot: Robot) -> Pose:
-    return robot.scene.area.at(-1.0, 0.5, 1.0)
-
-
-def _with_objects(robot: Robot, pose: Pose, there: ObjectState, top: Top) -> World:
-    """Return a world in which all objects of the scene, and those that a TOP names, are `there`."""
-    objects = dict.fromkeys((*robot.scene.objects, *objects_in(top)), there)
-    return World(0.0, RobotState(pose), objects)
+    If there is a `pose`, the robot is there and holds them.
+    """
+    area = robot.scene.area
+    place = area.at(0.0, 0.0) if pose is None else robot.hold_point(pose)
+    objects = dict.fromkeys((*robot.scene.objects, *objects_in(top)), ObjectState(place.x, place.y))
+    return World(0.0, RobotState(pose or area.at(-1.0, 0.5, 1.0)), objects)
 
 
 def _planned(library: TopLibrary, top: Top, world: World, goal: Goal) -> bool:
     """Search to the end; return whether there is a plan. Actions from outside may need other situations."""
     try:
         action = library.action(top)
-        with started(action, world, goal, "warmed up"):
-            return _search_ends(action, world)
+        action.start(world, goal)
     except ActionError:
         return False
-
-
-def _search_ends(action: Action, world: World) -> bool:
+    status = Status.RUNNING
     for tick in range(1, _MOST_TICKS):
-        if not action.planning:
-            return True
-        if action.step(dataclasses.replace(world, time=CONTROL_PERIOD * tick)).status is not Status.RUNNING:
-            return False
-    return False
+        if not action.planning or status is not Status.RUNNING:
+            break
+        status = action.step(dataclasses.replace(world, time=CONTROL_PERIOD * tick)).status
+    action.end("warmed up")
+    return status is Status.RUNNING and not action.planning

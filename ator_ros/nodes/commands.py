@@ -22,8 +22,6 @@ class CommandPublisher:
 
     Parameters
     ----------
-    node : Node
-        The node that publishes.
     stamped : str
         "true": geometry_msgs/TwistStamped; "false": Twist; "auto": what the base subscribes to, and Twist
         without a base, or if bases want both. `adapt` has to be called now and then.

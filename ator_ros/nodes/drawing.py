@@ -67,7 +67,7 @@ class ExecutionDrawing:
             self._chain.publish(partial(self._chain_message, run.supervisor))
         if world is not None and (is_new or abs(now - self._status_at) >= _STATUS_PERIOD):
             self._status_at = now
-            self._under_way.publish(partial(run.so_far, world))
+            self._under_way.publish(partial(run.record, world))
         if is_new or abs(now - self._path_at) >= _PATH_PERIOD:
             self._path_at = now
             self._path.publish(partial(self._path_message, run.supervisor.path(), now))

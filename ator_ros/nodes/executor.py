@@ -18,7 +18,6 @@ from ator_ros.actions.remote import LONGEST
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.motion_watch import Driving
 from ator_ros.execution.refining import AGAIN_AFTER
-from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.supervisor import (
     LONGEST_STOP,
     LONGEST_STOP_DELAY,
@@ -64,7 +63,6 @@ from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 _WARNING_PERIOD = 2.0
 _DISCOVERY_GRACE = 1.0  # real s; DDS may still be connecting cmd_vel to a base that has just started
-_RESET_PERIOD = 1.0  # real s; two resets within it mean that two nodes publish odometry
 _RESULT_KEPT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
 _IDLE_PERIOD = 1.0  # real s between two checks of the deadlines without a goal: each costs a millisecond
 _PREEMPTED = "a newer goal took over"
@@ -105,25 +103,17 @@ _COMMON = (
 
 def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
     """Return the parameters of the node, among them three for each of the `objects`."""
-    return (*_COMMON, *(parameter for name in objects for parameter in _parameters_of(name)))
-
-
-def _parameters_of(name: str) -> tuple[Parameter, ...]:
-    return (
-        Parameter(
-            f"{name}_timeout",
-            0.3,
-            f"s by which the {name} may be older than odometry; the robot pauses after half",
-            0.05,
-            60.0,
-            live=True,
-        ),
+    parameters = list(_COMMON)
+    for name in objects:
+        age = f"s by which the {name} may be older than odometry; the robot pauses after half"
+        noise = f"m, standard deviation of the {name}'s coordinates; 0: exact"
         # Errors of more than 1 m or 10 m/s make the position of an object of a robot's size useless.
-        Parameter(
-            f"{name}_noise", 0.0, f"m, standard deviation of the {name}'s coordinates; 0: exact", 0.0, 1.0
-        ),
-        Parameter(f"{name}_velocity_noise", 0.0, "m/s, standard deviation of its velocity", 0.0, 10.0),
-    )
+        parameters += [
+            Parameter(f"{name}_timeout", 0.3, age, 0.05, 60.0, live=True),
+            Parameter(f"{name}_noise", 0.0, noise, 0.0, 1.0),
+            Parameter(f"{name}_velocity_noise", 0.0, "m/s, standard deviation of its velocity", 0.0, 10.0),
+        ]
+    return tuple(parameters)
 
 
 class ExecutorNode(Node):
@@ -162,21 +152,21 @@ class ExecutorNode(Node):
         self._domain = domain = domain_of(self._settings)
         self._remotes = RemoteServers(self, domain, self._settings["frame"])
         self._libraries = self._remotes.libraries(robot)
-        incomplete = (library.incomplete for library in self._libraries.values())
-        for reason in filter(None, (*(top.lacks(robot) for top in domain.tops_for(robot)), *incomplete)):
+        left_out = (reason for library in self._libraries.values() for reason in library.left_out.values())
+        for reason in filter(None, (*(top.lacks(robot) for top in domain.tops_for(robot)), *left_out)):
             self.get_logger().warning(reason)
         self._sets = warmed_up_predictors(self, self._settings, domain, self._libraries)
         self._inputs = inputs_of(self._settings, domain.objects)
         self._driving = Driving(robot, self._settings["latency"])
-        self._fence, self._rolling = fence_of(self._settings, robot), rolling_of(self._settings, robot)
+        self._fence = fence_of(self._settings, robot)
         self._world: World | None = None
         self._run: GoalRun | None = None
-        self._odom_at, self._jumped, self._stopping = 0.0, -math.inf, False
+        self._odom_at, self._stopping = 0.0, False
         self._stop_until = -math.inf
         self._slow = ""  # last warning of a base that is slower than commanded
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._last_error, self._goals, self._ticks = "", 0, Ticks()
-        self._offer(robot)
+        self._connect(robot)
         topics = self._diagnosis.topics
         self._diagnostics = Diagnostics(self, self._health, topics, states=tuple(topics))
         self._drawing = ExecutionDrawing(self, domain, robot, self._settings["frame"])
@@ -187,7 +177,7 @@ class ExecutorNode(Node):
             f"{self._sets.startup_text()}"
         )
 
-    def _offer(self, robot: Robot) -> None:
+    def _connect(self, robot: Robot) -> None:
         settings = self._settings
         frame, child, stamped = (settings[name] for name in ("frame", "robot_frame", "stamped_commands"))
         self._commands = CommandPublisher(self, stamped=stamped, frame=child)
@@ -235,28 +225,34 @@ class ExecutorNode(Node):
             return
         if world is None:
             return
-        fault = None if self._run is None else self._driving.fault(world, now)
+        run = self._run
+        fault = None if run is None else self._driving.fault(world, now)
         world = self._driving.ahead(world)
-        if self._run is not None and self._driving.remark not in ("", self._slow):
-            self._slow = self._driving.remark
-            self.get_logger().warning(self._slow)
         self._world, self._odom_at = world, now
-        self._rolling.observe(world)  # also between goals, when the robot has lost an object
         self._ticks.record(now)
-        if self._run is not None:
-            self._run.supervisor.slowdown = self._inputs.slowdown
-        if self._run is not None and (self._remotes.ending() or self._is_connecting(self._run, now)):
-            self._stand_by(self._run)
-        elif self._run is not None:
-            command = self._run.supervisor.tick(world, now, overdue=self._inputs.overdue, fault=fault)
-            done = time.monotonic()
-            self._send(self._driving.punctual(world.robot, command, done - now), answers=True)
-            self._ticks.took(done - now)
-            self._run.supervisor.odometry_received(done)
-            self._follow(self._run)
+        if run is not None:
+            self._answer(run, world, fault, now)
         elif self._stop_until > -math.inf:
             self._stop_unattended(world.robot, now)
         self._drawing.objects(world)
+
+    def _answer(self, run: GoalRun, world: World, fault: str | None, now: float) -> None:
+        """Send the command for a state in which a goal is active."""
+        if self._driving.remark not in ("", self._slow):
+            self._slow = self._driving.remark
+            self.get_logger().warning(self._slow)
+        run.supervisor.slowdown = self._inputs.slowdown
+        if self._remotes.ending() or self._is_connecting(run, now):
+            self._send(STOP)
+            self._driving.reset()  # its motion is not ours
+            run.supervisor.odometry_received(time.monotonic())
+            return
+        command = run.supervisor.tick(world, now, overdue=self._inputs.overdue, fault=fault)
+        done = time.monotonic()
+        self._send(self._driving.punctual(world.robot, command, done - now), answers=True)
+        self._ticks.took(done - now)
+        run.supervisor.odometry_received(done)
+        self._follow(run)
 
     def _stop_unattended(self, robot: RobotState, now: float) -> None:
         """Stop a robot that may move after a goal that ended without odometry, for some seconds."""
@@ -276,20 +272,9 @@ class ExecutorNode(Node):
         new = now - max(self._inputs.since, self._commands.changed) < grace
         return run.supervisor.phase is Phase.WAITING and new
 
-    def _stand_by(self, run: GoalRun) -> None:
-        """Send stop commands, while a canceled server may still drive or a new base is not connected yet."""
-        self._send(STOP)
-        self._driving.reset()  # its motion is not ours
-        run.supervisor.odometry_received(time.monotonic())
-
     def _take_jump(self, jump: ClockJumpError) -> None:
-        """Reset the state after odometry's clock has jumped. One reset is no cause for a warning."""
-        now = time.monotonic()
-        if jump.back and now - self._jumped > _RESET_PERIOD:
-            self.get_logger().info(str(jump))
-        else:
-            self._note(str(jump))
-        self._jumped = now
+        """Reset the state after odometry's clock has jumped."""
+        self._note(str(jump))
         self._driving.reset()
         # A goal that waits for its first state goes on, as after a restart of the simulation.
         if self._run is not None and self._run.supervisor.phase is not Phase.WAITING:
@@ -317,15 +302,7 @@ class ExecutorNode(Node):
         self._goals += 1
         try:
             models = self._sets.present.by_set
-            run = GoalRun(
-                handle,
-                self._libraries,
-                models,
-                self._refinement,
-                self._settings,
-                self._fence,
-                self._rolling,
-            )
+            run = GoalRun(handle, self._libraries, models, self._refinement, self._settings, self._fence)
         except MessageError as error:  # the running goal continues
             return self._refused(handle, str(error))
         self._driving.begin(self._settings["latency"], preempts=self._run is not None)
@@ -436,7 +413,6 @@ class ExecutorNode(Node):
         values: dict[str, object] = {
             "odom": "none yet" if silence is None else f"{1000.0 * silence:.0f} ms ago",
             **self._objects.diagnostics(known, self._inputs.overdue),
-            **self._rolling.diagnostics(),
             **self._ticks.diagnostics(),
             "goal": "none" if self._run is None else self._run.supervisor.phase.value,
             "goals": self._goals,
@@ -473,23 +449,16 @@ class ExecutorNode(Node):
 
 def inputs_of(settings: Mapping[str, Any], objects: Iterable[str]) -> Inputs:
     """Return the inputs for these objects; raises SetupError."""
-    return Inputs({name: _sightings(settings, name) for name in objects})
-
-
-def _sightings(settings: Mapping[str, Any], name: str) -> Sightings:
-    noise, velocity_noise = settings[f"{name}_noise"], settings[f"{name}_velocity_noise"]
-    if (noise > 0.0) != (velocity_noise > 0.0):
-        raise SetupError(
-            f"parameters {name}_noise and {name}_velocity_noise: expected both above 0 or both 0, "
-            f"got {noise:g} and {velocity_noise:g}"
-        )
-    return Sightings(name, settings[f"{name}_timeout"], ObjectTracker(noise, velocity_noise))
-
-
-def rolling_of(settings: Mapping[str, Any], robot: Robot) -> Rolling:
-    """Return the observer of rolling objects, for speeds well above the noise."""
-    noises = (value for name, value in settings.items() if name.endswith("_velocity_noise"))
-    return Rolling(robot, slowest=3.0 * max(noises, default=0.0))
+    sightings = {}
+    for name in objects:
+        noises = settings[f"{name}_noise"], settings[f"{name}_velocity_noise"]
+        if len({noise > 0.0 for noise in noises}) > 1:
+            raise SetupError(
+                f"parameters {name}_noise and {name}_velocity_noise: expected both above 0 or both 0, got "
+                f"{noises[0]:g} and {noises[1]:g}"
+            )
+        sightings[name] = Sightings(name, settings[f"{name}_timeout"], ObjectTracker(*noises))
+    return Inputs(sightings)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -20,7 +20,6 @@ from ator_ros.execution.chain_executor import ActionRecord, Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Question
-from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.supervisor import Deadlines, Phase, Supervisor
 from ator_ros.nodes.messages import (
     action_set_from,
@@ -29,7 +28,6 @@ from ator_ros.nodes.messages import (
     chain_from,
     chain_of,
     chain_performance_of,
-    echo_of,
     objective_from,
     performance_of,
     situation_of,
@@ -57,21 +55,6 @@ class GoalRun:
     finished : Future
         Of the result, which the executor gives after the last tick.
 
-    Parameters
-    ----------
-    handle : ServerGoalHandle
-        As above.
-    libraries, predictors : mapping
-        By action set.
-    refinement : Client
-        Of the service refine_subgoal.
-    settings : mapping
-        Parameters of the executor.
-    fence : Fence
-        Where the robot may drive.
-    rolling : Rolling
-        Observed deceleration of rolling objects.
-
     Raises
     ------
     MessageError
@@ -86,21 +69,22 @@ class GoalRun:
         refinement: Client,
         settings: Mapping[str, Any],
         fence: Fence,
-        rolling: Rolling,
     ) -> None:
         goal, frame = handle.request, settings["frame"]
         action_set = action_set_from(goal.chain, allowed=libraries)
         library = libraries[action_set]
         chain = chain_from(goal.chain, library, frame=frame, fence=fence)
-        others = _alternatives(goal, library, frame, fence)
+        others = alternatives_from(goal.alternatives, library, frame=frame, fence=fence)
+        if unreadable := [each for each in others if isinstance(each, str)]:
+            raise MessageError(unreadable[0])
         if goal.refine:
             objective_from(goal.objective, failure_cost=1.0)  # refinement uses it; here it is checked
-        self.handle = handle
+        self.handle, self._predictor = handle, predictors[action_set]
         self.supervisor = Supervisor(
             library,
             chain,
             now=time.monotonic(),
-            predictor=predictors[action_set],
+            predictor=self._predictor,
             deadlines=Deadlines(
                 **{field.name: settings[f"{field.name}_timeout"] for field in dataclasses.fields(Deadlines)}
             ),
@@ -108,8 +92,7 @@ class GoalRun:
             refine=goal.refine,
             again_after=settings["refine_again_after"],
             fetches=goal.fetches,
-            alternatives=others,
-            rolling=rolling,
+            alternatives=[each for each in others if isinstance(each, TopChain)],
         )
         self._library, self._refinement, self._frame, self._fence = library, refinement, frame, fence
         self._id = id_of(handle)
@@ -174,7 +157,7 @@ class GoalRun:
         if self.supervisor.phase is not Phase.REFINING:  # the chain has changed since it came
             write = functools.partial(chain_of, action_set=self._library.action_set, frame=self._frame)
             request.chain = write(question.chain)
-            request.alternatives = [write(other.chain) for other in question.others]
+            request.alternatives = [write(chain) for _, chain in question.others]
             request.as_given = True  # to be better than what is driven
         request.situation = situation_of(question.world, frame=self._frame)
         self._asked, self._request = question, self._refinement.call_async(request)
@@ -205,17 +188,17 @@ class GoalRun:
         return new
 
     def _action_record(self, record: ActionRecord) -> ActionPerformance:
-        chain, frame = self.supervisor.executor.chain, self._frame
+        call, frame = record.chain.calls[record.index], self._frame
         message = ActionPerformance(
             chain_id=self._id,
             step=record.index,
-            steps=len(chain),
-            action=record.action,
+            steps=len(record.chain),
+            action=call.top.action,
             action_set=self._library.action_set,
-            call=call_of(dataclasses.replace(chain.calls[record.index], goal=record.goal), frame=frame),
+            call=call_of(call, frame=frame),
             start=situation_of(record.start, frame=frame),
             end=situation_of(record.end, frame=frame),
-            predicted=performance_of(None if record.predicted is None else record.predicted()),
+            predicted=performance_of(self._predictor.action(record.start, record.chain, record.index)),
             actual=_actual(record.duration, record.ending, record.position_error),
             heading_error=float(record.heading_error),
             outcome=Outcome(code=record.ending.value, reason=record.reason),
@@ -230,51 +213,39 @@ class GoalRun:
         changes = refining.refined, refining.refined_again
         return self._id, run.phase, run.executor.index, len(self._records), *changes
 
-    def so_far(self, world: World) -> ChainPerformance:
-        """Return the present record, without predictions; `world` is the last known state."""
-        run = self.supervisor
-        waits = run.phase in (Phase.WAITING, Phase.REFINING)
-        message = self._chain_record(world)
-        message.predicted = performance_of()
-        message.actual = performance_of({} if waits else {"duration": run.executor.elapsed})
-        message.outcome = Outcome(code=run.ending.value if run.ending else 0, reason=run.reason)
-        return message
-
-    def result(self, world: World | None) -> Any:
-        """Return the result of the goal; `world` is the last known state."""
-        run, ending = self.supervisor, self.supervisor.ending or Ending.FAILED
-        if world is None:
-            return unstarted(self.handle, ending, run.reason, frame=self._frame)
-        record = self._chain_record(world)
-        record.predicted = chain_performance_of(run.forecast.whole)
-        record.actual = _actual(run.executor.elapsed, ending)
-        record.outcome = Outcome(code=ending.value, reason=run.reason)
-        return ExecuteChain.Result(outcome=record.outcome, record=record)
-
-    def _chain_record(self, world: World) -> ChainPerformance:
-        """Return what is known of the chain whether or not it has ended."""
-        run, action_set, frame = self.supervisor, self._library.action_set, self._frame
+    def record(self, world: World) -> ChainPerformance:
+        """Return the record up to now, with predictions at the end; `world` is the last known state."""
+        run, frame = self.supervisor, self._frame
+        if self.ended:
+            predicted = chain_performance_of(run.forecast.whole)
+            actual = _actual(run.executor.elapsed, run.ending or Ending.FAILED)
+        else:
+            waits = run.phase in (Phase.WAITING, Phase.REFINING)
+            predicted = performance_of()
+            actual = performance_of({} if waits else {"duration": run.executor.elapsed})
         message = ChainPerformance(
             chain_id=self._id,
-            chain=chain_of(run.executor.chain, action_set=action_set, frame=frame),
+            chain=chain_of(run.executor.chain, action_set=self._library.action_set, frame=frame),
             start=situation_of(run.start or world, frame=frame),
             refined=run.refining.refined,
             refinement=run.refining.reason,
             fetched=run.executor.fetched,
             refined_again=run.refining.refined_again,
             actions=self._records,
+            predicted=predicted,
+            actual=actual,
+            outcome=Outcome(code=run.ending.value if run.ending else 0, reason=run.reason),
         )
         message.header = situation_of(world, frame=frame).header
         return message
 
-
-def _alternatives(goal: ExecuteChain.Goal, library: TopLibrary, frame: str, fence: Fence) -> list[TopChain]:
-    """Read the alternatives of a goal; raises MessageError if one cannot be read."""
-    read = alternatives_from(goal.alternatives, library, frame=frame, fence=fence)
-    for each in read:
-        if isinstance(each, str):
-            raise MessageError(each)
-    return [each for each in read if not isinstance(each, str)]
+    def result(self, world: World | None) -> Any:
+        """Return the result of the goal; `world` is the last known state."""
+        if world is None:
+            ending = self.supervisor.ending or Ending.FAILED
+            return unstarted(self.handle, ending, self.supervisor.reason, frame=self._frame)
+        record = self.record(world)
+        return ExecuteChain.Result(outcome=record.outcome, record=record)
 
 
 def id_of(handle: ServerGoalHandle) -> str:
@@ -287,7 +258,7 @@ def unstarted(handle: ServerGoalHandle, ending: Ending, reason: str, *, frame: s
     outcome = Outcome(code=ending.value, reason=reason)
     record = ChainPerformance(
         chain_id=id_of(handle),
-        chain=echo_of(handle.request.chain),
+        chain=handle.request.chain,
         refinement="not requested",
         predicted=performance_of(),
         actual=_actual(0.0, ending),

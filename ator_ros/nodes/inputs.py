@@ -5,11 +5,10 @@ tf is read from its messages; tf2_ros is not needed.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -29,7 +28,10 @@ from ator_ros.world.messages import (
     transform_from,
 )
 from ator_ros.world.state import ObjectState, RobotState
-from ator_ros.world.transforms import MOST_FRAMES, Placement, Transforms
+from ator_ros.world.transforms import Placement, Transforms
+
+Take = Callable[[float, Placement], None]
+"""Takes the stamp of a frame in s, and its placement in another frame."""
 
 try:
     from tf2_msgs.msg import TFMessage as TFMessage
@@ -47,50 +49,26 @@ _WARNING_PERIOD = 2.0
 _MOST_NAMED = 8
 
 
-class Found(NamedTuple):
-    """Where a frame is: stamp in s and placement in another frame."""
-
-    time: float
-    placement: Placement
-
-
 @dataclass
 class _Followed:
-    """A frame that is looked up in another one."""
+    """A frame that is looked up in another one; `last` is the stamp in s that was passed on last."""
 
     frame: str
     child: str
-    take: Callable[[Found], None]
+    take: Take
     last: float | None = None
-
-    def look(self, transforms: Transforms) -> None:
-        """Pass on where the frame is, if there is a newer stamp, or an older one after a reset."""
-        found = transforms.latest(self.frame, self.child)
-        if found is not None and found[0] != self.last:
-            self.last = found[0]
-            self.take(Found(*found))
 
 
 class TfListener:
     """Subscribes to /tf and /tf_static once a frame is followed, and looks frames up.
 
     The names are absolute, as those of tf2_ros: where tf has a namespace, remap them (``-r /tf:=tf``).
-
-    Parameters
-    ----------
-    node : Node
-        Owns the subscriptions, and logs messages that cannot be used.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._transforms = Transforms()
         self._followed: list[_Followed] = []
-
-    @property
-    def used(self) -> bool:
-        """Whether any frame is followed."""
-        return bool(self._followed)
 
     def lacking(self, frame: str, child: str) -> str:
         """Return the problem if the place of `child` in `frame` is unknown or old."""
@@ -100,7 +78,7 @@ class TfListener:
         known = f"{', '.join(frames[:_MOST_NAMED])}{' …' if len(frames) > _MOST_NAMED else ''}"
         return f"tf: expected transforms from {frame} to {child}, got the frames: {known or 'none'}"
 
-    def follow(self, frame: str, child: str, take: Callable[[Found], None]) -> None:
+    def follow(self, frame: str, child: str, take: Take) -> None:
         """Pass on each update of the pose of `child` in `frame`, in the order of these calls.
 
         Raises
@@ -110,24 +88,23 @@ class TfListener:
         """
         if TFMessage is None:
             raise SetupError(f"{child} is to come from tf: expected the package tf2_msgs, got none")
-        if not self.used:
+        if not self._followed:
             self._node.create_subscription(TFMessage, "/tf_static", partial(self._take, fixed=True), _FIXED)
             self._node.create_subscription(TFMessage, "/tf", partial(self._take, fixed=False), RESULTS)
         self._followed.append(_Followed(frame, child, take))
 
     def _take(self, message: Any, *, fixed: bool) -> None:
-        for transform in itertools.islice(message.transforms, MOST_FRAMES):
+        for transform in message.transforms:
             try:
-                self._add(transform, fixed=fixed)
-            except ValueError as error:
+                self._transforms.add(*transform_from(transform), fixed=fixed)
+            except MessageError as error:
                 logger = self._node.get_logger()
                 logger.warning(f"ignored: {error}", throttle_duration_sec=_WARNING_PERIOD)
         for followed in self._followed:
-            followed.look(self._transforms)
-
-    def _add(self, message: Any, *, fixed: bool) -> None:
-        frame, child, time, placement = transform_from(message)
-        self._transforms.add(frame, child, time, placement, fixed=fixed)
+            found = self._transforms.latest(followed.frame, followed.child)
+            if found is not None and found[0] != followed.last:  # newer, or older after a reset
+                followed.last = found[0]
+                followed.take(*found)
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,22 +124,8 @@ class Input:
 class RobotSource:
     """Subscribes to the robot's state.
 
-    Parameters
-    ----------
-    node : Node
-        The node that subscribes.
-    settings : mapping
-        The parameters `STATE`, `frame` and `robot_frame`.
-    robot : Robot
-        Its limits, for velocities that are estimated from tf.
-    take : callable
-        Called with time in s and state of the robot for each message.
-    reject : callable
-        Called with "odom" and the error of a message that cannot be used.
-    warn : callable
-        Called with a remark on a message that is used although it is doubtful.
-    tf : TfListener
-        Looks up the robot in tf.
+    `take` is called with time in s and state of the robot for each message, `reject` with "odom" and the
+    error of a message that cannot be used, `warn` with a remark on one that is used although it is doubtful.
 
     Attributes
     ----------
@@ -181,37 +144,28 @@ class RobotSource:
         tf: TfListener,
     ) -> None:
         self._take, self._reject, self._warn = take, reject, warn
-        self._tf, self._frames = tf, (settings["frame"], settings["robot_frame"])
+        frames = settings["frame"], settings["robot_frame"]
         self._from_tf = settings[STATE.name] == "tf"
-        if self._from_tf and len(set(self._frames)) < 2:
-            raise SetupError(
-                f"parameter robot_frame: expected another frame than frame, got {self._frames[1]}"
-            )
-        self.input = Input.of_tf(*self._frames) if self._from_tf else Input("odom", Odometry)
-        self._velocity = RobotVelocity(robot.limits.v, robot.limits.w)
         self._reader = OdometryReader(settings["frame"])
-        if self._from_tf:
-            tf.follow(*self._frames, self._take_found)
-        else:
-            node.create_subscription(Odometry, "odom", self._take_odometry, SENSOR_DATA)
+        if not self._from_tf:
+            self.input = Input("odom", Odometry)
+            node.create_subscription(Odometry, "odom", partial(self._read, self._reader.read), SENSOR_DATA)
+            return
+        if len(set(frames)) < 2:
+            raise SetupError(f"parameter robot_frame: expected another frame than frame, got {frames[1]}")
+        self.input = Input.of_tf(*frames)
+        velocity = RobotVelocity(robot.limits.v, robot.limits.w)
+        tf.follow(*frames, partial(self._read, partial(robot_from_placement, velocity)))
 
-    def _take_odometry(self, message: Odometry) -> None:
+    def _read(self, read: Callable[..., tuple[float, RobotState]], *message: Any) -> None:
         try:
-            time, robot = self._reader.read(message)
+            time, robot = read(*message)
         except MessageError as error:
             self._reject("odom", error)
             return
         if self._reader.remark:
             self._warn(self._reader.remark)
         self._take(time, robot)
-
-    def _take_found(self, found: Found) -> None:
-        try:
-            robot = robot_from_placement(found.time, found.placement, self._velocity)
-        except MessageError as error:
-            self._reject("odom", error)
-            return
-        self._take(found.time, robot)
 
     def missing(self) -> str:
         """Return the problem while there is no usable state."""
@@ -226,22 +180,10 @@ TYPES: dict[str, Any] = {
 
 
 class ObjectSources:
-    """Subscribes to the objects of a domain.
+    """Subscribes to the objects of a domain, which must be in the frame `frame`.
 
-    Parameters
-    ----------
-    node : Node
-        The node that subscribes.
-    sources : iterable of ObjectSource
-        The objects.
-    take : callable
-        Called with name, time in s and state of an object for each message.
-    reject : callable
-        Called with the name of an object and the error of a message that cannot be used.
-    tf : TfListener
-        Looks up objects in tf.
-    frame : str
-        The frame that objects must be in.
+    `take` is called with name, time in s and state of an object for each message, `reject` with the name of
+    an object and the error of a message that cannot be used.
 
     Attributes
     ----------
@@ -265,24 +207,16 @@ class ObjectSources:
             reader = ObjectReader(source, frame)
             if source.type == "tf":
                 self.inputs[source.name] = Input.of_tf(frame, source.listened)
-                tf.follow(frame, source.listened, partial(self._take_found, source.name, reader))
+                tf.follow(frame, source.listened, partial(self._read, source.name, reader.read_placement))
             else:
-                callback = partial(self._take_message, source.name, reader)
+                callback = partial(self._read, source.name, reader.read)
                 kind, topic = TYPES[source.type], source.listened
                 self.inputs[source.name] = Input(topic, kind)
                 node.create_subscription(kind, topic, callback, SENSOR_DATA)
 
-    def _take_message(self, name: str, reader: ObjectReader, message: Any) -> None:
+    def _read(self, name: str, read: Callable[..., tuple[float, ObjectState]], *message: Any) -> None:
         try:
-            time, there = reader.read(message)
-        except MessageError as error:
-            self._reject(name, error)
-            return
-        self._take(name, time, there)
-
-    def _take_found(self, name: str, reader: ObjectReader, found: Found) -> None:
-        try:
-            time, there = reader.read_placement(found.time, found.placement)
+            time, there = read(*message)
         except MessageError as error:
             self._reject(name, error)
             return

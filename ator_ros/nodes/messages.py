@@ -18,9 +18,11 @@ import ator_interfaces.msg as msg
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
-from ator_ros.actions.goal_variables import GOAL_VARIABLES, GoalVariable, goal_values
+from ator_ros.actions.goal_variables import GOAL_VARIABLES, goal_values, wrong_values
 from ator_ros.execution.fence import Fence
+from ator_ros.files import is_name
 from ator_ros.geometry import Pose, quaternion_from_yaw
+from ator_ros.printable import quoted
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.refinement.objective import Objective
@@ -108,8 +110,9 @@ def world_from(situation: msg.Situation, *, frame: str, where: str = "situation"
 
 
 def _named_object(item: msg.ObjectState, where: str) -> tuple[str, ObjectState]:
-    name = checks.plain_name(item.name, f"{where}.name")
-    return name, checks.object_from(item.position, item.velocity, where)
+    if not is_name(item.name):
+        raise MessageError(f"{where}.name: expected a name of letters, digits and _, got {quoted(item.name)}")
+    return item.name, checks.object_from(item.position, item.velocity, where)
 
 
 def situation_of(world: World, *, frame: str) -> msg.Situation:
@@ -133,11 +136,6 @@ def action_set_from(chain: msg.TopChain, *, allowed: Collection[str], where: str
     return checks.name(chain.action_set or DEFAULT_SET, f"{where}.action_set", allowed=allowed)
 
 
-def echo_of(chain: msg.TopChain) -> msg.TopChain:
-    """Return a chain unchanged, for answers and records; an empty one if it is too long."""
-    return chain if len(chain.calls) <= LONGEST_CHAIN else msg.TopChain()
-
-
 def chain_from(
     chain: msg.TopChain,
     library: TopLibrary,
@@ -146,17 +144,7 @@ def chain_from(
     where: str = "chain",
     fence: Fence | None = None,
 ) -> TopChain:
-    """Read a chain.
-
-    Parameters
-    ----------
-    library : TopLibrary
-        The TOPs.
-    frame : str
-        The frame that goals must be given in.
-    fence : Fence, optional
-        A chain that leads out of it raises MessageError.
-    """
+    """Read a chain with goals in the frame `frame`; one that leads out of the fence raises MessageError."""
     checks.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
     calls = [_call_from(call, library, frame, f"{where}.calls[{i}]") for i, call in enumerate(chain.calls)]
     read = TopChain(tuple(calls))
@@ -196,30 +184,11 @@ def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -
     fastest = _FASTEST_GOAL * library.robot.limits.v
     speed = checks.number(call.speed, f"{where}.speed", low=0.0, high=fastest, unit="m/s")
     pose = pose_from(call.goal.pose, f"{where}.goal.pose")
-    values = _values_from(call.values, library.goal_variables(top), f"{where}.values")
-    opened = checks.names(call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, *values, EVERYTHING))
-    return TopCall(top, Goal(pose, speed, top.point, values), opened)
-
-
-def _values_from(
-    values: Sequence[msg.GoalValue], declared: Sequence[GoalVariable], where: str
-) -> dict[str, float]:
-    """Read the values of the goal variables that an action declares."""
-    wanted = [variable.name for variable in declared]
-    given = checks.names([item.name for item in values], where, allowed=wanted)
-    if missing := [name for name in wanted if name not in given]:
-        raise MessageError(f"{where}: expected values of {wanted}, {missing} are missing")
-    by_name = {item.name: item.value for item in values}
-    return {
-        variable.name: checks.number(
-            by_name[variable.name],
-            f"{where}: {variable.name}",
-            low=variable.low,
-            high=variable.high,
-            unit=variable.unit,
-        )
-        for variable in declared
-    }
+    goal = Goal(pose, speed, top.point, {item.name: item.value for item in call.values})
+    if wrong := wrong_values(goal, library.goal_variables(top)):
+        raise MessageError(f"{where}.values: {wrong}")
+    opened = checks.names(call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, *goal.values, EVERYTHING))
+    return TopCall(top, goal, opened)
 
 
 def chain_of(chain: TopChain, *, action_set: str, frame: str) -> msg.TopChain:
@@ -279,9 +248,7 @@ def _alternative(judged: Judged, sent: msg.TopChain, *, action_set: str, frame: 
     """Write the refinement of one of several chains, which was `sent`."""
     found, prediction = judged.refinement, judged.prediction
     if found is None or prediction is None:
-        return msg.Alternative(
-            reason=judged.reason, chain=echo_of(sent), predicted=performance_of(), cost=math.nan
-        )
+        return msg.Alternative(reason=judged.reason, chain=sent, predicted=performance_of(), cost=math.nan)
     return msg.Alternative(
         accepted=True,
         complete=found.complete,
@@ -308,22 +275,21 @@ def _response_of(
         without_model=list(refinement.without_model),
         before=chain_performance_of(before),
         after=chain_performance_of(after),
-        before_actions=_actions(before),
-        after_actions=_actions(after),
+        before_actions=[performance_of(action) for action in before.actions],
+        after_actions=[performance_of(action) for action in after.actions],
         cost_before=before.cost,
         cost_after=after.cost,
         curves=[_curve(curve) for curve in refinement.curves] if want_curve else [],
     )
 
 
-def refused(reason: str, chain: msg.TopChain | None = None) -> RefineSubgoal.Response:
-    """Write the answer to a request that is not evaluated, with its `chain` if it is not too large."""
+def refused(reason: str, chain: msg.TopChain) -> RefineSubgoal.Response:
+    """Write the answer to a request that is not evaluated, with its `chain`."""
     nothing = performance_of()
-    sent = msg.TopChain() if chain is None else chain
     return RefineSubgoal.Response(
         reason=reason,
-        chain=sent,
-        original=sent,
+        chain=chain,
+        original=chain,
         before=nothing,
         after=nothing,
         cost_before=math.nan,
@@ -340,20 +306,16 @@ def chain_performance_of(prediction: ChainPrediction | None) -> msg.Performance:
     return performance_of({"duration": prediction.duration, "spread": spread, "success": success})
 
 
-def _actions(prediction: ChainPrediction) -> list[msg.Performance]:
-    return [performance_of(action) for action in prediction.actions]
-
-
 def _free_variables(refinement: Refinement) -> list[msg.FreeVariable]:
-    def value(chain: TopChain, subgoal: int, name: str) -> float:
-        return goal_values(chain.calls[subgoal].goal)[name]
-
+    before, after = (
+        [goal_values(call.goal) for call in chain.calls] for chain in (refinement.original, refinement.best)
+    )
     return [
         msg.FreeVariable(
             subgoal=variable.subgoal,
             name=variable.name,
-            before=value(refinement.original, variable.subgoal, variable.name),
-            after=value(refinement.best, variable.subgoal, variable.name),
+            before=before[variable.subgoal][variable.name],
+            after=after[variable.subgoal][variable.name],
             low=variable.domain.low,
             high=variable.domain.high,
             limits=list(variable.limits),

@@ -45,8 +45,6 @@ class Parameter:
         Bounds of a number.
     choices : tuple of str, optional
         Allowed texts; where "true" is one of them, the boolean true means it, and false likewise.
-    smallest : float, optional
-        Least magnitude of a number that is not 0.
     live : bool
         Whether it can change while the node runs; otherwise it is fixed at the start.
     names_frame : bool
@@ -59,7 +57,6 @@ class Parameter:
     low: float = -math.inf
     high: float = math.inf
     choices: tuple[str, ...] = ()
-    smallest: float = 0.0
     live: bool = False
     names_frame: bool = False
 
@@ -83,32 +80,17 @@ class Parameter:
         return "true" in self.choices
 
     def read(self, value: Any) -> Any:
-        """Return `value` as the node uses it, if it is allowed.
-
-        Raises
-        ------
-        SetupError
-            It is not finite, out of bounds, too small, or none of the choices.
-        """
+        """Return `value` as the node uses it; raises SetupError if it is none of the choices, or no frame."""
         if self._takes_bool and isinstance(value, bool):
             value = str(value).lower()
-        if expected := self._expected_instead_of(value):
-            raise SetupError(f"parameter {self.name}: expected {expected}, got {quoted(value)}")
-        return plain_frame(value) if self.names_frame else value
-
-    def _expected_instead_of(self, value: Any) -> str:
-        """Return what is allowed, empty if `value` is."""
         if self.choices and value not in self.choices:
-            return f"one of {', '.join(self.choices)}"
+            raise SetupError(
+                f"parameter {self.name}: expected one of {', '.join(self.choices)}, got {quoted(value)}"
+            )
         if self.names_frame and not is_frame(value):
-            return "a frame: printable characters without spaces, 200 at most"
-        if not isinstance(value, int | float):
-            return ""
-        if not (math.isfinite(value) and self.low <= value <= self.high):
-            return f"a finite number from {self.low:g} to {self.high:g}"
-        if 0.0 < abs(value) < self.smallest:
-            return f"0, or a number from {self.smallest:g} to {self.high:g}"
-        return ""
+            frame = "a frame: printable characters without spaces, 200 at most"
+            raise SetupError(f"parameter {self.name}: expected {frame}, got {quoted(value)}")
+        return plain_frame(value) if self.names_frame else value
 
 
 _OF_ROS = ("use_sim_time", "start_type_description_service")
@@ -143,13 +125,7 @@ Changed = Callable[[Mapping[str, Any]], None]
 
 
 def domain_of(settings: Mapping[str, Any]) -> Domain:
-    """Return the domain that the parameters `DOMAIN` and `ROBOT` select.
-
-    Raises
-    ------
-    SetupError
-        There is none of that name, or it cannot be used.
-    """
+    """Return the domain that the parameters `DOMAIN` and `ROBOT` select; raises SetupError."""
     try:
         return domain_for(settings[DOMAIN.name], settings[ROBOT.name])
     except DomainError as error:
@@ -157,13 +133,7 @@ def domain_of(settings: Mapping[str, Any]) -> Domain:
 
 
 def robot_of(settings: Mapping[str, Any]) -> Robot:
-    """Read the robot's description that the parameter `ROBOT` names, in the scene of the domain.
-
-    Raises
-    ------
-    SetupError
-        The file or the domain cannot be used.
-    """
+    """Read the robot that the parameter `ROBOT` names, in the scene of the domain; raises SetupError."""
     domain = domain_of(settings)
     try:
         return domain.robot(settings[ROBOT.name] or None)
@@ -191,12 +161,8 @@ def declare_parameters(
 
     The values follow live parameters. `changed` is called with new values, by name, before they are used; it
     raises SetupError to refuse them. Parameters that the node does not have are reported. For this the node
-    must be made with ``automatically_declare_parameters_from_overrides``.
-
-    Raises
-    ------
-    SetupError
-        A value has another type, or is not allowed.
+    must be made with ``automatically_declare_parameters_from_overrides``. Raises SetupError if a value has
+    another type, or is not allowed.
     """
     values = {parameter.name: _declared(node, parameter) for parameter in parameters}
     _warn_of_strange(node, values, unused)
@@ -211,24 +177,8 @@ def declare_with_domain(
 ) -> dict[str, Any]:
     """Declare the parameters of a node for the objects of the domain that `DOMAIN` and `ROBOT` select.
 
-    Parameters
-    ----------
-    node : Node
-        The node.
-    parameters_for : callable
-        Returns the node's parameters, `DOMAIN` and `ROBOT` among them, for the names of objects.
-    changed : callable, optional
-        As for `declare_parameters`.
-
-    Returns
-    -------
-    dict
-        As of `declare_parameters`.
-
-    Raises
-    ------
-    SetupError
-        A value has another type, or is not allowed, or the domain cannot be used.
+    `parameters_for` returns them, `DOMAIN` and `ROBOT` among them, for the names of objects; see
+    `declare_parameters` for the others. Raises SetupError also if the domain cannot be used.
     """
     domain = domain_of({item.name: _declared(node, item) for item in (DOMAIN, ROBOT)})
     # The shipped parameter files set those of soccer's objects, whatever domain is used.
@@ -265,7 +215,8 @@ def _declared(node: Node, parameter: Parameter) -> Any:
         if not node.has_parameter(name):
             node.declare_parameter(name, parameter.default, parameter.descriptor())
     except ParameterException as error:
-        point = "; write 5.0 for 5" if given in _WHOLE and _holds_decimals(parameter.default) else ""
+        default = parameter.default[0] if isinstance(parameter.default, list) else parameter.default
+        point = "; write 5.0 for 5" if given in _WHOLE and isinstance(default, float) else ""
         raise SetupError(f"parameter {name} ({parameter.description}): {error}{point}") from error
     return parameter.read(node.get_parameter(name).value)
 
@@ -273,12 +224,6 @@ def _declared(node: Node, parameter: Parameter) -> Any:
 def _is_implicit(node: Node, name: str) -> bool:
     """Return whether a parameter exists only because the command line or a parameter file sets it."""
     return node.has_parameter(name) and not node.describe_parameter(name).description
-
-
-def _holds_decimals(default: Any) -> bool:
-    """Return whether a default is a number with decimals, or several of them."""
-    values = default if isinstance(default, list | tuple) else [default]
-    return any(isinstance(value, float) for value in values)
 
 
 def _warn_of_strange(node: Node, known: Mapping[str, Any], unused: Collection[str]) -> None:

@@ -37,7 +37,7 @@ from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.gate import Gate, OpenGate, opened
-from ator_ros.refinement.objective import LEAST_WEIGHT, MOST_WEIGHT
+from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.refinement.refiner import Refinement, Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
 from ator_ros.tops.library import TopLibrary
@@ -58,7 +58,6 @@ PARAMETERS = (
         "s that a failure costs; below 0: the domain's time limit",
         -1.0,
         MOST_WEIGHT,
-        smallest=LEAST_WEIGHT,
         live=True,
     ),
     Parameter("deadline", 0.05, "real s after which the best chain found is the answer", 0.001, 60.0),
@@ -164,7 +163,7 @@ class RefinementNode(Node):
 
     def _refusal(self, reason: str, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
         self._refused, self._last_refusal = self._refused + 1, reason
-        return messages.refused(reason, messages.echo_of(request.chain))
+        return messages.refused(reason, request.chain)
 
     def _health(self) -> Health:
         present = self._sets.present
@@ -197,11 +196,8 @@ def refine_request(
 ) -> Selection:
     """Refine the chain of a request and its alternatives, and choose the best.
 
-    Raises
-    ------
-    MessageError, RefinementError
-        The request cannot be read, its chain leads out of the fence, or none of its chains is a valid plan
-        from its situation.
+    Raises MessageError or RefinementError if the request cannot be read, its chain leads out of the fence, or
+    none of its chains is a valid plan from its situation.
     """
     world = messages.world_from(request.situation, frame=frame)
     chain = messages.chain_from(request.chain, library, frame=frame, fence=fence)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import time
 import uuid
@@ -28,7 +27,6 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import STOP, World
 
-_FINAL = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
 _QUESTIONS = 6
 """Requests to a server within the longest silence."""
 _SHORTEST = 0.05
@@ -38,27 +36,16 @@ _SHORTEST = 0.05
 class RemoteServers:
     """The servers of a domain's remote actions; those that cannot be used are logged once.
 
-    Parameters
-    ----------
-    node : Node
-        The node that calls them.
-    domain : Domain
-        Its actions.
-    frame : str
-        The frame that states are estimated in.
-    clock : callable, optional
-        Returns the real time in s.
+    States are estimated in the frame `frame`.
     """
 
-    def __init__(
-        self, node: Node, domain: Domain, frame: str, clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, node: Node, domain: Domain, frame: str) -> None:
         self._domain = domain
         callers: dict[RemoteCall, set[str]] = {}
         for spec in chain.from_iterable(domain.action_sets.values()):
             if spec.remote is not None:
                 callers.setdefault(spec.remote, set()).add(spec.name)
-        self._servers = {call: RemoteServer(node, call, frame, clock) for call in sorted(callers, key=repr)}
+        self._servers = {call: RemoteServer(node, call, frame) for call in sorted(callers, key=repr)}
         self.problem = "; ".join(
             f"{server.fault}; without it {', '.join(sorted(callers[call]))} cannot be executed"
             for call, server in self._servers.items()
@@ -70,14 +57,11 @@ class RemoteServers:
 
     def libraries(self, robot: Robot) -> dict[str, TopLibrary]:
         """Return the libraries of all action sets, in which remote actions are executed by their servers."""
-        return {
-            action_set: self._domain.library(robot, action_set, self._factories(action_set))
-            for action_set in self._domain.action_sets
-        }
-
-    def _factories(self, action_set: str) -> dict[str, ActionFactory]:
-        specs = self._domain.actions(action_set)
-        return {name: self._factory(spec.remote) for name, spec in specs.items() if spec.remote is not None}
+        libraries = {}
+        for name, specs in self._domain.action_sets.items():
+            remote = {spec.name: self._factory(spec.remote) for spec in specs if spec.remote is not None}
+            libraries[name] = self._domain.library(robot, name, remote)
+        return libraries
 
     def _factory(self, call: RemoteCall) -> ActionFactory:
         server = self._servers[call]
@@ -99,13 +83,6 @@ class RemoteAction(Action):
 
     The goal is sent once the robot stands and has been commanded to: from then on no velocity is commanded,
     until the server has ended. No method waits; the times of `Timeouts` are checked in each tick.
-
-    Parameters
-    ----------
-    robot : Robot
-        As for all actions.
-    server : RemoteServer
-        The server, with its clock.
     """
 
     name = "remote"
@@ -123,16 +100,13 @@ class RemoteAction(Action):
 
     def start(self, world: World, goal: Goal) -> None:  # noqa: ARG002
         """Commit to `goal`; it is sent in a later tick."""
-        fault = self._server.fault
-        if fault:
-            raise ActionError(fault)
-        self._goal, self._since = goal, self._server.clock()
+        if self._server.fault:
+            raise ActionError(self._server.fault)
+        self._goal, self._since = goal, time.monotonic()
 
     def step(self, world: World) -> Step:
         """Return None for a command from the tick on in which the goal is sent."""
-        if self._sent is None:
-            return self._before(world)
-        return self._failed() or self._answered(world, self._sent)
+        return self._before(world) if self._sent is None else self._after(world, self._sent)
 
     def end(self, reason: str) -> None:  # noqa: ARG002
         """Cancel the goal if the server may still execute it; `RemoteServer.ending` tracks the rest."""
@@ -141,12 +115,12 @@ class RemoteAction(Action):
 
     def _before(self, world: World) -> Step:
         """Stop, find the server, send the goal."""
-        server, now = self._server, self._server.clock()
+        server, now = self._server, time.monotonic()
         commanded, self._stopped = self._stopped, True
         if not (commanded and world.robot.is_standing):
             self._since = now
             return Step(STOP, Status.RUNNING, f"stopping, before {server.name} takes over")
-        unusable = server.unusable(now)
+        unusable = server.unusable()
         if unusable:
             late = now - self._since > server.timeouts.server
             return finished(Status.FAILED, unusable) if late else Step(STOP, Status.RUNNING, unusable)
@@ -154,74 +128,51 @@ class RemoteAction(Action):
         self._sent, self._since = server.send(self._goal), now
         return Step(None, Status.RUNNING, f"sent to {server.name}")
 
-    def _failed(self) -> Step | None:
-        """Return the end if the server is gone, or its answers cannot be used."""
-        server = self._server
-        if self._sent is not None and self._sent.fault:
-            return finished(Status.FAILED, f"{server.name}: {self._sent.fault}")
-        if self._sent is not None and self._sent.result is None and server.lost(server.clock()):
-            gone = (
-                f"{server.name} is gone: its action server has been missing for {server.timeouts.server:g} s"
-            )
-            return finished(Status.FAILED, gone)
-        return None
-
-    def _answered(self, world: World, sent: RemoteGoal) -> Step:
+    def _after(self, world: World, sent: RemoteGoal) -> Step:
+        """Wait for acceptance and result."""
         server, limits = self._server, self._server.timeouts
-        if sent.accepted is None:
-            if server.clock() - self._since > limits.acceptance:
-                silent = (
-                    f"{server.name} did not answer the goal: expected that within {limits.acceptance:g} s"
-                )
-                return finished(Status.FAILED, silent)
-            return Step(None, Status.RUNNING, f"waiting for {server.name} to accept")
-        if not sent.accepted:
-            return finished(Status.FAILED, f"{server.name} rejected the goal")
-        if self._accepted is None:
-            self._accepted = world.time
-            server.accepted(server.clock())
         if sent.result is not None:
-            failure = server.failure_of(sent)
+            failure = failure_in(server.call, sent.status, sent.result)
             if failure is None:
                 return finished(Status.SUCCEEDED, f"{server.name} succeeded")
             return finished(Status.FAILED, f"{server.name} failed: {failure}")
-        if server.silent(server.clock()):
+        if sent.accepted is False:
+            return finished(Status.FAILED, f"{server.name} rejected the goal")
+        if server.lost():
+            missing = f"its action server has been missing for {limits.server:g} s"
+            return finished(Status.FAILED, f"{server.name} is gone: {missing}")
+        if sent.accepted is None:
+            if time.monotonic() - self._since <= limits.acceptance:
+                return Step(None, Status.RUNNING, f"waiting for {server.name} to accept")
+            within = f"expected that within {limits.acceptance:g} s"
+            return finished(Status.FAILED, f"{server.name} did not answer the goal: {within}")
+        if self._accepted is None:
+            self._accepted = world.time
+            server.heartbeat.begin()
+        if server.heartbeat.silence() > limits.silence:
             within = f"expected a sign of life within {limits.silence:g} s, got none"
             return finished(Status.FAILED, f"{server.name} is gone or hangs: {within}")
         if world.time - self._accepted > limits.result:
-            late = f"{server.name} took too long: expected a result within {limits.result:g} s, got none"
-            return finished(Status.FAILED, late)
+            within = f"expected a result within {limits.result:g} s, got none"
+            return finished(Status.FAILED, f"{server.name} took too long: {within}")
         return Step(None, Status.RUNNING, f"executed by {server.name}")
 
 
 class RemoteServer:
     """Sends goals to one action server, and tracks which of them it may still be executing.
 
-    Parameters
-    ----------
-    node : Node
-        The node that calls it.
-    call : RemoteCall
-        What is declared of the server.
-    frame : str
-        The frame that states are estimated in.
-    clock : callable
-        Returns the real time in s.
-
     Attributes
     ----------
-    name : str
-        The server's name.
-    timeouts : Timeouts
-        How long it may take.
     fault : str
         Why it cannot be used, as where its type is not installed; empty where it can.
+    heartbeat : Heartbeat
+        Whether it is still there; only without a fault.
     """
 
-    def __init__(self, node: Node, call: RemoteCall, frame: str, clock: Callable[[], float]) -> None:
-        self.name, self.timeouts, self.clock = call.server, call.timeouts, clock
+    def __init__(self, node: Node, call: RemoteCall, frame: str) -> None:
+        self.call, self.name, self.timeouts = call, call.server, call.timeouts
         self.fault = ""
-        self._node, self._call = node, call
+        self._node = node
         self._seen = -math.inf
         self._ending: list[tuple[RemoteGoal, float]] = []
         try:
@@ -229,60 +180,47 @@ class RemoteServer:
             self._writer = GoalWriter(call, kind.Goal, frame)
             check_result(call, kind.Result)
             self._client = ActionClient(node, kind, call.server)
-            self._heartbeat = Heartbeat(node, call.server, call.timeouts.silence)
+            self.heartbeat = Heartbeat(node, call.server, call.timeouts.silence)
         except (RemoteError, NameValidationException) as error:
             self.fault = f"action server {call.server}: {error}"
 
-    def present(self, now: float) -> bool:
-        """Return whether the server is there at `now`, in real s."""
+    def present(self) -> bool:
+        """Return whether the server is there now."""
         there = bool(self._client.server_is_ready())
-        self._seen = now if there else self._seen
+        self._seen = time.monotonic() if there else self._seen
         return there
 
-    def lost(self, now: float) -> bool:
+    def lost(self) -> bool:
         """Return whether the server has been missing for longer than it may."""
-        return not self.present(now) and now - self._seen > self.timeouts.server
+        return not self.present() and time.monotonic() - self._seen > self.timeouts.server
 
-    def unusable(self, now: float) -> str:
+    def unusable(self) -> str:
         """Return why no goal can be sent now; empty if one can.
 
         A server that was killed counts until DDS has given it up, which takes 20 s.
         """
         within = f"expected one action server within {self.timeouts.server:g} s"
-        if not self.present(now):
+        if not self.present():
             return f"{self.name}: {within}, got none"
         servers = self._node.count_services(f"{self.name}/_action/send_goal")
         return f"{self.name}: {within}, got {servers}: each would move the robot" if servers > 1 else ""
 
     def send(self, goal: Goal) -> RemoteGoal:
         """Send a goal."""
-        return RemoteGoal(self._client, self._writer.written(goal), self._heartbeat.reset)
-
-    def accepted(self, now: float) -> None:
-        """Watch over the server from `now` on, in real s: it has accepted a goal."""
-        self._heartbeat.begin(now)
-
-    def silent(self, now: float) -> bool:
-        """Return whether the server that executes a goal has been silent for longer than it may."""
-        return self._heartbeat.silence(now) > self.timeouts.silence
-
-    def failure_of(self, sent: RemoteGoal) -> str | None:
-        """Return in words why a goal with a result did not succeed; None if it did."""
-        return failure_in(self._call, sent.status, sent.result)
+        return RemoteGoal(self._client, self._writer.written(goal), self.heartbeat.reset)
 
     def release(self, sent: RemoteGoal) -> None:
         """Cancel a goal that may not be over; until it is, or its time is up, the server counts as ending."""
-        now = self.clock()
-        self._heartbeat.end()
+        self.heartbeat.end()
         if not sent.over:
             sent.cancel()
-            if self.present(now):
-                self._ending.append((sent, now + self.timeouts.cancel))
+            if self.present():
+                self._ending.append((sent, time.monotonic() + self.timeouts.cancel))
 
     def ending(self) -> bool:
         """Return whether a canceled goal may still be executed."""
         self._ending = [(sent, until) for sent, until in self._ending if not sent.over]
-        return bool(self._ending) and self.present(self.clock()) and not self._overdue()
+        return bool(self._ending) and self.present() and not self._overdue()
 
     def warning(self) -> str:
         """Return a warning, once, that the server has ignored a cancellation; empty if it has not."""
@@ -295,22 +233,11 @@ class RemoteServer:
         )
 
     def _overdue(self) -> bool:
-        return self.clock() > max(until for _, until in self._ending)
+        return time.monotonic() > max(until for _, until in self._ending)
 
 
 class RemoteGoal:
-    """One goal, from its sending until its result.
-
-    The node's executor brings the answers between two ticks; nothing here waits.
-
-    Parameters
-    ----------
-    client : ActionClient
-        Of the server.
-    message : object
-        The goal.
-    on_feedback : callable
-        Called when feedback comes.
+    """One goal, from its sending until its result; the node's executor brings the answers between two ticks.
 
     Attributes
     ----------
@@ -320,15 +247,12 @@ class RemoteGoal:
         The final state of the goal with the server, once there is a result.
     result : object or None
         The result; None: there is none.
-    fault : str
-        What went wrong with an answer; empty if nothing did.
     """
 
     def __init__(self, client: ActionClient, message: Any, on_feedback: Callable[[], None]) -> None:
         self.accepted: bool | None = None
         self.status = GoalStatus.STATUS_UNKNOWN
         self.result: Any = None
-        self.fault = ""
         self._handle: ClientGoalHandle | None = None
         self._canceled = False
         sent = client.send_goal_async(message, feedback_callback=lambda _: on_feedback())
@@ -337,42 +261,26 @@ class RemoteGoal:
     @property
     def over(self) -> bool:
         """Whether the server has nothing more to do for it, as far as is known."""
-        ended = self._handle is not None and self._handle.status in _FINAL
-        return self.accepted is False or self.result is not None or ended
+        return self.accepted is False or self.result is not None
 
     def cancel(self) -> None:
         """Ask the server to end it, now or when it is accepted after all."""
-        if self._canceled or self.over:
-            return
         self._canceled = True
-        self._send_cancel()
-
-    def _send_cancel(self) -> None:
         if self._handle is not None:
-            with contextlib.suppress(RuntimeError):  # the node is being destroyed
-                self._handle.cancel_goal_async()
+            self._handle.cancel_goal_async()
 
     def _take_answer(self, future: Future) -> None:
-        try:
-            handle = future.result()
-        except Exception as error:  # whatever another program's answer makes rclpy raise
-            self.fault = f"its answer cannot be used: {error}"
-            return
+        handle = future.result()
         self.accepted = bool(handle.accepted)
         if not self.accepted:
             return
         self._handle = handle
         handle.get_result_async().add_done_callback(self._take_result)
         if self._canceled:
-            self._send_cancel()
+            self.cancel()
 
     def _take_result(self, future: Future) -> None:
-        try:
-            answer = future.result()
-        except Exception as error:  # as above
-            self.fault = f"its result cannot be used: {error}"
-            return
-        self.status, self.result = answer.status, answer.result
+        self.status, self.result = future.result().status, future.result().result
 
 
 class Heartbeat:
@@ -381,16 +289,8 @@ class Heartbeat:
     DDS lists a server that was killed for up to 20 s. So the server is requested periodically to cancel an
     unknown goal. Each server answers that at once, except one that has no free thread while it drives: until
     the first answer, missing ones mean nothing. A restarted server does not answer requests to its
-    predecessor, and does not execute the goal either.
-
-    Parameters
-    ----------
-    node : Node
-        The node that asks.
-    action : str
-        The name of the action.
-    longest : float
-        Real s of silence that a server that lives does not exceed.
+    predecessor, and does not execute the goal either. A server that lives is never silent for longer than
+    `longest` real s.
     """
 
     def __init__(self, node: Node, action: str, longest: float) -> None:
@@ -401,17 +301,19 @@ class Heartbeat:
         self._next = self._checked = math.inf
         self._quiet = 0.0
 
-    def begin(self, now: float) -> None:
-        """Begin to ask at `now`, in real s: a goal was accepted."""
+    def begin(self) -> None:
+        """Begin to ask: a goal was accepted."""
         self.end()
+        now = time.monotonic()
         self._next, self._checked, self._quiet = now + self._period, now, 0.0
 
     def reset(self) -> None:
         """Record a sign of life, such as feedback."""
         self._quiet = 0.0
 
-    def silence(self, now: float) -> float:
-        """Return the real s without a sign of life at `now`; 0 for a server that has never answered."""
+    def silence(self) -> float:
+        """Return the real s without a sign of life; 0 for a server that has never answered."""
+        now = time.monotonic()
         # While this node was stalled, answers were not read: a long time counts less.
         self._quiet += min(max(now - self._checked, 0.0), self._period)
         self._checked = now

@@ -6,6 +6,7 @@ import importlib
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped
 from rosidl_parser import definition
 
@@ -38,21 +39,9 @@ def action_type_of(name: str) -> Any:
 
 
 class GoalWriter:
-    """Writes the goals of a server.
+    """Writes the goals of a server, whose message is of the type `kind`; states are in the frame `frame`.
 
-    Parameters
-    ----------
-    call : RemoteCall
-        How fields are filled.
-    kind : type
-        The goal's message.
-    frame : str
-        The frame that states are estimated in.
-
-    Raises
-    ------
-    RemoteError
-        The message lacks a field, or a field cannot hold what is to be written.
+    Raises RemoteError if the message lacks a field, or a field cannot hold what is to be written.
     """
 
     def __init__(self, call: RemoteCall, kind: Any, frame: str) -> None:
@@ -138,45 +127,32 @@ def _class_of(slot: Any) -> Any:
 
 
 def _put(message: Any, path: str, value: Any) -> None:
+    """Set the field at a path; sequences on the way get one item."""
     *way, (last, indexed) = parts(path)
     for name, only in way:
-        message = _only_item(message, name) if only else getattr(message, name)
+        if only and not getattr(message, name):
+            slots = dict(zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True))
+            setattr(message, name, [_class_of(slots[name].value_type)()])
+        message = getattr(message, name)[0] if only else getattr(message, name)
     setattr(message, last, [value] if indexed else value)
-
-
-def _only_item(message: Any, name: str) -> Any:
-    """Return the first item of a sequence, which is made where there is none."""
-    if not getattr(message, name):
-        slots = dict(zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True))
-        setattr(message, name, [_class_of(slots[name].value_type)()])
-    return getattr(message, name)[0]
 
 
 def _fitting(value: Any, slot: Any, where: str) -> Any:
     """Return a constant as a field of this type holds it; raises RemoteError."""
-    kind = getattr(slot, "typename", "")
+    kind = _described(slot)
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if isinstance(slot, definition.AbstractString):
-        _require(isinstance(value, str), where, "a text", value)
+        fits, kind = isinstance(value, str), "string"
     elif kind == "boolean":
-        _require(isinstance(value, bool), where, "true or false", value)
+        fits = isinstance(value, bool)
     elif kind in _FLOATS:
-        _require(number, where, "a number", value)
-        value = float(value)
-    elif "int" in kind:
-        low, high = _whole_range(kind)
-        fits = number and isinstance(value, int) and low <= value <= high
-        _require(fits, where, f"a whole number from {low} to {high}", value)
+        fits, value = number, float(value) if number else value
+    elif isinstance(slot, definition.BasicType) and "int" in kind:
+        fits = number and isinstance(value, int) and np.iinfo(kind).min <= value <= np.iinfo(kind).max
     else:
-        raise RemoteError(
-            f"{where}: expected a field for a text, a number or a truth value, got {_described(slot)}"
-        )
+        raise RemoteError(f"{where}: expected a field for a text, a number or a truth value, got {kind}")
+    _require(fits, where, f"a constant of type {kind}", value)
     return value
-
-
-def _whole_range(kind: str) -> tuple[int, int]:
-    bits = int(kind.removeprefix("u").removeprefix("int"))
-    return (0, 2**bits - 1) if kind.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
 
 
 def _require(holds: bool, where: str, expected: str, got: Any) -> None:

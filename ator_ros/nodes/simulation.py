@@ -66,7 +66,6 @@ _COMMON = (
         "simulated per real seconds; 0: as fast as possible",
         0.0,
         100.0,
-        smallest=0.001,
         live=True,
     ),
     Parameter(
@@ -94,7 +93,7 @@ _COMMON = (
 _ERRORS = tuple(field.name for field in dataclasses.fields(ObjectErrors))
 _ASIDE = 1.0
 """m between objects, and between robots, that are where they start by default."""
-_FASTEST_PERIOD = 0.0005
+_FASTEST_PERIOD, _LONGEST_PERIOD = 0.0005, 60.0
 _PAUSED_PERIOD = 0.05
 _LAPSE = round(5.0 / TICK)  # ticks that take as long as in reality, after those that a command held for
 _WARNING_PERIOD = 2.0
@@ -296,7 +295,7 @@ class SimulationNode(Node):
 
 def _period_at(factor: float) -> float:
     """Return the real s between ticks."""
-    return TICK / factor if factor else _FASTEST_PERIOD
+    return min(TICK / factor, _LONGEST_PERIOD) if factor else _FASTEST_PERIOD
 
 
 # From parameters to the world

@@ -7,7 +7,6 @@ import functools
 import hashlib
 import json
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -64,14 +63,8 @@ class Limits:
 class Holder:
     """Two parallel fingers at the robot's front, which hold a round object from the sides.
 
-    Attributes
-    ----------
-    length, gap, thickness : float
-        Of the fingers, in m; the gap is between their inner sides.
-    radius : float
-        Radius in m of the object that is held.
-    limits : Limits
-        For commands while it is held.
+    Lengths in m; `gap` is between the inner sides of the fingers, `radius` that of the held object. `limits`
+    holds for commands while it is held.
     """
 
     length: Size
@@ -169,9 +162,20 @@ class Robot:
 
     def __post_init__(self) -> None:
         """Refuse what no body can be; raises ConfigError."""
-        wrong = next(_wrong(self), None)
-        if wrong is not None:
-            raise ConfigError(wrong)
+        build, holder = self.build, self.holder
+        caster = self.rear if build.caster_behind is None else build.caster_behind
+        width, torque = 2.0 * self.half_width, least_torque(self.mass, self.wheel_radius, self.limits)
+        _at_most(
+            "build.wheel_mass", build.wheel_mass, _MOST_WHEEL * self.mass, "as the body weighs something"
+        )
+        _at_most("build.caster_behind", build.caster_behind, self.rear, "where the robot ends")
+        _at_most("build.mass_behind", build.mass_behind, caster, "where the robot is supported")
+        _at_least("wheel_torque", self.wheel_torque, torque, f"which {self.mass:g} kg need to accelerate")
+        _at_most("track", self.track, width, "the width of the robot with its wheels")
+        if holder is not None:
+            least, most = _rounded_up(holder.held_width), math.floor(1e4 * _LOOSE * holder.held_width) / 1e4
+            _at_least("holder.gap", holder.gap, least, "the width of what is held")
+            _at_most("holder.gap", holder.gap, most, "beyond which fingers hold nothing")
 
     def __hash__(self) -> int:
         """Hash the name alone, as tables are looked up by the robot in every search."""
@@ -204,13 +208,7 @@ class Robot:
         return max(math.hypot(self.tip, self.tip_half_width), body)
 
     def holder_for(self, what: str) -> Holder:
-        """Return the holder, which `what` needs.
-
-        Raises
-        ------
-        NoHolderError
-            The robot has none.
-        """
+        """Return the holder, which `what` needs; raises NoHolderError if the robot has none."""
         if self.holder is None:
             raise NoHolderError(f"{what} needs a holder; robot {self.name} has none")
         return self.holder
@@ -258,12 +256,7 @@ def _digest_of(content: dict[str, Any]) -> str:
 
 
 def load_robot(path: Path | str | None = None) -> Robot:
-    """Read the description of a robot and of the scene around it.
-
-    Parameters
-    ----------
-    path : Path or str, optional
-        A YAML file; by default the shipped one.
+    """Read the description of a robot and its scene from a YAML file, by default the shipped one.
 
     Raises
     ------
@@ -281,11 +274,9 @@ def load_robot(path: Path | str | None = None) -> Robot:
     fields = {item.name: getattr(read.robot, item.name) for item in dataclasses.fields(read.robot)}
     try:
         robot = Robot(**fields, scene=read.scene)
+        _check_held(robot)
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from error
-    unheld = held_by_none(robot)
-    if unheld is not None:
-        raise ConfigError(f"{file}: {unheld}")
     return robot
 
 
@@ -303,40 +294,22 @@ def _schema() -> Any:
     )
 
 
+_MOST_WHEEL = 0.49
+"""Greatest share of the robot's mass that one wheel may have."""
 _LOOSE = 2.0
 """Fingers farther apart than so many widths of what they hold do not hold it."""
 _SAME_RADIUS = 0.1
 """Share by which the radius of an object may differ from the one that the holder is made for."""
 
 
-def _wrong(robot: Robot) -> Iterator[str]:
-    yield from _wrong_build(robot)
-    yield from _wrong_motors(robot)
-    if robot.track > 2.0 * robot.half_width:
-        width = f"at most {2.0 * robot.half_width:g}, the width of the robot with its wheels"
-        yield f"robot.track: expected {width}, got {robot.track:g}"
-    yield from _wrong_holder(robot)
+def _at_least(field: str, value: float, least: float, why: str) -> None:
+    if value < least:
+        raise ConfigError(f"robot.{field}: expected at least {least:g}, {why}, got {value:g}")
 
 
-def _wrong_build(robot: Robot) -> Iterator[str]:
-    wheel, behind, caster = robot.build.wheel_mass, robot.build.mass_behind, robot.build.caster_behind
-    if wheel is not None and 2.0 * wheel >= robot.mass:
-        yield f"robot.build.wheel_mass: expected less than {robot.mass / 2.0:g}, got {wheel:g}"
-    if caster is not None and caster > robot.rear:
-        end = f"at most {robot.rear:g}, where the robot ends"
-        yield f"robot.build.caster_behind: expected {end}, got {caster:g}"
-    rear = robot.rear if caster is None else caster
-    if behind is not None and behind >= rear:
-        support = f"less than {rear:g}, where the robot is supported"
-        yield f"robot.build.mass_behind: expected {support}, got {behind:g}"
-
-
-def _wrong_motors(robot: Robot) -> Iterator[str]:
-    least = least_torque(robot.mass, robot.wheel_radius, robot.limits)
-    if robot.wheel_torque < least:
-        fastest = max(robot.limits.a, robot.limits.brake)
-        needed = f"at least {least:g}, which {robot.mass:g} kg need for {fastest:g} m/s^2"
-        yield f"robot.wheel_torque: expected {needed}, got {robot.wheel_torque:g}"
+def _at_most(field: str, value: float | None, most: float, why: str) -> None:
+    if value is not None and value > most:
+        raise ConfigError(f"robot.{field}: expected at most {most:g}, {why}, got {value:g}")
 
 
 def least_torque(mass: float, wheel_radius: float, limits: Limits) -> float:
@@ -344,31 +317,16 @@ def least_torque(mass: float, wheel_radius: float, limits: Limits) -> float:
     return _rounded_up(0.5 * mass * max(limits.a, limits.brake) * wheel_radius)
 
 
-def _wrong_holder(robot: Robot) -> Iterator[str]:
-    holder = robot.holder
-    if holder is None:
+def _check_held(robot: Robot) -> None:
+    """Refuse a holder for no object of the scene; without any, the domain brings them."""
+    holder, radii = robot.holder, {name: each.radius for name, each in robot.scene.objects.items()}
+    if holder is None or not radii:
         return
-    least, most = holder.held_width, _LOOSE * holder.held_width
-    if holder.gap < least:
-        expected = f"at least {_rounded_up(least):g}, the width of what is held"
-        yield f"robot.holder.gap: expected {expected}, got {holder.gap:g}"
-    elif holder.gap > most:
-        expected = f"at most {math.floor(1e4 * most) / 1e4:g}, beyond which fingers hold nothing"
-        yield f"robot.holder.gap: expected {expected}, got {holder.gap:g}"
-
-
-def held_by_none(robot: Robot) -> str | None:
-    """Return the fault that no object of the scene has the size that the holder is made for.
-
-    A description has both. The scene of a domain may have other objects.
-    """
-    holder, objects = robot.holder, robot.scene.objects
-    if holder is None or not objects:
-        return None
-    if any(abs(each.radius - holder.radius) <= _SAME_RADIUS * holder.radius for each in objects.values()):
-        return None
-    radii = ", ".join(f"{name} {each.radius:g}" for name, each in objects.items())
-    return f"robot.holder.radius: expected that of an object of the scene ({radii}), got {holder.radius:g}"
+    if all(abs(radius - holder.radius) > _SAME_RADIUS * holder.radius for radius in radii.values()):
+        known = ", ".join(f"{name} {radius:g}" for name, radius in radii.items())
+        raise ConfigError(
+            f"robot.holder.radius: expected that of an object of the scene ({known}), got {holder.radius:g}"
+        )
 
 
 def _rounded_up(value: float) -> float:

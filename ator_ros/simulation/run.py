@@ -7,30 +7,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol, TypeVar
 
 from ator_ros.actions import TIME_LIMIT
-from ator_ros.actions.base import Action, Goal, Point, Status, Step, started
+from ator_ros.actions.base import Action, Goal, Point, Status, Step
 from ator_ros.geometry import wrap_angle
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import Top
 from ator_ros.tops.outcome import failure, may_settle, shortfall, unmet
-from ator_ros.world.state import STOP, Command, World
-
-
-class Tick(Protocol):
-    """What steers the robot in one control tick, as `Step` does."""
-
-    @property
-    def command(self) -> Command | None:
-        """The command; None where there is none."""
-
-    @property
-    def status(self) -> Status:
-        """Whether the run continues."""
-
-
-S = TypeVar("S", bound=Tick)
+from ator_ros.world.state import STOP, World
 
 
 def place(simulation: Simulation, world: World) -> None:
@@ -43,12 +27,12 @@ def place(simulation: Simulation, world: World) -> None:
 
 def run(
     simulation: Simulation,
-    step: Callable[[World], S],
+    step: Callable[[World], Step],
     *,
     ticks: int,
     watch: Callable[[World], None] | None = None,
     observe: Callable[[World], World] | None = None,
-) -> S | None:
+) -> Step | None:
     """Steer the robot tick by tick until `step` ends; everything has been placed in the simulation.
 
     Parameters
@@ -65,7 +49,7 @@ def run(
 
     Returns
     -------
-    Step, or whatever `step` returns, or None
+    Step or None
         The last one, which is not running; None if `ticks` are over before.
     """
     last: float | None = None
@@ -158,8 +142,12 @@ def run_action(
     instead of `Action.step`, to observe it. ActionError is raised if the action cannot start.
     """
     action.setup()
-    with started(action, simulation.world(), goal) as use:
+    action.start(simulation.world(), goal)
+    reason = "broken off"
+    try:
         stepped = action.step if step is None else partial(step, action)
         done = run(simulation, stepped, ticks=round(time_limit * CONTROL_RATE))
-        use.reason = f"time limit of {time_limit:g} s reached" if done is None else done.message
-    return done or Step(STOP, Status.RUNNING, use.reason)
+        reason = f"time limit of {time_limit:g} s reached" if done is None else done.message
+    finally:
+        action.end(reason)
+    return done or Step(STOP, Status.RUNNING, reason)

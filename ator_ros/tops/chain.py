@@ -50,15 +50,10 @@ class Top:
     @property
     def needs_holder(self) -> bool:
         """Whether its goal or its conditions refer to the robot's hold."""
-        return (
-            self.point is Point.HOLD
-            or any(
-                str(side).startswith("hold.")
-                for term in (*self.pre.terms, *self.post.terms)
-                for side in (term.variable, term.target)
-            )
-            or any("hold" in relation.places for relation in (*self.pre.relations, *self.post.relations))
-        )
+        terms = (*self.pre.terms, *self.post.terms)
+        sides = {str(side).partition(".")[0] for term in terms for side in (term.variable, term.target)}
+        places = {place for item in (*self.pre.relations, *self.post.relations) for place in item.places}
+        return self.point is Point.HOLD or "hold" in sides | places
 
     def lacks(self, robot: Robot) -> str | None:
         """Return a message if the robot lacks the holder that the TOP needs; else None."""
@@ -143,18 +138,6 @@ class TopChain:
             ]
             world = projected(world, call, robot)
         return found
-
-    def check(self, world: World, robot: Robot) -> None:
-        """Check that the chain is a valid plan from `world`.
-
-        Raises
-        ------
-        InvalidChainError
-            It is not; the message lists all reasons.
-        """
-        reasons = self.violations(world, robot)
-        if reasons:
-            raise InvalidChainError("; ".join(reasons))
 
 
 def projected(world: World, call: TopCall, robot: Robot) -> World:

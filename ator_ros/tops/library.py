@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import MappingProxyType
 
@@ -31,12 +30,6 @@ class TopLibrary(Mapping[str, Top]):
 
     Parameters
     ----------
-    robot : Robot
-        The robot that executes.
-    action_set : str
-        Name of the set of actions.
-    tops : iterable of Top
-        All TOPs.
     actions : mapping
         Makers of the actions by name, each called with the robot.
     ranges : mapping, optional
@@ -63,18 +56,11 @@ class TopLibrary(Mapping[str, Top]):
         self._goal_variables = dict(goal_variables)
         every = {top.name: top for top in tops}
         self._tops = {name: top for name, top in every.items() if top.action in self._actions}
-        self._missing = dict.fromkeys(top.action for name, top in every.items() if name not in self._tops)
         self.left_out: Mapping[str, str] = {
             name: f"{name} needs the action {top.action}; action set {action_set} has none of that name"
             for name, top in every.items()
             if name not in self._tops
         }
-
-    def with_robot(self, robot: Robot) -> TopLibrary:
-        """Return the same TOPs and actions for a robot of the same type in another scene."""
-        library = copy.copy(self)
-        library.robot, library._set_up = robot, set()
-        return library
 
     def __getitem__(self, name: str) -> Top:
         try:
@@ -90,29 +76,12 @@ class TopLibrary(Mapping[str, Top]):
     def __len__(self) -> int:
         return len(self._tops)
 
-    @property
-    def incomplete(self) -> str:
-        """The actions that the set lacks, in one sentence; empty if it is complete."""
-        if not self.left_out:
-            return ""
-        there = ", ".join(sorted(self._actions)) or "none"
-        return (
-            f"action set {self.action_set}: without {', '.join(self.left_out)}: expected also the actions "
-            f"{', '.join(self._missing)}, it has {there}"
-        )
-
     def usable(self) -> list[Top]:
         """Return the TOPs that the robot can execute; some need a holder."""
         return [top for top in self.values() if top.lacks(self.robot) is None]
 
     def action(self, top: Top) -> Action:
-        """Make a new action that executes `top`; the first one is set up.
-
-        Raises
-        ------
-        ActionError
-            It cannot be set up.
-        """
+        """Make a new action that executes `top`; the first one is set up, or raises ActionError."""
         action = self._actions[top.action](self.robot)
         if top.action not in self._set_up:
             action.setup()
@@ -129,17 +98,10 @@ class TopLibrary(Mapping[str, Top]):
         return Goal(pose, 0.0, top.point, values)
 
 
-# TOPs that only drive
-
-
-_PLACE = {"robot.x", "robot.y", "robot.yaw"}
-
-
 def driving_top(library: TopLibrary) -> Top | None:
     """Return the first TOP that drives the robot to a pose in any situation; None if there is none."""
-    return next((top for top in library.values() if _drives(top)), None)
-
-
-def _drives(top: Top) -> bool:
-    placed = {term.variable for term in top.post.terms if str(term.target).startswith("goal.")}
-    return top.pre == Condition() and placed >= _PLACE
+    for top in library.values():
+        placed = {term.variable for term in top.post.terms if str(term.target).startswith("goal.")}
+        if top.pre == Condition() and placed >= {"robot.x", "robot.y", "robot.yaw"}:
+            return top
+    return None

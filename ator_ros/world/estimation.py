@@ -12,8 +12,8 @@ from collections import deque
 
 import numpy as np
 
-from ator_ros.geometry import FloatArray, Pose
-from ator_ros.world.state import ObjectState, RobotState, World
+from ator_ros.geometry import Pose
+from ator_ros.world.state import ObjectState, RobotState
 
 _SPAN = 0.3
 """Time in s of positions from which a velocity is fitted."""
@@ -41,39 +41,31 @@ class VelocityEstimate:
         Positions older than a jump, or after the present one, as after a reset of time, are forgotten. The
         velocity is that of the middle of the span: of an object that accelerates it is late by 0.15 s.
         """
-        if self._sights and not self._continues(time, x, y):
-            self._sights.clear()
+        if self._sights:
+            before, old_x, old_y = self._sights[-1]
+            reach = _FASTEST * max(time - before, _LEAST)
+            if not 0.0 <= time - before <= _SPAN or math.hypot(x - old_x, y - old_y) > reach:
+                self._sights.clear()
         if not self._sights or time > self._sights[-1][0]:
             self._sights.append((time, x, y))
         while self._sights[0][0] < time - _SPAN:
             self._sights.popleft()
         return ObjectState(x, y, *self._velocity())
 
-    def _continues(self, time: float, x: float, y: float) -> bool:
-        before, old_x, old_y = self._sights[-1]
-        elapsed = time - before
-        if not 0.0 <= elapsed <= _SPAN:
-            return False
-        return bool(np.hypot(x - old_x, y - old_y) <= _FASTEST * max(elapsed, _LEAST))
-
     def _velocity(self) -> tuple[float, float]:
         """Return the slope of the line of least squares through the positions, in m/s."""
         times, xs, ys = np.array(self._sights).T
         if times[-1] - times[0] < _LEAST:
             return 0.0, 0.0
-        past = times - times.mean()
-        slope = past / (past @ past)
-        return float(slope @ xs), float(slope @ ys)
+        vx, vy = np.polyfit(times - times.mean(), np.transpose([xs, ys]), 1)[0]
+        return float(vx), float(vy)
 
 
 class RobotVelocity:
     """The velocity of a robot by differences of its poses, as along an arc between two of them.
 
-    Parameters
-    ----------
-    most_v, most_w : float
-        The robot's limits in m/s and rad/s. Where one pose is out of the reach of that before, as where a map
-        corrects it, the velocity stays as it was.
+    Where one pose is out of the reach of that before at the limits `most_v` (m/s) and `most_w` (rad/s), as
+    where a map corrects it, the velocity stays as it was.
     """
 
     def __init__(self, most_v: float, most_w: float) -> None:
@@ -118,7 +110,7 @@ class RobotVelocity:
 _BASELINE = 0.2
 """Time in s over which velocities are derived from positions; a jump is believed as long."""
 _FORGET = 1.0
-"""Time in s without a sighting, or without a contradiction, after which earlier ones are forgotten."""
+"""Time in s without a sighting after which earlier ones are forgotten."""
 _SLACK = 0.3
 """Difference in m/s that errors of stamps and filters in cameras explain at any speed."""
 _SHARE = 0.1
@@ -134,17 +126,8 @@ class VelocityCheck:
     """Replaces velocities that contradict an object's positions.
 
     A velocity that jumps, as after a push, is believed for 0.2 s; by then the positions must agree. If they
-    do not, the velocity is derived from them if they are steady; otherwise, as after an object was placed
-    elsewhere, the slower of both velocities is used.
-
-    Parameters
-    ----------
-    name : str
-        Name of the object.
-    noise : float
-        Standard deviation of the coordinates of a sighting in m.
-    velocity_noise : float
-        Standard deviation of the components of its velocity in m/s.
+    do not, the velocity is derived from them. `noise` (m) and `velocity_noise` (m/s) are the standard
+    deviations of the coordinates of a sighting and of the components of its velocity.
     """
 
     def __init__(self, name: str, noise: float, velocity_noise: float) -> None:
@@ -154,68 +137,40 @@ class VelocityCheck:
     def reset(self) -> None:
         """Forget all sightings and remarks."""
         self._sights: deque[tuple[float, float, float]] = deque(maxlen=_KEPT)
-        self._doubted = self._contradicted = -math.inf
-        self._said = False
+        self._doubted, self._said = math.inf, False
 
     def check(self, time: float, there: ObjectState) -> tuple[ObjectState, str | None]:
-        """Process a sighting at `time` (s).
+        """Process a sighting at `time` (s); return it with a plausible velocity.
 
-        Returns
-        -------
-        there : ObjectState
-            The sighting with a plausible velocity.
-        remark : str or None
-            What was wrong with its velocity, once per period of contradictions without a pause of 1 s.
+        The remark says what was wrong with the velocity, once per period of contradictions.
         """
         if self._sights and not 0.0 <= time - self._sights[-1][0] <= _FORGET:
-            self._sights.clear()
+            self.reset()
         while len(self._sights) > 1 and self._sights[1][0] <= time - _BASELINE + _ROUNDING:
             self._sights.popleft()
         self._sights.append((time, there.x, there.y))
         baseline = time - self._sights[0][0]
         if baseline < 0.75 * _BASELINE:
             return there, None
-        vx, vy = self._between(0, -1)
+        vx, vy = (there.x - self._sights[0][1]) / baseline, (there.y - self._sights[0][2]) / baseline
         most = self._tolerance(baseline, there.speed, math.hypot(vx, vy))
         if math.hypot(there.vx - vx, there.vy - vy) <= most:
+            self._doubted, self._said = math.inf, False
             return there, None
-        if time - self._contradicted > _FORGET:
-            self._doubted, self._said = time, False
-        self._contradicted = time
+        self._doubted = min(self._doubted, time)
         if time - self._doubted < _BASELINE - _ROUNDING:
             return there, None
-        seen = ObjectState(there.x, there.y, vx, vy)
-        believed = seen if self._is_steady(baseline) or seen.speed < there.speed else there
-        return believed, self._remark(there, seen)
-
-    def _is_steady(self, baseline: float) -> bool:
-        """Return whether the velocities over both halves of the positions agree."""
-        if len(self._sights) < 3:
-            return False
-        middle = len(self._sights) // 2
-        first, second = self._between(0, middle), self._between(middle, -1)
-        most = self._tolerance(baseline / 2.0, math.hypot(*first), math.hypot(*second))
-        return math.dist(first, second) <= most
-
-    def _between(self, first: int, last: int) -> tuple[float, float]:
-        """Return the mean velocity in m/s between two sightings."""
-        (t0, x0, y0), (t1, x1, y1) = self._sights[first], self._sights[last]
-        elapsed = max(t1 - t0, _ROUNDING)
-        return (x1 - x0) / elapsed, (y1 - y0) / elapsed
+        said, self._said = self._said, True
+        remark = (
+            f"{self._name}.twist.twist.linear: expected about ({vx:.2f}, {vy:.2f}) m/s, as its "
+            f"positions tell, got ({there.vx:.2f}, {there.vy:.2f}) m/s: not trusted"
+        )
+        return ObjectState(there.x, there.y, vx, vy), None if said else remark
 
     def _tolerance(self, baseline: float, *speeds: float) -> float:
         """Return the difference of two velocities in m/s that noise, errors of stamps and pushes explain."""
         noise = _SIGMAS * math.hypot(math.sqrt(2.0) * self._noise / baseline, self._velocity_noise)
         return _SLACK + _SHARE * max(speeds) + _PUSH * baseline + noise
-
-    def _remark(self, reported: ObjectState, seen: ObjectState) -> str | None:
-        if self._said:
-            return None
-        self._said = True
-        return (
-            f"{self._name}.twist.twist.linear: expected about ({seen.vx:.2f}, {seen.vy:.2f}) m/s, as its "
-            f"positions tell, got ({reported.vx:.2f}, {reported.vy:.2f}) m/s: not trusted"
-        )
 
 
 _WINDOW = 0.5
@@ -239,55 +194,50 @@ class TwistCheck:
 
     def __init__(self) -> None:
         self._last: tuple[float, RobotState] | None = None
-        self._step = (0.0, 0.0)
+        self._step = np.zeros(2)
         self._windows, self._reported = 0, False
         self._restart()
 
     def _restart(self) -> None:
         """Begin a window."""
-        self._elapsed, self._by_pose, self._by_twist = 0.0, [0.0, 0.0], [0.0, 0.0]
+        self._elapsed, self._motion = 0.0, np.zeros((2, 2))  # rows: by poses, by twist; columns: m, rad
 
     def contradiction(self, time: float, robot: RobotState) -> str:
         """Process odometry of `time` (s); return how pose and twist contradict each other: once, else ""."""
         last, self._last = self._last, (time, robot)
         if last is None or self._reported:
             return ""
-        elapsed = time - last[0]
-        moved = last[1].pose.relative(robot.pose)
+        elapsed, before = time - last[0], last[1]
+        moved = before.pose.relative(robot.pose)
         half = moved.yaw / 2.0
-        step = moved.x * math.cos(half) + moved.y * math.sin(half), moved.yaw
-        jumps = any(abs(now - before) > _JUMP for now, before in zip(step, self._step, strict=True))
+        step = np.array([moved.x * math.cos(half) + moved.y * math.sin(half), moved.yaw])
+        jumps = bool(np.any(np.abs(step - self._step) > _JUMP))
         self._step = step
         if jumps or not 0.0 <= elapsed <= _LONGEST_STEP:
             self._restart()
             return ""
-        twist = (last[1].v + robot.v) / 2.0, (last[1].w + robot.w) / 2.0
-        for axis in (0, 1):
-            self._by_pose[axis] += step[axis]
-            self._by_twist[axis] += twist[axis] * elapsed
+        self._motion += step, 0.5 * elapsed * np.array([before.v + robot.v, before.w + robot.w])
         self._elapsed += elapsed
         return self._judge() if self._elapsed >= _WINDOW - _ROUNDING else ""
 
     def _judge(self) -> str:
         """Judge a window that is complete, and begin the next one."""
-        pairs, elapsed = list(zip(self._by_pose, self._by_twist, strict=True)), self._elapsed
+        motion, elapsed = self._motion, self._elapsed
         self._restart()
-        sizes = [max(abs(pose), abs(twist)) for pose, twist in pairs]
-        if max(sizes) <= _LEAST_MOTION:
+        sizes = np.abs(motion).max(axis=0)
+        if sizes.max() <= _LEAST_MOTION:
             return ""  # a robot at rest
-        off = [
-            abs(pose - twist) - _MOST_SHARE * size for (pose, twist), size in zip(pairs, sizes, strict=True)
-        ]
-        self._windows = self._windows + 1 if max(off) > _MOST_OFF else max(0, self._windows - 1)
+        off = np.abs(motion[0] - motion[1]) - _MOST_SHARE * sizes
+        self._windows = self._windows + 1 if off.max() > _MOST_OFF else max(0, self._windows - 1)
         if self._windows < _CONFIRMED:
             return ""
         self._reported = True
-        axis = off.index(max(off))
-        (pose, twist), unit = pairs[axis], ("m/s", "rad/s")[axis]
-        name = ("twist.linear", "twist.angular")[axis]
+        axis = int(off.argmax())
+        by_pose, by_twist = motion[:, axis] / elapsed
+        name, unit = (("twist.linear", "m/s"), ("twist.angular", "rad/s"))[axis]
         return (
-            f"pose and {name} contradict each other: expected about {pose / elapsed:.2f} {unit} from the "
-            f"poses, got {twist / elapsed:.2f} {unit}"
+            f"pose and {name} contradict each other: expected about {by_pose:.2f} {unit} from the poses, "
+            f"got {by_twist:.2f} {unit}"
         )
 
 
@@ -300,14 +250,8 @@ _SURPRISE = 5.0
 class ObjectTracker:
     """Filters the sightings of one object; restarts where they jump.
 
-    Both coordinates share one covariance, because noise and pushes are the same for both.
-
-    Parameters
-    ----------
-    noise : float
-        Standard deviation of the coordinates of a sighting in m; 0: sightings are not filtered.
-    velocity_noise : float
-        Standard deviation of the components of its velocity in m/s; above 0 if `noise` is.
+    Both coordinates share one covariance, because noise and pushes are the same for both. `noise` (m) and
+    `velocity_noise` (m/s) are the standard deviations of a sighting; with a noise of 0 nothing is filtered.
     """
 
     def __init__(self, noise: float, velocity_noise: float) -> None:
@@ -330,52 +274,30 @@ class ObjectTracker:
         if self._exact:
             return there
         sight = np.array([[there.x, there.y], [there.vx, there.vy]])
-        elapsed = time - self._time
-        if not 0.0 <= elapsed <= _FORGET or self._surprised(sight, elapsed):
+        known = 0.0 <= time - self._time <= _FORGET
+        elapsed = time - self._time if known else 0.0
+        motion = np.array([[1.0, elapsed], [0.0, 1.0]])
+        expected = motion @ self._state
+        moves = math.hypot(*self._state[1]) > 3.0 * math.sqrt(self._seen[1, 1])
+        push = np.array([elapsed**2 / 2.0, elapsed]) * (_PUSH_SIGMA if moves else 0.1 * _PUSH_SIGMA)
+        covariance = motion @ self._covariance @ motion.T + np.outer(push, push)
+        spread = np.sqrt(np.diag(covariance + self._seen))
+        if not known or np.any(np.abs(sight - expected) > _SURPRISE * spread[:, None]):
             self._state, self._covariance = sight, self._seen
         elif elapsed > 0.0:
-            self._believe(sight, elapsed)
+            gain = covariance @ np.linalg.inv(covariance + self._seen)
+            self._state = expected + gain @ (sight - expected)
+            self._covariance = (np.eye(2) - gain) @ covariance
         self._time = time
         (x, y), (vx, vy) = self._state.tolist()
         return ObjectState(x, y, vx, vy)
 
-    def observe(self, world: World, name: str) -> World:
-        """Return `world` with the filtered state of the object `name`."""
-        there = world.objects.get(name)
-        if there is None:
-            self.reset()
-            return world
-        return world.with_object(name, self.update(world.time, there))
-
-    def _surprised(self, sight: FloatArray, elapsed: float) -> bool:
-        expected = self._motion(elapsed) @ self._state
-        spread = np.sqrt(np.diag(self._predicted(elapsed) + self._seen))
-        return bool(np.any(np.abs(sight - expected) > _SURPRISE * spread[:, None]))
-
-    def _believe(self, sight: FloatArray, elapsed: float) -> None:
-        expected, covariance = self._motion(elapsed) @ self._state, self._predicted(elapsed)
-        gain = covariance @ np.linalg.inv(covariance + self._seen)
-        self._state = expected + gain @ (sight - expected)
-        self._covariance = (np.eye(2) - gain) @ covariance
-
-    @staticmethod
-    def _motion(elapsed: float) -> FloatArray:
-        return np.array([[1.0, elapsed], [0.0, 1.0]])
-
-    def _predicted(self, elapsed: float) -> FloatArray:
-        """Return the covariance predicted after `elapsed` s with random pushes."""
-        moves = math.hypot(*self._state[1]) > 3.0 * math.sqrt(self._seen[1, 1])
-        motion = self._motion(elapsed)
-        push = np.array([elapsed**2 / 2.0, elapsed]) * (_PUSH_SIGMA if moves else 0.1 * _PUSH_SIGMA)
-        return motion @ self._covariance @ motion.T + np.outer(push, push)
-
 
 JUMP = 20.0
 """Difference in s of two stamps that means different clocks, unless as much time has passed."""
-_STALE = 1.0
-"""Time in s for which all stamps must be wrong to mean another clock; after a reset some are of before."""
-_AHEAD = 1.0
-"""Real s for which all stamps must be ahead: an idle node reads the object first, then odometry of then."""
+_OFF = 1.0
+"""Real s for which all stamps must be off: an idle node reads the object before odometry of the same time,
+and after a reset some messages are of before."""
 
 
 class StampError(ValueError):
@@ -385,33 +307,20 @@ class StampError(ValueError):
 class Sightings:
     """The recent sightings of one object.
 
-    Parameters
-    ----------
-    name : str
-        Name of the object.
-    timeout : float
-        Age in s, by the stamps, beyond which a sighting is not used. After half of it without a message the
-        object is overdue. It may be changed later, as the attribute of this name.
-    tracker : ObjectTracker
-        Filters the sightings.
+    A sighting older than `timeout` (s, by the stamps) is not used. After half of it without a message the
+    object is overdue. It may be changed at any time.
     """
 
     def __init__(self, name: str, timeout: float, tracker: ObjectTracker) -> None:
         self._name, self.timeout, self._tracker = name, timeout, tracker
         self._velocity = VelocityCheck(name, tracker.noise, tracker.velocity_noise)
         self._sights: deque[tuple[float, ObjectState]] = deque(maxlen=_KEPT)
-        self._reset: float | None = -math.inf
-        """Odometry's first stamp after time was reset; None: not known yet."""
-        self._clear()
+        self.forget()
 
     def forget(self) -> None:
-        """Forget the object because time was reset."""
-        self._reset = None
-        self._clear()
-
-    def _clear(self) -> None:
+        """Forget the object, as when time was reset."""
         self._sights.clear()
-        self._heard, self._stale_since, self._ahead_since = -math.inf, math.inf, math.inf
+        self._heard, self._off_since = -math.inf, math.inf
         self._tracker.reset()
         self._velocity.reset()
 
@@ -422,14 +331,10 @@ class Sightings:
     def add(
         self, time: float, there: ObjectState, now: float | None, pace: float = 1.0, real: float = 0.0
     ) -> str | None:
-        """Process a sighting. Its stamp may be old: a late camera still works.
+        """Process a sighting with the stamp `time` in s, which may be old: a late camera still works.
 
         Parameters
         ----------
-        time : float
-            Stamp of the sighting in s.
-        there : ObjectState
-            The object as seen.
         now : float or None
             Odometry's newest stamp in s; None before the first.
         pace : float
@@ -445,40 +350,26 @@ class Sightings:
         Raises
         ------
         StampError
-            Stamps have been ahead of odometry by more than twice the timeout (longer if they run faster than
-            real time) for a real second, or far behind for a while. A stamp less far ahead is accepted:
-            odometry may have paused, and will catch up. What was on its way when time was reset is not used,
-            and is no error, nor is what is ahead for less than that second.
+            For a real second, stamps have been ahead of odometry by more than twice the timeout (longer if
+            they run faster than real time), or behind by more than `JUMP`. One less far ahead is accepted:
+            odometry may have paused, and will catch up. What is off for less than that is not used.
         """
         if now is not None:
-            self._reset = now if self._reset is None else self._reset
             most = 2.0 * self.timeout * max(1.0, pace)
-            self._ahead_since = min(self._ahead_since, real) if time > now + most else math.inf
-            if time > now + most and (now - self._reset <= _STALE or real - self._ahead_since < _AHEAD):
+            off = not now - JUMP <= time <= now + most
+            self._off_since = min(self._off_since, real) if off else math.inf
+            if off and real - self._off_since < _OFF:
                 return None
-            self._check_stamp(time, now, most)
+            if off:
+                way = f"{time - now:.2f} s ahead" if time > now else f"{now - time:.2f} s behind"
+                raise StampError(
+                    f"{self._name}.header.stamp: expected about odometry's {now:.2f} s, got {time:.2f} s, "
+                    f"{way}: another clock, odometry has ceased, or this machine is too slow"
+                )
             self._heard = now
         checked, remark = self._velocity.check(time, there)
         self._sights.append((time, self._tracker.update(time, checked)))
         return remark
-
-    def _check_stamp(self, time: float, odometry: float, most: float) -> None:
-        """Check that a stamp is at most `most` s ahead of odometry, and not far behind for long."""
-        if time > odometry + most:
-            raise StampError(
-                f"{self._name}.header.stamp: expected at most {most:.1f} s more than odometry's "
-                f"{odometry:.2f} s, got {time:.2f} s, {time - odometry:.2f} s ahead: another clock, "
-                "odometry has ceased, or this machine is too slow"
-            )
-        if time >= odometry - JUMP:
-            self._stale_since = math.inf
-            return
-        self._stale_since = min(self._stale_since, odometry)
-        if odometry - self._stale_since > _STALE:
-            raise StampError(
-                f"{self._name}.header.stamp: expected about odometry's {odometry:.2f} s, got {time:.2f} s, "
-                f"{odometry - time:.2f} s behind: another clock"
-            )
 
     def at(self, time: float) -> ObjectState | None:
         """Return the newest sighting not after odometry's `time`, extrapolated to it; None if there is none.

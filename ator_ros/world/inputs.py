@@ -26,33 +26,18 @@ GAP = 1.0
 
 
 class ClockJumpError(ValueError):
-    """Odometry whose clock has jumped, as after a reset; the message contains both times.
-
-    Attributes
-    ----------
-    back : bool
-        Whether time went back.
-    """
-
-    def __init__(self, message: str, *, back: bool) -> None:
-        super().__init__(message)
-        self.back = back
+    """Odometry whose clock has jumped, as after a reset; the message contains both times."""
 
 
 class Inputs:
-    """The newest state of the robot, with the states of the objects at the same time.
-
-    Parameters
-    ----------
-    objects : mapping of str to Sightings
-        The sightings of each object by its name.
-    """
+    """The newest state of the robot, with the states of the objects, by name, at the same time."""
 
     def __init__(self, objects: Mapping[str, Sightings]) -> None:
         self._objects = objects
-        self._time: float | None = None
-        self._ahead: float | None = None
-        self._older, self._older_at = 0, -math.inf
+        self.time: float | None = None
+        """Stamp of the newest odometry in s; None before the first."""
+        self._suspect: float | None = None  # stamp of the last message, if it was not used
+        self._older_at = -math.inf
         self._came = 0.0
         self.since = -math.inf
         """Real time in s since which odometry has come without a gap of more than `GAP`."""
@@ -61,21 +46,11 @@ class Inputs:
         self.pace = 1.0
         """Stamped s that pass in 1 real s, over the last seconds."""
 
-    def _forget(self) -> None:
-        """Forget all objects because time was reset."""
-        for sightings in self._objects.values():
-            sightings.forget()
-
     @property
     def overdue(self) -> frozenset[str]:
         """Names of the objects that have been missing for so long that the robot should stand."""
-        now = self._time
+        now = self.time
         return frozenset(name for name, item in self._objects.items() if now is None or item.overdue(now))
-
-    @property
-    def time(self) -> float | None:
-        """Stamp of the newest odometry in s; None before the first."""
-        return self._time
 
     def take_timeouts(self, settings: Mapping[str, float]) -> None:
         """Take timeouts of objects as they are in `settings`, as NAME_timeout in s; others stay."""
@@ -84,21 +59,12 @@ class Inputs:
 
     def object(self, name: str, time: float, there: ObjectState, now: float = 0.0) -> str | None:
         """Process a sighting of an object, at `now` in real s; see `Sightings.add`."""
-        return self._objects[name].add(time, there, self._time, self.pace, now)
+        return self._objects[name].add(time, there, self.time, self.pace, now)
 
     def robot(self, time: float, robot: RobotState, now: float = 0.0) -> World | None:
-        """Process odometry; return the world at its stamp, or None if the stamp has not advanced.
+        """Process odometry stamped `time` at `now` in real s; return the world, None if it is not newer.
 
         One message that is older than the last one came late and is ignored; two in a row are a reset.
-
-        Parameters
-        ----------
-        time : float
-            Stamp in s.
-        robot : RobotState
-            State of the robot.
-        now : float
-            Real time in s, which limits by how much the stamp may have advanced.
 
         Raises
         ------
@@ -106,19 +72,19 @@ class Inputs:
             The stamp is far ahead of the last one, or again older than it within a second: the message is
             ignored. The next one may confirm it.
         ClockJumpError
-            The second stamp in a row is older than the last one, or confirms a clock far ahead. All objects
-            are forgotten; the new clock counts.
+            The second stamp in a row confirms a clock that went back or far ahead. All objects are forgotten;
+            the new clock counts.
         """
-        last, most = self._time, JUMP + _FASTEST * min(now - self._came, _LONGEST)
+        last, most = self.time, JUMP + _FASTEST * min(now - self._came, _LONGEST)
         if now - self._came > GAP * self.slowdown:
             self.since = now
         self._came = now
-        if last is not None and time < last and self._ignores(time, last, now):
+        if last is not None and not 0.0 <= time - last <= most:
+            self._reject(time, last, most, now)
             return None
-        self._check_stamp(time, last, most)
         if time != last:
             self._measure_pace(time, now)
-        self._time, self._ahead, self._older = time, None, 0
+        self.time, self._suspect = time, None
         known = {name: sightings.at(time) for name, sightings in self._objects.items()}
         objects = {name: there for name, there in known.items() if there is not None}
         return None if time == last else World(time, robot, objects)
@@ -140,41 +106,27 @@ class Inputs:
         if real >= _PACE_LEAST and stamped > 0.0:
             self.pace = stamped / real
 
-    def _ignores(self, time: float, last: float, now: float) -> bool:
-        """Count odometry that is older than the `last`; return whether to ignore it, see `robot`."""
-        self._older += 1
-        if self._older > 1:
-            return False
+    def _reject(self, time: float, last: float, most: float, now: float) -> None:
+        """Ignore odometry older than the `last`, or more than `most` s newer, unless it is confirmed."""
+        before, self._suspect = self._suspect, time
+        if before is not None and 0.0 <= time - before <= most:
+            self.time, self._suspect = time, None
+            self._clocks.clear()
+            for sightings in self._objects.values():
+                sightings.forget()
+            way = f"jumped {time - last:.2f} s ahead" if time > last else f"went back {last - time:.2f} s"
+            raise ClockJumpError(
+                f"time {way}: expected odometry soon after {last:.2f} s, got {time:.2f} s: a reset, another "
+                "clock, or two nodes that publish it"
+            )
+        if time > last:
+            raise StampError(
+                f"odom.header.stamp: expected soon after {last:.2f} s, got {time:.2f} s, "
+                f"{time - last:.2f} s ahead: another clock, or odometry had ceased"
+            )
         again, self._older_at = now - self._older_at < GAP, now
         if again:
             raise StampError(
                 f"odom.header.stamp: expected after {last:.2f} s, got {time:.2f} s: messages often come out "
                 "of order, or two nodes publish it"
             )
-        return True
-
-    def _check_stamp(self, time: float, last: float | None, most: float) -> None:
-        """Check that odometry's clock has advanced from `last` by at most `most` s."""
-        if last is None or 0.0 <= time - last <= most:
-            return
-        confirmed = self._ahead is not None and 0.0 <= time - self._ahead <= most
-        if time > last and not confirmed:
-            self._ahead = time
-            raise StampError(
-                f"odom.header.stamp: expected soon after {last:.2f} s, got {time:.2f} s, "
-                f"{time - last:.2f} s ahead: another clock, or odometry had ceased"
-            )
-        self._time, self._ahead, self._older = time, None, 0
-        self._clocks.clear()
-        self._forget()
-        if time > last:
-            raise ClockJumpError(
-                f"time jumped {time - last:.2f} s ahead: expected odometry soon after {last:.2f} s, got "
-                f"{time:.2f} s: another clock, or odometry had ceased",
-                back=False,
-            )
-        raise ClockJumpError(
-            f"time went back {last - time:.2f} s: expected odometry after {last:.2f} s, got {time:.2f} s: "
-            "was there a reset, or do two nodes publish it?",
-            back=True,
-        )

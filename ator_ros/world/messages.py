@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterable, Sized
+from collections.abc import Collection, Sized
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -101,7 +101,7 @@ class FrameError(MessageError):
 
 
 def number(value: float, where: str, *, low: float, high: float, unit: str = "") -> float:
-    """Return `value` if it is a finite number in [low, high]; raise MessageError otherwise."""
+    """Return `value` if it is a finite number in [low, high]."""
     if not (math.isfinite(value) and low <= value <= high):
         bounds = f"a finite number from {low:.10g} to {high:.10g} {unit}".rstrip()
         raise MessageError(f"{where}: expected {bounds}, got {value!r}")
@@ -109,33 +109,19 @@ def number(value: float, where: str, *, low: float, high: float, unit: str = "")
 
 
 def position(value: float, where: str) -> float:
-    """Return a coordinate in m if it is finite and at most `FARTHEST`; raise MessageError otherwise."""
+    """Return a coordinate in m if it is finite and at most `FARTHEST`."""
     return number(value, where, low=-FARTHEST, high=FARTHEST, unit="m")
 
 
 def velocity(value: float, where: str, unit: str = "m/s") -> float:
-    """Return a velocity if it is finite and at most `FASTEST`; raise MessageError otherwise."""
+    """Return a velocity if it is finite and at most `FASTEST`."""
     return number(value, where, low=-FASTEST, high=FASTEST, unit=unit)
 
 
-def zero(values: Iterable[float], where: str) -> None:
-    """Raise MessageError unless all components that have no meaning in the plane are 0, to rounding."""
-    values = tuple(values)
-    if not all(abs(value) <= _ROUNDING for value in values):
-        raise MessageError(f"{where}: expected 0, since the robot moves in the plane, got {values}")
-
-
 def name(text: str, where: str, *, allowed: Collection[str]) -> str:
-    """Return a name if it is allowed; raise MessageError otherwise."""
-    if len(text) > LONGEST_NAME or text not in allowed:
+    """Return a name if it is allowed."""
+    if text not in allowed:
         raise MessageError(f"{where}: expected one of {sorted(allowed)}, got {quoted(text)}")
-    return text
-
-
-def plain_name(text: str, where: str) -> str:
-    """Return a short name of letters, digits and _; raise MessageError for any other text."""
-    if len(text) > LONGEST_NAME or not is_name(text):
-        raise MessageError(f"{where}: expected a name of letters, digits and _, got {quoted(text)}")
     return text
 
 
@@ -147,16 +133,12 @@ def count(items: Sized, where: str, *, least: int, most: int) -> None:
 
 
 def names(items: Collection[str], where: str, *, allowed: Collection[str]) -> frozenset[str]:
-    """Return the names as a set; raise MessageError if one is not allowed, or comes twice."""
-    expected = f"{where}: expected names of {sorted(allowed)}, each once"
-    if len(items) > len(allowed):
-        raise MessageError(f"{expected}, got {len(items)} items")
-    unknown = [item for item in items if len(item) > LONGEST_NAME or item not in allowed]
-    if unknown:
-        raise MessageError(f"{expected}, got {quoted(unknown[0])}")
-    if len(set(items)) != len(items):
-        raise MessageError(f"{expected}, got a name twice")
-    return frozenset(items)
+    """Return the names as a set, if all are allowed and each comes once."""
+    found = frozenset(items)
+    if len(found) < len(items) or not found.issubset(allowed):
+        expected = f"names of {sorted(allowed)}, each once"
+        raise MessageError(f"{where}: expected {expected}, got {quoted(', '.join(items))}")
+    return found
 
 
 # Stamps, frames and poses
@@ -197,11 +179,6 @@ def rotation_from(quaternion: Any, where: str) -> Quaternion:
     return x, y, z, w
 
 
-def planar_yaw(quaternion: Any, where: str) -> float:
-    """Return the heading in rad of a quaternion; raise MessageError if it is tilted or has no direction."""
-    return _planar_yaw(rotation_from(quaternion, where), where)
-
-
 def _planar_yaw(rotation: Quaternion, where: str) -> float:
     x, y, z, w = rotation
     tilt = 2.0 * math.asin(min(1.0, math.hypot(x, y)))
@@ -218,7 +195,7 @@ def pose_from(pose: Any, where: str) -> Pose:
     return Pose(
         position(pose.position.x, f"{where}.position.x"),
         position(pose.position.y, f"{where}.position.y"),
-        planar_yaw(pose.orientation, f"{where}.orientation"),
+        _planar_yaw(rotation_from(pose.orientation, f"{where}.orientation"), f"{where}.orientation"),
     )
 
 
@@ -245,25 +222,19 @@ def command_from(message: Any, where: str) -> Command:
     twist = getattr(message, "twist", message)
     linear, angular = twist.linear, twist.angular
     others = (linear.y, linear.z, angular.x, angular.y)
-    zero(others, f"{where}: linear.y, linear.z, angular.x, angular.y")
+    if not all(abs(value) <= _ROUNDING for value in others):
+        unused = "linear.y, linear.z, angular.x, angular.y"
+        raise MessageError(f"{where}: {unused}: expected 0, since the robot moves in the plane, got {others}")
     return Command(
         velocity(linear.x, f"{where}.linear.x"), velocity(angular.z, f"{where}.angular.z", "rad/s")
     )
 
 
 def robot_from(odometry: Any, *, frame: str = "", where: str = "odom") -> tuple[float, RobotState]:
-    """Read time in s and state of a robot from a nav_msgs/Odometry.
+    """Read time in s and state of a robot from a nav_msgs/Odometry, of rclpy or rosbags.
 
-    The twist is the robot's own, unless `child_frame_id` is the frame of the pose: then it is rotated.
-
-    Parameters
-    ----------
-    odometry : nav_msgs/Odometry
-        From rclpy or rosbags.
-    frame : str
-        The frame that the pose must be in; empty: any.
-    where : str
-        How errors name the message.
+    The twist is the robot's own, unless `child_frame_id` is the frame of the pose: then it is rotated. The
+    pose must be in `frame`; empty: in any.
     """
     given = odometry.header.frame_id
     _expect_frame(given, f"{where}.header.frame_id", frame)
@@ -277,25 +248,23 @@ def robot_from(odometry: Any, *, frame: str = "", where: str = "odom") -> tuple[
     return seconds_from(odometry.header.stamp, f"{where}.header.stamp"), RobotState(pose, v, w)
 
 
-def robot_from_placement(time: float, placement: Placement, estimate: RobotVelocity) -> RobotState:
-    """Read the state of the robot from its placement in tf at `time` (s); its velocity is estimated."""
+def robot_from_placement(
+    estimate: RobotVelocity, time: float, placement: Placement
+) -> tuple[float, RobotState]:
+    """Read time in s and state of the robot from its placement in tf; its velocity is estimated."""
     where, (x, y, _) = "robot in tf", placement.origin
     yaw = _planar_yaw(placement.turn, f"{where}: rotation")
-    return estimate.state(time, Pose(position(x, f"{where}: x"), position(y, f"{where}: y"), yaw))
+    pose = Pose(position(x, f"{where}: x"), position(y, f"{where}: y"), yaw)
+    return time, estimate.state(time, pose)
 
 
 class OdometryReader:
     """Reads the odometry of one robot in the order of arrival.
 
-    Parameters
-    ----------
-    frame : str
-        The frame that poses must be in; empty: that of the first message.
-
     Attributes
     ----------
     frame : str
-        The frame of the poses; empty before the first message, if none was given.
+        The frame that poses must be in; empty: that of the first message.
     remark : str
         That pose and twist contradict each other, where the message read last showed it; once, else empty.
     """
@@ -318,12 +287,7 @@ class OdometryReader:
 class ObjectReader:
     """Reads the messages of one object in the order of arrival; without a velocity, it is estimated.
 
-    Parameters
-    ----------
-    source : ObjectSource
-        The object, and the type of its messages.
-    frame : str
-        The frame that positions must be in; empty: any.
+    Positions must be in `frame`; empty: in any.
     """
 
     def __init__(self, source: ObjectSource, frame: str = "") -> None:

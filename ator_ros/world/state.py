@@ -6,22 +6,14 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, overload
+from typing import Any
 
-from ator_ros.geometry import BoolArray, FloatArray, Pose
+from ator_ros.geometry import Pose
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A velocity command, the output of actions.
-
-    Attributes
-    ----------
-    v : float
-        Translational velocity in m/s, positive forward.
-    w : float
-        Rotational velocity in rad/s, positive counter-clockwise.
-    """
+    """A velocity command, the output of actions: v in m/s forward, w in rad/s counter-clockwise."""
 
     v: float = 0.0
     w: float = 0.0
@@ -35,26 +27,15 @@ CONTROL_PERIOD = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Standstill:
-    """Speeds up to which something counts as standing still: the one definition, with a level for each use.
+    """Speeds v (m/s) and w (rad/s; infinite: turning does not matter) up to which something stands still.
 
     The levels that several modules share are named below. Others are named where they belong, after what
     they decide.
-
-    Attributes
-    ----------
-    v : float
-        In m/s.
-    w : float
-        In rad/s; infinite where turning does not matter.
     """
 
     v: float
     w: float = math.inf
 
-    @overload
-    def holds(self, v: float, w: float = 0.0) -> bool: ...
-    @overload
-    def holds(self, v: FloatArray, w: FloatArray) -> BoolArray: ...
     def holds(self, v: Any, w: Any = 0.0) -> Any:
         """Return whether speeds v (m/s) and w (rad/s), of any sign, are a standstill; elementwise."""
         return (abs(v) <= self.v) & (abs(w) <= self.w)
@@ -81,12 +62,12 @@ class RobotState:
     @property
     def is_still(self) -> bool:
         """Whether the robot is at rest, see `STILL`; stricter than `is_standing`."""
-        return STILL.holds(self.v, self.w)
+        return bool(STILL.holds(self.v, self.w))
 
     @property
     def is_standing(self) -> bool:
         """Whether the robot counts as standing, see `STANDING`."""
-        return STANDING.holds(self.v, self.w)
+        return bool(STANDING.holds(self.v, self.w))
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +87,7 @@ class ObjectState:
     @property
     def is_resting(self) -> bool:
         """Whether the object counts as resting: at most 0.02 m/s."""
-        return RESTING.holds(self.speed)
+        return bool(RESTING.holds(self.speed))
 
     def after(self, seconds: float) -> ObjectState:
         """Return the state extrapolated at constant velocity; `seconds` may be negative."""

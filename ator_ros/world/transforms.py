@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import bisect
-import math
 from collections import deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-MOST_FRAMES = 1000
-"""Frames that are remembered; a robot has some dozens."""
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from ator_ros.geometry import FloatArray
+
 _LATELY = 2.0  # s after the newest transform of all
 _KEPT = 512
 """Transforms of each frame that are remembered: five seconds at 100 Hz."""
@@ -26,26 +28,24 @@ class Placement(NamedTuple):
 
     def compose(self, local: Placement) -> Placement:
         """Return the placement `local`, seen from this one, in the frame of this one."""
-        x, y, z = _rotated(self.turn, local.origin)
-        return Placement(
-            (self.origin[0] + x, self.origin[1] + y, self.origin[2] + z), _product(self.turn, local.turn)
-        )
+        turn = Rotation.from_quat(self.turn)
+        origin = np.add(self.origin, turn.apply(local.origin))
+        return _placement(origin, turn * Rotation.from_quat(local.turn))
 
     def inverse(self) -> Placement:
         """Return the inverse transform."""
-        x, y, z, w = self.turn
-        back = (-x, -y, -z, w)
-        i, j, k = _rotated(back, self.origin)
-        return Placement((-i, -j, -k), back)
+        back = Rotation.from_quat(self.turn).inv()
+        return _placement(-back.apply(self.origin), back)
 
     def between(self, other: Placement, share: float) -> Placement:
         """Return the placement at `share` (0 to 1) of the way from this to `other`."""
-        origin = tuple(a + share * (b - a) for a, b in zip(self.origin, other.origin, strict=True))
-        # Of the two quaternions of a rotation the nearer one; so close to each other a chord is an arc.
-        near = math.copysign(1.0, sum(a * b for a, b in zip(self.turn, other.turn, strict=True)))
-        turn = [a + share * (near * b - a) for a, b in zip(self.turn, other.turn, strict=True)]
-        length = math.hypot(*turn) or 1.0
-        return Placement((origin[0], origin[1], origin[2]), _four([part / length for part in turn]))
+        origin = np.add(self.origin, share * np.subtract(other.origin, self.origin))
+        turns = Slerp([0.0, 1.0], Rotation.from_quat([self.turn, other.turn]))
+        return _placement(origin, turns(share))
+
+
+def _placement(origin: FloatArray, turn: Rotation) -> Placement:
+    return Placement(tuple(origin.tolist()), tuple(turn.as_quat().tolist()))
 
 
 HERE = Placement((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -84,13 +84,7 @@ class _Link:
 
 
 class Transforms:
-    """The recent transforms of all frames.
-
-    Attributes
-    ----------
-    newest : float or None
-        The newest stamp in s of all transforms that change; None before the first.
-    """
+    """The recent transforms of all frames."""
 
     def __init__(self) -> None:
         self._links: dict[str, _Link] = {}
@@ -101,28 +95,9 @@ class Transforms:
         return sorted({*self._links, *(link.parent for link in self._links.values())})
 
     def add(self, frame: str, child: str, time: float, placement: Placement, *, fixed: bool = False) -> None:
-        """Take the placement of the frame `child` in `frame` at `time` (s).
-
-        Parameters
-        ----------
-        frame, child : str
-            The frames' names.
-        time : float
-            Its stamp in s.
-        placement : Placement
-            Finite, with a unit quaternion.
-        fixed : bool
-            Whether it holds at all times.
-
-        Raises
-        ------
-        ValueError
-            There are too many frames.
-        """
+        """Take the placement of `child` in `frame` at `time` (s), or at all times if it is `fixed`."""
         link = self._links.get(child)
         if link is None or (link.parent, link.fixed) != (frame, fixed):
-            if link is None and len(self._links) >= MOST_FRAMES:
-                raise ValueError(f"tf: expected at most {MOST_FRAMES} frames, got another one")
             link = self._links[child] = _Link(frame, fixed)
         link.add(time, placement)
 
@@ -171,24 +146,3 @@ class Transforms:
                 return None
             placement = step.compose(placement)
         return placement
-
-
-def _product(a: Quaternion, b: Quaternion) -> Quaternion:
-    (ax, ay, az, aw), (bx, by, bz, bw) = a, b
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
-
-
-def _rotated(turn: Quaternion, point: Vector) -> Vector:
-    x, y, z, w = turn
-    i, j, k, _ = _product(_product(turn, (*point, 0.0)), (-x, -y, -z, w))
-    return i, j, k
-
-
-def _four(parts: list[float]) -> Quaternion:
-    x, y, z, w = parts
-    return x, y, z, w

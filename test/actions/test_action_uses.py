@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ator_ros.actions.base import Action, Goal, Status, Step, started
+from ator_ros.actions.base import Action, Goal, Status, Step
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
@@ -38,16 +38,6 @@ class Broken(Action):
 
     def end(self, reason: str) -> None:
         self.log.append(reason)
-
-
-def test_a_use_ends_with_the_reason_that_it_was_given_last() -> None:
-    action = Broken()
-    with started(action, START, AHEAD) as use:
-        use.reason = "done"
-    assert action.log == ["start", "done"]
-    with pytest.raises(RuntimeError, match="in the block"), started(action, START, AHEAD):
-        raise RuntimeError("in the block")
-    assert action.log == ["start", "done", "start", "broken off"]
 
 
 def test_an_action_that_raises_in_a_simulated_chain_is_ended() -> None:

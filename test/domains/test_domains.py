@@ -63,14 +63,11 @@ LACKS = "dribbleBall needs the action dribbleBall; action set small has none of 
 
 def test_an_incomplete_action_set_leaves_out_what_needs_the_others() -> None:
     robot = load_robot()
-    assert SMALL.library(robot).incomplete == ""
+    assert SMALL.library(robot).left_out == {}
     assert dict(SMALL.library(robot)) == dict(SOCCER.library(robot))
     library = SMALL.library(robot, "small")
     assert list(library) == ["goToPose", "goToBall"]
-    assert library.incomplete == (
-        "action set small: without dribbleBall, shoot: "
-        "expected also the actions dribbleBall, shoot, it has goToPose"
-    )
+    assert library.left_out == {"dribbleBall": LACKS, "shoot": LACKS.replace("dribbleBall", "shoot")}
     assert "dribbleBall" not in library
     with pytest.raises(ConfigError) as refused:
         library["dribbleBall"]

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import itertools
 
+from executions import ROBOT, execution
+
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step
 from ator_ros.execution.fence import Fence
-from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.supervisor import Deadlines, Supervisor
+from ator_ros.execution.supervisor import Deadlines
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
-ROBOT = load_robot()
 VISIT = Top(
     "visit", "carried", Condition((Term("mark.x", "goal.x", 0.1), Term("mark.y", "goal.y", 0.1))), Condition()
 )
@@ -68,15 +67,14 @@ class Sent:
     def __init__(
         self, ledger: Ledger, chain: TopChain, fence: Fence | None = None, *, refine: bool = False
     ) -> None:
-        self.execution = Supervisor(
-            ledger.library(),
+        self.execution = execution(
             chain,
             refine=refine,
             again_after=0.0,
             now=0.0,
-            predictor=Predictor(ROBOT, {}),
+            library=ledger.library(),
             deadlines=Deadlines(action=1.0),
-            fence=fence or Fence.around(ROBOT),
+            fence=fence,
         )
         self.sent: list[Command | None] = []
         self._ticks = itertools.count()

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from executions import ROBOT
+from executions import ROBOT, execution
 from turning_action import TurnDriveTurn
 
 from ator_ros.actions.base import Goal
 from ator_ros.execution.chain_executor import Ending
-from ator_ros.execution.fence import Fence
-from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.supervisor import Deadlines, Phase, Supervisor
+from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
@@ -33,16 +31,8 @@ def world(tick: int, **objects: ObjectState) -> World:
 
 @pytest.fixture
 def run() -> Supervisor:
-    return Supervisor(
-        LIBRARY,
-        TopChain((TopCall(VISIT, Goal(Pose(2.0, 0.0, 0.0))),)),
-        refine=False,
-        again_after=0.0,
-        now=100.0,
-        predictor=Predictor(ROBOT, {}),
-        deadlines=Deadlines(),
-        fence=Fence.around(ROBOT),
-    )
+    visit = TopChain((TopCall(VISIT, Goal(Pose(2.0, 0.0, 0.0))),))
+    return execution(visit, library=LIBRARY, again_after=0.0)
 
 
 def test_a_goal_waits_for_the_object_that_it_needs(run: Supervisor) -> None:

@@ -9,25 +9,20 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from executions import LIBRARY, ROBOT, execution
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import with_values
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.execution.chain_executor import Ending
-from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Question, continuations, refined_chain, with_followed
-from ator_ros.execution.supervisor import Deadlines, Supervisor
 from ator_ros.geometry import Pose
 from ator_ros.refinement.chain_prediction import ChainPrediction
-from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, ObjectState, RobotState, World
 
-ROBOT = load_robot()
-LIBRARY = SOCCER.library(ROBOT)
 GOAL = (4.0, 0.0)
 
 
@@ -71,17 +66,7 @@ class Drive:
         self.simulation, self.commands = simulation, list[Command]()
         simulation.place_robot(start)
         simulation.place_object(BALL, *ball)
-        self.run = Supervisor(
-            LIBRARY,
-            plans[0],
-            refine=refine,
-            again_after=again_after,
-            now=0.0,
-            predictor=CountsSteps(),
-            deadlines=Deadlines(),
-            fence=Fence.around(ROBOT),
-            alternatives=plans[1:],
-        )
+        self.run = execution(*plans, refine=refine, again_after=again_after, now=0.0, predictor=CountsSteps())
         self.tick()
         if refine:
             self.run.refined_to(plans[0], False, "the first answer")
@@ -151,18 +136,18 @@ def test_a_question_on_the_way_offers_the_other_plans_with_their_goals_at_the_ba
     simulation: Simulation,
 ) -> None:
     question = Drive(simulation, HERE, ANYWHERE, TopChain((SHOOT,))).asked()
-    (other,) = question.others  # the last is no valid plan from here
-    assert other.number == 1
-    assert other.chain.calls[0].goal.pose == Pose(2.0, 0.4, 0.0)
-    assert other.chain.calls[1:] == ANYWHERE.calls[1:]
+    ((number, other),) = question.others  # the last is no valid plan from here
+    assert number == 1
+    assert other.calls[0].goal.pose == Pose(2.0, 0.4, 0.0)
+    assert other.calls[1:] == ANYWHERE.calls[1:]
     assert question.cause == "the ball comes to rest 0.40 m from the forecast"
 
 
 def test_another_plan_is_taken_up_without_a_stop_and_carried_out(simulation: Simulation) -> None:
     drive = Drive(simulation, ANYWHERE, HERE, AROUND)
     question = drive.asked()
-    assert [other.number for other in question.others] == [1, 2]
-    drive.run.refined_to(question.others[1].chain, False, "3 s faster", chosen=2)
+    assert [number for number, _ in question.others] == [1, 2]
+    drive.run.refined_to(question.others[1][1], False, "3 s faster", chosen=2)
     drive.tick(20)
     assert [c.top.name for c in drive.run.executor.chain.calls] == ["goToPose", "goToBall", "shoot"]
     assert drive.run.executor.chain.calls[1].goal.pose == Pose(2.0, 0.4, 0.0)
@@ -183,7 +168,7 @@ def test_another_plan_is_taken_up_without_a_stop_and_carried_out(simulation: Sim
 def test_a_plan_with_more_steps_is_predicted_to_its_end(simulation: Simulation) -> None:
     drive = Drive(simulation, HERE, ANYWHERE)
     question = drive.asked()
-    drive.run.refined_to(question.others[0].chain, False, "better", chosen=1)
+    drive.run.refined_to(question.others[0][1], False, "better", chosen=1)
     seen = set()
     while drive.run.ending is None:
         seen.add(
@@ -206,7 +191,7 @@ def test_a_choice_that_was_not_offered_or_changes_what_it_may_not_is_left_alone(
     drive.tick()
     question = drive.run.question
     assert question is not None
-    other = question.others[0].chain
+    _, other = question.others[0]
     astray = other.with_goal(2, dataclasses.replace(other.calls[2].goal, pose=Pose(4.0, 1.0, 0.0)))
     drive.run.refined_to(astray, True, "nonsense", chosen=1)
     drive.tick()
@@ -253,13 +238,13 @@ def test_what_is_done_in_common_is_not_done_again() -> None:
     world = World(0.0, RobotState(hold), {BALL: ObjectState(2.0, 0.0)})
     plans = (ANYWHERE, HERE, AROUND)
     after = continuations(plans, 0, ANYWHERE, 1, world, ROBOT)
-    assert [(c.number, [step.top.name for step in c.chain.calls]) for c in after] == [
+    assert [(number, [step.top.name for step in rest.calls]) for number, rest in after] == [
         (1, ["shoot"]),
         (2, ["goToPose", "goToBall", "shoot"]),  # anew: it began otherwise
     ]
     elsewhere = TopChain((call("goToPose", -1.0, 0.0), FETCH, SHOOT))
     shared = continuations((AROUND, elsewhere), 0, AROUND, 1, world, ROBOT)
-    assert [len(c.chain) for c in shared] == [3]
+    assert [len(rest) for _, rest in shared] == [3]
 
 
 def test_the_question_is_about_the_robot_in_motion_and_the_ball_where_it_is(drive: Drive) -> None:

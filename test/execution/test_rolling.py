@@ -1,12 +1,10 @@
-"""Balls that roll: chains refined along the way, and the observed deceleration of rolling objects."""
+"""Balls that roll: chains refined along the way."""
 
 from __future__ import annotations
 
 import dataclasses
 
-import numpy as np
 import pytest
-from changed import CHANGES
 from refined_along import Along, RefinedAlong
 
 from ator_ros.actions.base import ActionError
@@ -17,13 +15,8 @@ from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, make_library, make_toolset
 from ator_ros.evaluation.trials import Trial, random_trial
-from ator_ros.execution.chain_executor import ActionRecord, ChainExecutor
-from ator_ros.execution.rolling import Rolling
-from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
-from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_rest
-from ator_ros.world.state import ObjectState, RobotState, World
 
 SOURCE = ToolsetSource()
 SEED = 453
@@ -74,176 +67,9 @@ def test_with_no_questions_it_takes_as_long_as_without_them_and_with_them_it_is_
     assert changes >= 1
 
 
-ROBOT = load_robot()
-DESCRIBED = ROBOT.scene.objects["ball"].rolling_deceleration
-PERIOD = 0.05
-
-
-@pytest.fixture(scope="module")
-def library() -> TopLibrary:
-    return make_library(ROBOT, ToolsetSource())
-
-
-def roll(
-    rolling: Rolling,
-    deceleration: float,
-    *,
-    seconds: float = 1.0,
-    away: float = 1.0,
-    noise: float = 0.0,
-    times: int = 1,
-) -> None:
-    """Let a ball roll away from the robot, from 1 m/s at `away` m before it."""
-    rng = np.random.default_rng(3)
-    for tick in range(round(seconds / PERIOD) + 1):
-        time = tick * PERIOD
-        speed = 1.0 - deceleration * time + noise * rng.standard_normal()
-        ball = ObjectState(away + time - deceleration * time**2 / 2.0, 0.0, speed, 0.0)
-        for _ in range(times):
-            rolling.observe(World(time, RobotState(Pose(0.0, 0.0, 0.0)), {"ball": ball}))
-
-
-def deceleration(rolling: Rolling) -> float:
-    return rolling.robot().scene.objects["ball"].rolling_deceleration
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.03])
-def test_a_ball_that_rolls_twice_as_far_is_noticed(noise: float) -> None:
-    rolling = Rolling(ROBOT)
-    roll(rolling, DESCRIBED / 2.0, noise=noise)
-    assert deceleration(rolling) == pytest.approx(DESCRIBED / 2.0, abs=0.051)
-    assert "0.35" in rolling.diagnostics()["ball rolls"] or noise
-    same = dataclasses.replace(rolling.robot(), scene=ROBOT.scene)
-    assert same == ROBOT  # nothing else differs
-
-
-@pytest.mark.parametrize("share", [0.8, 1.0, 1.2])
-def test_a_ball_that_rolls_about_as_described_changes_nothing(share: float, library: TopLibrary) -> None:
-    rolling = Rolling(ROBOT)
-    roll(rolling, share * DESCRIBED, noise=0.01)
-    assert rolling.robot() is ROBOT
-    assert rolling.library(library) is library
-    assert rolling.diagnostics() == {}
-
-
-def test_what_the_robot_may_push_and_what_rolls_too_briefly_change_nothing() -> None:
-    rolling = Rolling(ROBOT)
-    roll(rolling, 0.0, away=-0.5, seconds=0.9)  # past the robot, beside its front
-    assert rolling.robot() is ROBOT
-    roll(rolling, DESCRIBED / 2.0, seconds=0.3)
-    roll(rolling, DESCRIBED / 2.0, seconds=0.3)
-    assert rolling.robot() is ROBOT
-
-
-def test_a_ball_that_hits_a_wall_did_not_roll_freely() -> None:
-    rolling, place = Rolling(ROBOT), 1.0
-    for tick in range(60):
-        time = tick * PERIOD
-        speed = max(2.0 - 0.5 * DESCRIBED * time, 0.0) * (1.0 if tick < 15 else 0.5)
-        place += PERIOD * (speed if tick < 15 else -speed)
-        ball = ObjectState(place, 0.0, speed if tick < 15 else -speed, 0.0)
-        rolling.observe(World(time, RobotState(Pose(0.0, 0.0, 0.0)), {"ball": ball}))
-    assert 0.25 * DESCRIBED <= deceleration(rolling) <= 0.5 * DESCRIBED  # not that of the impact
-
-
-def test_what_is_only_extrapolated_changes_nothing() -> None:
-    rolling = Rolling(ROBOT)
-    for tick in range(200):
-        ball = ObjectState(1.0 + 0.5 * tick * PERIOD, 0.0, 0.5, 0.0)  # seen once, then lost from sight
-        rolling.observe(World(tick * PERIOD, RobotState(Pose(0.0, 0.0, 0.0)), {"ball": ball}))
-    assert rolling.robot() is ROBOT
-    twice = Rolling(ROBOT)
-    roll(twice, DESCRIBED / 2.0, times=2)
-    assert deceleration(twice) == pytest.approx(DESCRIBED / 2.0)
-
-
-def test_a_correction_has_bounds() -> None:
-    rolling = Rolling(ROBOT)
-    roll(rolling, DESCRIBED / 5.0, seconds=2.0)
-    assert deceleration(rolling) == DESCRIBED / 4.0
-    for pushed in (0.0, DESCRIBED / 10.0, 2.0 * DESCRIBED):  # pushed by another robot, or braked by it
-        rolling = Rolling(ROBOT)
-        for _ in range(9):
-            roll(rolling, pushed, seconds=0.6)
-        assert rolling.robot() is ROBOT
-
-
-@pytest.mark.parametrize("noise", [0.07, 0.1, 0.2])
-def test_a_resting_ball_whose_velocity_is_noise_changes_nothing(noise: float) -> None:
-    rolling, rng = Rolling(ROBOT), np.random.default_rng(4)
-    for tick in range(20 * 300):
-        ball = ObjectState(2.0, 0.0, *(noise * rng.standard_normal(2)))
-        rolling.observe(World(tick * PERIOD, RobotState(Pose(0.0, 0.0, 0.0)), {"ball": ball}))
-        assert rolling.robot() is ROBOT or tick % 20
-
-
-def test_a_noisy_push_at_constant_speed_is_rarely_taken_for_rolling() -> None:
-    wrong = 0
-    for seed in range(30):
-        rolling, rng = Rolling(ROBOT), np.random.default_rng(seed)
-        for tick in range(200):
-            ball = ObjectState(1.0 + 0.5 * tick * PERIOD, 0.0, 0.5 + 0.1 * rng.standard_normal(), 0.0)
-            rolling.observe(World(tick * PERIOD, RobotState(Pose(0.0, 0.0, 0.0)), {"ball": ball}))
-        wrong += rolling.robot() is not ROBOT
-    assert wrong <= 2
-
-
-@pytest.mark.parametrize("rate", [10.0, 50.0, 1000.0])
-def test_the_rate_of_sightings_does_not_matter(rate: float) -> None:
-    rolling = Rolling(ROBOT)
-    for tick in range(round(1.2 * rate)):
-        time = tick / rate
-        ball = ObjectState(1.0 + time - 0.175 * time**2, 0.0, 1.0 - 0.35 * time, 0.0)
-        rolling.observe(World(time, RobotState(Pose(0.0, 0.0, 0.0)), {"ball": ball}))
-    assert deceleration(rolling) == pytest.approx(0.35)
-
-
-def test_a_ball_that_vanishes_is_not_taken_for_the_next_one() -> None:
-    rolling = Rolling(ROBOT)
-    for part in range(4):
-        for tick in range(5):
-            time = part + tick * PERIOD
-            ball = ObjectState(2.0, 0.0, 1.0 - 0.1 * tick, 0.0)
-            rolling.observe(World(time, RobotState(Pose(0.0, 0.0, 0.0)), {"ball": ball}))
-        rolling.observe(World(part + 0.5, RobotState(Pose(0.0, 0.0, 0.0)), {}))
-    assert rolling.robot() is ROBOT
-
-
-def test_it_forgets_an_old_floor() -> None:
-    rolling = Rolling(ROBOT)
-    roll(rolling, DESCRIBED / 2.0)
-    assert rolling.robot() is not ROBOT
-    for _ in range(7):  # back on the floor that is described
-        roll(rolling, DESCRIBED)
-    assert rolling.robot() is ROBOT
-
-
-def test_a_robot_that_has_lost_the_ball_once_brakes_so_that_it_keeps_it(library: TopLibrary) -> None:
-    actual, rolling = CHANGES["roll"].robot(ROBOT), Rolling(ROBOT)
-    records: list[ActionRecord] = []
-    for index in (0, 1):
-        trial = random_trial(SOCCER, "dribble", library, seed=77, index=index)
-        executor = ChainExecutor(library, trial.chain, fetches=1, rolling=rolling)
-        run_chain(actual, library, trial.world, trial.chain, executor=executor, rolling=rolling)
-        records += executor.records
-    assert records[1].lost == "ball"
-    assert deceleration(rolling) == pytest.approx(DESCRIBED / 2.0)
-    trial = random_trial(SOCCER, "dribble", library, seed=77, index=2)
-    assert not run_chain(actual, library, trial.world, trial.chain).success
-    aware = run_chain(actual, library, trial.world, trial.chain, rolling=rolling)
-    assert aware.success, aware.reason
-
-
-def test_a_ball_in_the_simulation_rolls_as_described(library: TopLibrary) -> None:
-    rolling = Rolling(ROBOT)
-    for index in range(4):
-        trial = random_trial(SOCCER, "rolling", library, seed=78, index=index)
-        run_chain(ROBOT, library, trial.world, trial.chain, rolling=rolling)
-    assert rolling.robot() is ROBOT
-
-
 def test_a_ball_that_leaves_in_any_turn_cannot_be_dribbled_and_the_action_says_so() -> None:
-    ball = dataclasses.replace(ROBOT.scene.objects["ball"], rolling_deceleration=0.03)
-    scene = dataclasses.replace(ROBOT.scene, objects={"ball": ball})
+    robot = load_robot()
+    ball = dataclasses.replace(robot.scene.objects["ball"], rolling_deceleration=0.03)
+    scene = dataclasses.replace(robot.scene, objects={"ball": ball})
     with pytest.raises(ActionError, match="ball stays in front"):
-        DribbleBall(dataclasses.replace(ROBOT, scene=scene)).setup()
+        DribbleBall(dataclasses.replace(robot, scene=scene)).setup()

@@ -42,7 +42,7 @@ class Bench:
         """Use the server with other timeouts."""
         call = declared()
         call = dataclasses.replace(call, timeouts=dataclasses.replace(call.timeouts, **timeouts))
-        self.server = RemoteServer(self.ours, call, "odom", time.monotonic)
+        self.server = RemoteServer(self.ours, call, "odom")
         self.action = RemoteAction(ROBOT, self.server)
 
     def freeze(self) -> None:
@@ -57,7 +57,7 @@ class Bench:
 
     def begin(self) -> None:
         """Wait for the server, and start the action."""
-        self.until(lambda: self.server.present(time.monotonic()))
+        self.until(self.server.present)
         self.action.start(self.world(), GOAL)
 
     def world(self, v: float = 0.0) -> World:

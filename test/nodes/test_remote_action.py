@@ -124,7 +124,7 @@ def test_a_server_that_never_ends_is_given_up_and_canceled(bench: Bench) -> None
 def test_two_servers_of_one_name_are_refused(bench: Bench) -> None:
     servers = [Server(bench.theirs), Server(bench.theirs)]
     bench.begin()
-    bench.until(lambda: "got 2" in bench.server.unusable(time.monotonic()))
+    bench.until(lambda: "got 2" in bench.server.unusable())
     step, took = bench.outcome()
     within = "expected one action server within 0.6 s"
     assert step.message == f"drive: {within}, got 2: each would move the robot"

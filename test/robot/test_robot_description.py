@@ -136,10 +136,10 @@ ROBOT = load_robot()
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        ({"wheel_mass": 4.5}, r"own\.yaml: robot\.build\.wheel_mass: expected less than 4\.5, got 4\.5$"),
+        ({"wheel_mass": 4.5}, r"own\.yaml: robot\.build\.wheel_mass: expected at most 4\.41, .* got 4\.5$"),
         (
             {"mass_behind": 0.3},
-            r"own\.yaml: robot\.build\.mass_behind: expected less than 0\.24, .* got 0\.3$",
+            r"own\.yaml: robot\.build\.mass_behind: expected at most 0\.24, .* got 0\.3$",
         ),
         (
             {"caster_behind": 0.25},

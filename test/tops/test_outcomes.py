@@ -172,4 +172,4 @@ class TestExecutor:
         assert (step.status, step.command, made[0].ends) == (Status.RUNNING, STOP, 1)
         assert executor.step(self.world(0.4, 1.9, 1.0)).status is Status.RUNNING
         step = executor.step(self.world(0.6, 2.1, 1.0))
-        assert (step.status, step.elapsed, made[0].ends) == (Status.SUCCEEDED, 0.6, 1)
+        assert (step.status, executor.elapsed, made[0].ends) == (Status.SUCCEEDED, 0.6, 1)

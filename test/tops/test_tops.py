@@ -12,7 +12,7 @@ from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import Simulation
-from ator_ros.tops.chain import InvalidChainError, Top, TopCall, TopChain
+from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
@@ -58,8 +58,7 @@ def test_a_valid_chain_has_no_violations() -> None:
     ],
 )
 def test_an_invalid_chain_is_refused_in_words(chain: TopChain, told: str) -> None:
-    with pytest.raises(InvalidChainError, match=told.replace("(", r"\(").replace(")", r"\)")):
-        chain.check(START, ROBOT)
+    assert told in "; ".join(chain.violations(START, ROBOT))
 
 
 def test_the_chain_of_the_paper_is_executed_to_its_end() -> None:
@@ -67,7 +66,7 @@ def test_the_chain_of_the_paper_is_executed_to_its_end() -> None:
     assert steps[-1].status is Status.SUCCEEDED
     assert steps[-1].command == STOP
     assert [record.top for record in executor.records] == ["goToBall", "dribbleBall", "shoot"]
-    assert sum(record.duration for record in executor.records) == pytest.approx(steps[-1].elapsed)
+    assert sum(record.duration for record in executor.records) == pytest.approx(executor.elapsed)
     assert ball_of(world) is not None
     assert ball_of(world).x > 4.0
 

@@ -113,11 +113,11 @@ def test_stamps_that_stay_an_hour_ahead_are_a_jump_ahead_and_then_one_back() -> 
 def test_a_ball_of_a_clock_that_is_behind_is_named_but_not_just_after_a_reset() -> None:
     both, robot, said = inputs(), RobotState(Pose(0.0, 0.0, 0.0)), []
     both.robot(HOUR, robot)
-    both.object(BALL, 0.0, ObjectState(0.0, 0.0))  # the first after a reset, before odometry
+    both.object(BALL, 0.0, ObjectState(0.0, 0.0), 0.0)  # the first after a reset, before odometry
     for tick in range(1, 60):
         both.robot(HOUR + 0.05 * tick, robot)
         try:
-            both.object(BALL, 0.05 * tick, ObjectState(0.0, 0.0))
+            both.object(BALL, 0.05 * tick, ObjectState(0.0, 0.0), 0.05 * tick)
         except StampError as error:
             said.append(str(error))
     assert 30 < len(said) < 45

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from ator_ros.actions import TIME_LIMIT
-from ator_ros.actions.base import ActionError, Goal, Point, Status, started
+from ator_ros.actions.base import ActionError, Goal, Point, Status
 from ator_ros.actions.situation import SHORT, NoPlaceError, Situation, drawn_until, short_goal
 from ator_ros.domains.soccer.field import BALL, field_of, objects_of, touches_goals
 from ator_ros.domains.soccer.planned.shoot import Shoot
@@ -235,10 +235,12 @@ def has_room(robot: Robot, situation: Situation) -> bool:
     """Return whether the action finds a run-up: at once, or after a robot in motion has braked."""
     action, world = Shoot(robot), World(0.0, situation.robot, situation.objects)
     try:
-        with started(action, world, situation.goal, "checked for room"):
-            return _finds_run_up(action, situation.robot)
+        action.start(world, situation.goal)
+        found = _finds_run_up(action, situation.robot)
     except ActionError:
         return False
+    action.end("checked for room")
+    return found
 
 
 def _finds_run_up(action: Shoot, start: RobotState) -> bool:
