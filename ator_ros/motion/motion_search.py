@@ -59,10 +59,8 @@ class TurnTables(NamedTuple):
     ----------
     along, across : ndarray, shape (rows * angles,)
         In m; a row for each profile and speed.
-    brackets : ndarray, shape (rows, WIDTH)
-        Across, at TURNS; the rest is padding.
     fractions : ndarray, shape (rows, FINE, columns)
-        Across, at turns that are whole steps apart, beginning with any entry; see `window_of`.
+        Across, at turns that are whole steps apart, beginning with any entry; see `_window_of`.
     lowest : float
         First speed in m/s.
     speeds : int
@@ -71,28 +69,27 @@ class TurnTables(NamedTuple):
 
     along: FloatArray
     across: FloatArray
-    brackets: RealArray
     fractions: RealArray
     lowest: float
     speeds: int
 
 
 @compiled
-def row_of(tables: TurnTables, profile: int, speed: float) -> int:
+def _row_of(tables: TurnTables, profile: int, speed: float) -> int:
     """Return the row of turns with a profile that start at `speed` (m/s)."""
     row = int((speed - tables.lowest) * (1.0 / SPEED_STEP) + 0.5)
     return profile * tables.speeds + min(max(row, 0), tables.speeds - 1)
 
 
 @compiled
-def window_of(moved: float) -> tuple[int, int]:
+def _window_of(moved: float) -> tuple[int, int]:
     """Return where in a row of `fractions` TURNS moved by `moved` (rad, within 540 degrees) begin."""
     place = int(2 * HALF * FINE + 0.5 + moved * (FINE / STEP))
     return place % FINE, place // FINE
 
 
 @compiled
-def place_of(row: int, angle: float) -> tuple[int, float]:
+def _place_of(row: int, angle: float) -> tuple[int, float]:
     """Return where a turn by `angle` (rad) lies in a table: the entry before, and the share beyond."""
     place = angle * (FINE / STEP) + EDGE
     low = int(place)
@@ -119,8 +116,7 @@ def turn_tables(limits: Limits, profiles: tuple[TurnProfile, ...]) -> TurnTables
     wide = np.pad(across[:, :-1], ((0, 0), (beyond, beyond + 2 * FINE)), mode="edge").astype(np.float32)
     filled = ((0, 0), (0, WIDTH - len(TURNS)))
     fractions = np.pad(wide.reshape(len(wide), -1, FINE).swapaxes(1, 2), ((0, 0), *filled))
-    brackets = np.pad(across[:, FINE:-FINE:FINE].astype(np.float32), filled)
-    return TurnTables(along.ravel(), across.ravel(), brackets, fractions, -limits.v, len(speeds))
+    return TurnTables(along.ravel(), across.ravel(), fractions, -limits.v, len(speeds))
 
 
 def _displacements(
@@ -154,7 +150,7 @@ KIND = np.dtype(
 )
 """A kind of motion as a row; see `families.Kind`."""
 
-END = np.dtype([("speed", float), ("length", float), ("time", float), ("row", np.intp)])
+_END = np.dtype([("speed", float), ("length", float), ("time", float), ("row", np.intp)])
 """One end of a kind's motions: speed (m/s) at the turn, length (m) and time (s) of the straight part between
 the end and the turn, and the turn's row in the tables."""
 
@@ -176,7 +172,7 @@ class Rules(NamedTuple):
 
 
 @compiled
-def set_speed(entries: Rows, speed: float, kinds: Rows, tables: TurnTables, rules: Rules) -> None:
+def _set_speed(entries: Rows, speed: float, kinds: Rows, tables: TurnTables, rules: Rules) -> None:
     """Write the first ends of all kinds for a speed (m/s) at the start; infinite times if it is too low."""
     rates = rules.rates
     for index in range(len(kinds)):
@@ -184,19 +180,19 @@ def set_speed(entries: Rows, speed: float, kinds: Rows, tables: TurnTables, rule
         reached = speed if math.isnan(kind["entry"]) else kind["entry"]
         entry["speed"], entry["length"] = reached, change_distance(speed, reached, rates)
         entry["time"] = change_time(speed, reached, rates) if speed >= kind["least_start"] else np.inf
-        entry["row"] = row_of(tables, kind["first_profile"], reached)
+        entry["row"] = _row_of(tables, kind["first_profile"], reached)
 
 
 @compiled
-def set_arrival(exits: Rows, arrival: float, kinds: Rows, tables: TurnTables, rules: Rules) -> None:
-    """Write the last ends of all kinds for a speed (m/s) at the destination, as `set_speed` does."""
+def _set_arrival(exits: Rows, arrival: float, kinds: Rows, tables: TurnTables, rules: Rules) -> None:
+    """Write the last ends of all kinds for a speed (m/s) at the destination, as `_set_speed` does."""
     for index in range(len(kinds)):
         kind, exit_ = kinds[index], exits[index]
         speed, run = _before_run(kind["share"], arrival, rules)
         exit_["speed"], exit_["length"] = speed, run
         time = forward_time(run, speed, arrival, rules.rates)
         exit_["time"] = time if arrival >= kind["least_arrival"] else np.inf
-        exit_["row"] = row_of(tables, kind["last_profile"], speed)
+        exit_["row"] = _row_of(tables, kind["last_profile"], speed)
 
 
 @compiled
@@ -251,29 +247,25 @@ def search_fastest(
     ends : ndarray, shape (5, m, n)
         Destination x, y (m) and heading (rad) in the frame of the start, speeds (m/s) at both ends; that at
         the start is the same for all destinations.
-    kinds : ndarray of KIND
-        The kinds of motion.
-    tables, rules
-        How they turn, and what holds for all of them.
     missed : tuple of float
         Time (s) and angle (rad) that stand for a destination to which no motion has room.
     result : ndarray, shape (2, n)
         Becomes the time in s, and the sum of the angles turned in rad.
     first, end : int
-        Of which situations.
+        The situations to search in.
     """
-    entries = np.empty(len(kinds), dtype=END)
-    exits = np.empty((ends.shape[1], len(kinds)), dtype=END)
+    entries = np.empty(len(kinds), dtype=_END)
+    exits = np.empty((ends.shape[1], len(kinds)), dtype=_END)
     gaps = np.empty(WIDTH, dtype=np.float32)
     likely = 0  # the last fastest kind is tried first: its time prunes most others
     for at in range(first, end):
         if at == first or ends[3, 0, at] != ends[3, 0, at - 1]:
-            set_speed(entries, ends[3, 0, at], kinds, tables, rules)
+            _set_speed(entries, ends[3, 0, at], kinds, tables, rules)
         best, turned = np.inf, 0.0
         for choice in range(ends.shape[1]):
             arrival = ends[4, choice, at]
             if at == first or arrival != ends[4, choice, at - 1]:
-                set_arrival(exits[choice], arrival, kinds, tables, rules)
+                _set_arrival(exits[choice], arrival, kinds, tables, rules)
             x, y, turn = ends[0, choice, at], ends[1, choice, at], ends[2, choice, at]
             # Bounded by the time to another destination, unless that one was missed.
             most = best if best <= missed[0] else np.inf
@@ -307,7 +299,7 @@ def _fastest(
     # The whole change of heading may be either way round, or a full turn more.
     circle = math.copysign(_FULL_TURN, turn)
     totals = (turn, turn - circle, turn + circle)
-    windows = (window_of(-totals[0]), window_of(-totals[1]), window_of(-totals[2]))
+    windows = (_window_of(-totals[0]), _window_of(-totals[1]), _window_of(-totals[2]))
     best, result, turned, fastest = most, np.inf, 0.0, likely
     for number in range(len(kinds)):
         index = (likely + number) % len(kinds)
@@ -358,7 +350,7 @@ def _fill_gaps(
     """
     x, y = np.float32(offset.x), np.float32(offset.y)
     fraction, column = window
-    near = tables.brackets[entry["row"]]
+    near = tables.fractions[entry["row"], 0, 2 * HALF : 2 * HALF + WIDTH]  # at TURNS
     far = tables.fractions[exit_["row"], fraction, column : column + WIDTH]
     above = np.uint32(0)
     for step in range(WIDTH):
@@ -388,8 +380,8 @@ def _time(
     result: float = turning1 + turning2 + straight
     if result > best:
         return np.inf
-    begin, share = place_of(entry["row"], first)
-    end, end_share = place_of(exit_["row"], -last)  # the last turn is driven from the goal
+    begin, share = _place_of(entry["row"], first)
+    end, end_share = _place_of(exit_["row"], -last)  # the last turn is driven from the goal
     begun, ended = look_up(tables.along, begin, share), look_up(tables.along, end, end_share)
     before = min(max(entry["speed"] + kind["first_change"] * turning1, -rates.v), rates.v)
     after = min(max(exit_["speed"] + kind["last_change"] * turning2, -rates.v), rates.v)

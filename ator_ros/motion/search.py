@@ -206,11 +206,7 @@ class _ExitParts(NamedTuple):
 
 
 def _exit_parts(tables: SearchTables, turn: float) -> _ExitParts:
-    """Compute what the exits add to a drive.
-
-    `turn` is the whole change of heading in rad, at most three half turns; the last turn is what the
-    first leaves of it.
-    """
+    """Compute what the exits add to a drive where the heading changes by `turn` in rad, up to 1.5 turns."""
     # last = turn - first; looked up at -last = first - turn, a constant fraction between grid points.
     shift = -turn / STEP
     base = math.floor(shift)
@@ -267,12 +263,8 @@ def _roots(
 ) -> tuple[NDArray[Any], ...]:
     """Bracket the first turns at which both sides agree on the drive's lane, and interpolate.
 
-    Parameters
-    ----------
-    sideways, drive : pair of ndarray, shapes (entries, grid) and (exits, grid)
-        Where the drive lies and how long it is, each the entry's part minus the exit's, in m.
-    least_drive : float
-        Shorter drives are left out.
+    `sideways` and `drive`: where the drive lies and how long it is, each the entry's part, (entries, grid),
+    minus the exit's, (exits, grid), in m. Shorter drives than `least_drive` are left out.
     """
     # Most pairs need only the sign of their difference, so no array of differences is made.
     right_of = sideways[0][:, None] <= sideways[1]

@@ -22,7 +22,7 @@ from ator_ros.motion.trajectory import DT, Trajectory
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import ObjectState
 
-STRIDE = 5
+_STRIDE = 5
 """Every how many samples of a trajectory are looked at: every 50 ms, 6 cm at full speed."""
 
 _CLEARING = np.arange(0.0, 1.5, 0.01)
@@ -51,7 +51,7 @@ class Obstacles:
 def is_clear(manoeuvre: Manoeuvre, obstacles: Obstacles, robot: Robot) -> bool:
     """Return whether the robot touches no obstacle on the way."""
     poses = Trajectory(manoeuvre).poses()
-    if touches_goals(poses[::STRIDE], robot):
+    if touches_goals(poses[::_STRIDE], robot):
         return False
     ball = obstacles.ball
     if ball is None:
@@ -61,7 +61,7 @@ def is_clear(manoeuvre: Manoeuvre, obstacles: Obstacles, robot: Robot) -> bool:
         far = np.hypot(poses[:, 0] - manoeuvre.goal.x, poses[:, 1] - manoeuvre.goal.y) > obstacles.run
         last = int(np.flatnonzero(far)[-1]) + 1 if far.any() else 0
         poses = poses[:last]
-    return not bool(np.any(ball_distances(poses[::STRIDE], ball, robot) < obstacles.ball_margin))
+    return not bool(np.any(ball_distances(poses[::_STRIDE], ball, robot) < obstacles.ball_margin))
 
 
 def is_free(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> bool:
@@ -75,13 +75,10 @@ def is_free(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> bool
 
 
 def distance_to_clear(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> float:
-    """Return how far to drive straight until the robot keeps its margin from the ball.
+    """Return how far in m (negative: backward) to drive straight until the robot is clear of the ball.
 
-    Returns
-    -------
-    float
-        Signed distance in m, negative: backward. 0 if the robot is clear at the start, or if no straight
-        drive clears it without coming nearer to the ball or touching a goal.
+    It is 0 if the robot is clear at the start, or if no straight drive clears it without coming nearer to the
+    ball or touching a goal.
     """
     ball = obstacles.ball
     if ball is None or is_free(start, goal, obstacles, robot) or touches_goals(np.array([start]), robot):
@@ -91,35 +88,22 @@ def distance_to_clear(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robo
         ways = sign * _CLEARING
         poses = np.array([start.ahead(way) for way in ways])
         distances = ball_distances(poses, ball, robot)
-        clear = np.flatnonzero(distances >= obstacles.ball_margin)
-        if not len(clear):
-            continue
-        last = int(clear[0])
-        nearer = distances[: last + 1].min() < distances[0] - 1e-9
-        if not nearer and not touches_goals(poses[: last + 1], robot):
-            found.append(float(ways[last]))
+        clear = distances >= obstacles.ball_margin
+        until = slice(int(np.argmax(clear)) + 1)
+        nearer = distances[until].min() < distances[0] - 1e-9
+        if clear.any() and not nearer and not touches_goals(poses[until], robot):
+            found.append(float(ways[until][-1]))
     return min(found, key=abs, default=0.0)
 
 
 def ball_distances(poses: FloatArray, ball: ObjectState, robot: Robot) -> FloatArray:
-    """Return the free distance between the robot at each pose and the ball.
-
-    Parameters
-    ----------
-    poses : ndarray, shape (n, 3)
-        x, y in m, yaw in rad.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Distance in m from the ball's surface to the robot's outline; negative where they overlap.
-    """
+    """Return the free distance in m between the robot at each pose, (n, 3), and the ball's surface, (n,)."""
     x, y, yaw = poses.T
     distances = _outline_distance(ball.x - x, ball.y - y, yaw, _outline(robot))
     return np.asarray(distances - robot.scene.radius(BALL))
 
 
-class Outline(NamedTuple):
+class _Outline(NamedTuple):
     """The robot's outline and the goals, in m; see `field.wall_distance`."""
 
     front: float
@@ -133,17 +117,17 @@ class Outline(NamedTuple):
     depth: float
 
 
-def _outline(robot: Robot) -> Outline:
+def _outline(robot: Robot) -> _Outline:
     field = field_of(robot)
     lengths = (
         robot.front, robot.rear, robot.half_width, robot.tip, robot.tip_half_width, robot.reach,
         field.walls_begin, field.goal_width / 2, field.goal_depth,
     )  # fmt: skip
-    return Outline(*map(float, lengths))
+    return _Outline(*map(float, lengths))
 
 
 @elementwise
-def _outline_distance(dx: Any, dy: Any, yaw: Any, shape: Outline) -> Any:
+def _outline_distance(dx: Any, dy: Any, yaw: Any, shape: _Outline) -> Any:
     """Return the distance from the robot's outline to points that lie (dx, dy) m from its axle."""
     c, s = np.cos(yaw), np.sin(yaw)
     ahead, left = c * dx + s * dy, np.abs(c * dy - s * dx)
@@ -152,15 +136,15 @@ def _outline_distance(dx: Any, dy: Any, yaw: Any, shape: Outline) -> Any:
     return np.minimum(body, fins)
 
 
-DOUBT = 1e-8
+_DOUBT = 1e-8
 """Margin in m, s or m/s within which the exact check decides."""
-BACKWARD = -1e-6
+_BACKWARD = -1e-6
 """Speed in m/s below which a robot drives backward."""
 IMPOSSIBLE, TOUCHES, OPEN = 0, 1, 2
 """Verdicts on a manoeuvre: it is not allowed, it touches something, or the exact check has to decide."""
 
 
-class BallObstacle(NamedTuple):
+class _BallObstacle(NamedTuple):
     """A ball that is in the way, in m: its centre (NaN: none), radius, margin, and the run to it."""
 
     x: float
@@ -168,13 +152,6 @@ class BallObstacle(NamedTuple):
     radius: float
     margin: float
     run: float
-
-
-class Path(NamedTuple):
-    """Room for the samples of a trajectory: poses, shape (most, 3), and times, shape (most,)."""
-
-    poses: FloatArray
-    times: FloatArray
 
 
 def screened(
@@ -193,8 +170,6 @@ def screened(
     ----------
     start : Pose
         Where all of them start.
-    bundle : Bundle
-        n manoeuvres.
     longest : ndarray, shape (n,), optional
         Greatest duration in s, once closed; None: they are closed already, and take any time.
 
@@ -214,7 +189,7 @@ def screened(
         Bundle(*columns),
         rates_of(limits),
         _outline(robot),
-        BallObstacle(*map(float, in_the_way)),
+        _BallObstacle(*map(float, in_the_way)),
         np.full(len(bundle.first), np.inf) if longest is None else np.ascontiguousarray(longest),
         longest is None,
         forward_only,
@@ -226,15 +201,15 @@ def _judge(
     start: Pose,
     many: Bundle,
     bounds: Rates,
-    shape: Outline,
-    ball: BallObstacle,
+    shape: _Outline,
+    ball: _BallObstacle,
     longest: FloatArray,
     are_closed: bool,
     forward: bool,
 ) -> NDArray[np.int8]:
     verdicts = np.full(len(longest), OPEN, dtype=np.int8)
     speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
-    path = Path(np.empty((0, 3)), np.empty(0))
+    poses, times = np.empty((0, 3)), np.empty(0)
     for row in range(len(longest)):
         entry, leaving = many.entries[:, row].copy(), many.exits[:, row].copy()
         goal = Pose(many.goals[0, row], many.goals[1, row], many.goals[2, row])
@@ -244,39 +219,39 @@ def _judge(
             if not found:
                 continue
         duration = write_pieces(speeds, turns, first, last, distance, entry, leaving, bounds)
-        if forward and duration <= longest[row] + DOUBT:
+        if forward and duration <= longest[row] + _DOUBT:
             back = hardly = False
             for piece in range(SPEED_PIECES):
-                hardly |= speeds[piece, 2] < BACKWARD + DOUBT and speeds[piece, 0] > -DOUBT
-                back |= speeds[piece, 2] < BACKWARD - DOUBT and speeds[piece, 0] > DOUBT
+                hardly |= speeds[piece, 2] < _BACKWARD + _DOUBT and speeds[piece, 0] > -_DOUBT
+                back |= speeds[piece, 2] < _BACKWARD - _DOUBT and speeds[piece, 0] > _DOUBT
             if back:
                 verdicts[row] = IMPOSSIBLE
             if back or hardly:
                 continue
-        if duration > longest[row] + DOUBT:
+        if duration > longest[row] + _DOUBT:
             verdicts[row] = IMPOSSIBLE
-        elif duration < longest[row] - DOUBT:
+        elif duration < longest[row] - _DOUBT:
             most = int(duration / DT) + 3
-            if most > len(path.times):
-                path = Path(np.empty((2 * most, 3)), np.empty(2 * most))
-            if _touches(path, speeds, turns, duration, start, goal, shape, ball):
+            if most > len(times):
+                poses, times = np.empty((2 * most, 3)), np.empty(2 * most)
+            if _touches(poses, times, speeds, turns, duration, start, goal, shape, ball):
                 verdicts[row] = TOUCHES
     return verdicts
 
 
 @compiled
 def _touches(
-    path: Path,
+    poses: FloatArray,
+    times: FloatArray,
     pieces: FloatArray,
     turns: FloatArray,
     duration: float,
     start: Pose,
     goal: Pose,
-    shape: Outline,
-    ball: BallObstacle,
+    shape: _Outline,
+    ball: _BallObstacle,
 ) -> bool:
     """Return whether the robot certainly touches a wall or the ball where `is_clear` looks."""
-    poses, times = path
     count = _sample(poses, times, pieces, turns, duration, start)
     end = count - 1
     span = max(times[end], DT)
@@ -286,30 +261,30 @@ def _touches(
         poses[index, 0] += times[index] * off_x
         poses[index, 1] += times[index] * off_y
     seen = count - 1
-    while seen > 0 and times[seen] >= duration - DOUBT:
+    while seen > 0 and times[seen] >= duration - _DOUBT:
         seen -= 1
-    for index in range(0, seen + 1, STRIDE):
+    for index in range(0, seen + 1, _STRIDE):
         x, y = abs(poses[index, 0]), abs(poses[index, 1])
         if x > shape.line - shape.reach:
             distance = wall_distance(x, y, shape.line, shape.half, shape.depth)
-            if distance < shape.reach - DOUBT:
+            if distance < shape.reach - _DOUBT:
                 return True
     if math.isnan(ball.x):
         return False
     if ball.run > 0.0:
         before = end
         while before >= 0 and (
-            math.hypot(poses[before, 0] - goal.x, poses[before, 1] - goal.y) <= ball.run + DOUBT
+            math.hypot(poses[before, 0] - goal.x, poses[before, 1] - goal.y) <= ball.run + _DOUBT
         ):
             before -= 1
         seen = min(seen, before)
     near = max(shape.reach, math.hypot(max(shape.front, shape.rear), shape.half_width))
     near += ball.radius + ball.margin
-    for index in range(0, seen + 1, STRIDE):
+    for index in range(0, seen + 1, _STRIDE):
         dx, dy = ball.x - poses[index, 0], ball.y - poses[index, 1]
         if abs(dx) < near and abs(dy) < near:
             yaw = poses[index, 2] + times[index] * off_yaw
-            if _outline_distance(dx, dy, yaw, shape) - ball.radius < ball.margin - DOUBT:
+            if _outline_distance(dx, dy, yaw, shape) - ball.radius < ball.margin - _DOUBT:
                 return True
     return False
 

@@ -98,14 +98,9 @@ def fastest(
         verdicts = np.full(len(which), OPEN, dtype=np.int8)
         if len(which) > 1:
             yield screening_points(bounds)
+            bundle = candidates.bundle(which)
             verdicts = screened(
-                start,
-                candidates.bundle(which),
-                tables.limits,
-                obstacles,
-                robot,
-                bounds,
-                forward_only=forward_only,
+                start, bundle, tables.limits, obstacles, robot, bounds, forward_only=forward_only
             )
         for at, verdict in enumerate(verdicts):
             if verdict == TOUCHES:
@@ -116,18 +111,17 @@ def fastest(
                 break
             yield check_points(bounds[at])
             manoeuvre = closed(candidates[int(which[at])])
-            if manoeuvre is not None and _is_allowed(manoeuvre, bounds[at], forward_only=forward_only):
-                if is_clear(manoeuvre, obstacles, robot):
-                    return manoeuvre
-                tries -= 1
+            if manoeuvre is None or manoeuvre.duration > bounds[at]:
+                continue
+            # After closing, a drive may be too short for its change of speed: it would have to come back.
+            if forward_only and not manoeuvre.is_forward():
+                continue
+            if is_clear(manoeuvre, obstacles, robot):
+                return manoeuvre
+            tries -= 1
         if tries <= 0:
             break
     raise ActionError(
         f"expected a free way from ({start.x:.2f}, {start.y:.2f}) m "
         f"to ({goal.x:.2f}, {goal.y:.2f}) m, found none"
     )
-
-
-def _is_allowed(manoeuvre: Manoeuvre, longest: float, *, forward_only: bool) -> bool:
-    # After closing, a drive may be too short for its change of speed: it would have to come back.
-    return (manoeuvre.is_forward() or not forward_only) and manoeuvre.duration <= longest

@@ -53,19 +53,13 @@ _TURNS: FloatArray = math.radians(1.0) * np.arange(-300, 301, dtype=float)
 _LEADS: FloatArray = np.array((0.0, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0, 1.4))
 
 
-def run_up(
+def _run_up(
     robot: Robot, start: Pose, mouth: Pose, entries: Sequence[Side], limits: Limits
 ) -> Planning[Manoeuvre | None]:
     """Plan the run-up with one turn that has the ball in the goal first; None where the posts block all.
 
-    Parameters
-    ----------
-    start : Pose
-        Pose of the axle.
-    mouth : Pose
-        Middle of the goal's mouth, heading out of the field.
-    entries : sequence of Side
-        How the lead and the turn may be driven; leads are also tried longer.
+    `mouth` is the middle of the goal's mouth, heading out of the field. The leads of the entries are also
+    tried longer.
     """
     found = yield from _run_ups(robot, start, mouth, entries, limits)
     obstacles = Obstacles()
@@ -84,29 +78,17 @@ def run_up(
 
 @dataclass(frozen=True, slots=True)
 class _RunUps:
-    """Run-ups, fastest first.
-
-    Attributes
-    ----------
-    sides : ndarray, shape (5, n)
-        The numbers of the leads and turns, as in `Bundle`.
-    straights : ndarray, shape (3, n)
-        Where the last straights begin, seen from the mouth (m, rad).
-    turns, distances, released : ndarray, shape (n,)
-        Turn in rad, length of the straight in m, speed at its end in m/s.
-    times : ndarray, shape (n,)
-        Until the ball is in the goal, in s.
-    """
+    """Run-ups, fastest first."""
 
     start: Pose
     mouth: Pose
     limits: Limits
-    sides: FloatArray
-    straights: FloatArray
-    turns: FloatArray
-    distances: FloatArray
-    released: FloatArray
-    times: FloatArray
+    sides: FloatArray  # (5, n): leads and turns, as in `Bundle`
+    straights: FloatArray  # (3, n): where the last straights begin, seen from the mouth, in m and rad
+    turns: FloatArray  # rad
+    distances: FloatArray  # of the last straights, m
+    released: FloatArray  # speed at their end, m/s
+    times: FloatArray  # until the ball is in the goal, s
 
     def __len__(self) -> int:
         return len(self.times)
@@ -179,13 +161,13 @@ def _of_sides(
     after = speeds_after(speed, acceleration, turning, limits.v)
     c, s = math.cos(seen.yaw), math.sin(seen.yaw)
     x, y = seen.x + c * table[:, 0] - s * table[:, 1], seen.y + s * table[:, 0] + c * table[:, 1]
-    likely = may_score(robot, x, y, headings, seen.yaw, leads)
+    likely = _may_score(robot, x, y, headings, seen.yaw, leads)
     if math.isfinite(latest):
         likely &= lead_times[:, :, None] + turning[:, None] <= latest
     entry, lead, turn = np.nonzero(likely)
     along, across = leads[entry, lead] + table[entry, 0, turn], table[entry, 1, turn]
     x, y = seen.x + c * along - s * across, seen.y + s * along + c * across
-    pushed, released, time = release(robot, x, y, headings[turn], after[entry, turn], limits)
+    pushed, released, time = _release(robot, x, y, headings[turn], after[entry, turn], limits)
     times = lead_times[entry, lead] + turning[entry, turn] + time
     found = np.flatnonzero(times <= latest)  # not those that take NaN
     entry, lead, turn = entry[found], lead[found], turn[found]
@@ -195,25 +177,13 @@ def _of_sides(
                      pushed[found], released[found], times[found]))  # fmt: skip
 
 
-def release(
+def _release(
     robot: Robot, x: FloatArray, y: FloatArray, heading: FloatArray, speed: FloatArray, limits: Limits
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute when to release a ball that is pushed straight at a goal, for many ways to push it.
+    """Return how far (m) to push a ball straight at a goal, how fast (m/s), and the time (s) until it is in.
 
-    Parameters
-    ----------
-    x, y, heading : ndarray, shape (n,)
-        Poses of the axle where the straight begins (m, rad), in the frame of the goal's mouth: x points out
-        of the field.
-    speed : ndarray, shape (n,)
-        Speeds there in m/s.
-
-    Returns
-    -------
-    distance, speed, time : ndarray, shape (n,)
-        How far the robot still drives straight on, in m, its speed there in m/s, and the time in s until the
-        ball is wholly behind the line: NaN unless the ball rolls between the posts, and the robot brakes
-        without touching the goal. The ball is let go as soon as `_ROLL_SHARE` of its rolling out is enough.
+    Straights begin at poses of the axle in the frame of the goal's mouth (x points out of the field), at a
+    speed. Where the mouth is missed, or the robot would brake into the goal, the time is NaN.
     """
     c, s = np.cos(heading), np.sin(heading)
     ball_x, ball_y = x + robot.hold * c, y + robot.hold * s
@@ -235,25 +205,12 @@ def release(
     return pushed, released, np.where(allowed, time, np.nan)
 
 
-def may_score(
+def _may_score(
     robot: Robot, x: FloatArray, y: FloatArray, heading: FloatArray, yaw: float, leads: FloatArray
 ) -> BoolArray:
-    """Return which straights may lead between the posts: all that `release` allows, and some others.
+    """Return which straights may lead between the posts, (sides, leads, turns); some that `_release` forbids.
 
-    Parameters
-    ----------
-    x, y : ndarray, shape (sides, turns)
-        Where the straights begin without their lead, in m, in the frame of the goal's mouth.
-    heading : ndarray, shape (turns,)
-        Headings of the straights in rad, at most `SLANT`.
-    yaw : float
-        Heading of the leads in rad.
-    leads : ndarray, shape (sides, leads)
-        Leads in m, each of which moves the beginning.
-
-    Returns
-    -------
-    ndarray of bool, shape (sides, leads, turns)
+    They begin at (x, y), each (sides, turns), moved along `yaw` by one of the leads, (sides, leads), in m.
     """
     c, s = np.cos(heading), np.sin(heading)
     ball_x, ball_y, tangent = x + robot.hold * c, y + robot.hold * s, s / c
@@ -264,14 +221,8 @@ def may_score(
     return np.asarray((np.abs(aside) <= widest) & before)
 
 
-def release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
-    """Return some poses of the axle in the world at which a ball pushed at full speed is released.
-
-    Parameters
-    ----------
-    mouth : Pose
-        Middle of the goal's mouth, heading out of the field.
-    """
+def _release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
+    """Return some poses of the axle in the world at which a ball pushed at full speed is released."""
     half, poses = field_of(robot).goal_width / 2.0, []
     for aim, slant in itertools.product(_AIMS, _SLANTS):
         if half * (1.0 - abs(aim)) * math.cos(slant) - robot.reach >= ROOM:
@@ -281,13 +232,13 @@ def release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
     return poses
 
 
-def scoring_time(robot: Robot, mouth: Pose, plan: Manoeuvre) -> float:
-    """Compute the time in s from the start of a run-up until the ball is wholly behind the line."""
-    return plan.duration + rolling_time(robot, mouth, plan.goal, plan.exit.outer_speed)
+def _scoring_time(robot: Robot, mouth: Pose, plan: Manoeuvre) -> float:
+    """Return the time in s from the start of a run-up until the ball is wholly behind the line."""
+    return plan.duration + _time_after(robot, mouth, plan.goal, plan.exit.outer_speed)
 
 
-def rolling_time(robot: Robot, mouth: Pose, released: Pose, speed: float) -> float:
-    """Compute the time in s from the release, there at `speed` (m/s), until the ball is behind the line."""
+def _time_after(robot: Robot, mouth: Pose, released: Pose, speed: float) -> float:
+    """Return the time in s from the release, there at `speed` (m/s), until the ball is behind the line."""
     ball = mouth.relative(released).ahead(robot.hold)
     way = (robot.scene.radius(BALL) - ball.x) / math.cos(ball.yaw)
     return float(_rolling_time(robot, speed, way))
@@ -344,16 +295,16 @@ class Shoot(HoldingAction):
         mouth = self.goal.pose._replace(yaw=0.0 if side > 0 else math.pi)
         speed = round(max(0.0, world.robot.v), 3)
         entries = run_up_sides(robot, limits, speed)
-        one_turn = yield from run_up(robot, start, mouth, entries, limits)
+        one_turn = yield from _run_up(robot, start, mouth, entries, limits)
         if one_turn is not None and abs(one_turn.first) < _LARGE:
             return one_turn
         best, soonest = one_turn, math.inf
         if one_turn is not None:
-            soonest = scoring_time(robot, mouth, one_turn)
+            soonest = _scoring_time(robot, mouth, one_turn)
             yield one_turn
         tables = yield from search_tables(entries, release_sides(robot, limits), limits)
-        for pose in release_poses(robot, mouth, limits):
-            longest = soonest - rolling_time(robot, mouth, pose, limits.v)
+        for pose in _release_poses(robot, mouth, limits):
+            longest = soonest - _time_after(robot, mouth, pose, limits.v)
             with suppress(ActionError):
                 plan = yield from fastest(
                     robot,
@@ -365,7 +316,7 @@ class Shoot(HoldingAction):
                     tries=_MOST_TRIES,
                     longest=longest,
                 )
-                time = scoring_time(robot, mouth, plan)
+                time = _scoring_time(robot, mouth, plan)
                 if time < soonest:
                     best, soonest = plan, time
                     yield plan
