@@ -7,30 +7,149 @@ brings the times nearest to those of the whole grid, until the rest would hardly
 
 The times follow from the direct variables and the robot's description alone. But these motions have the shape
 of those of our own actions, so they describe much of what a model would otherwise learn.
+
+The search is compiled, since it dominates refinement. The heading of the drive is the only unknown: its roots
+are bracketed on a grid of first turns, where the parts of both turns just add. Tables, computed once per
+family, tell where turns end. Motions whose lower bound exceeds the best time are skipped.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ator_ros.compiled import parallel_for
+from ator_ros.compiled import compiled, inlined, parallel_for, unlocked
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.durations import rates_of, turn_time
-from ator_ros.motion.motion_search import (
-    KIND,
-    Rows,
-    Rules,
-    TurnProfile,
-    TurnTables,
-    search_fastest,
-    turn_tables,
+from ator_ros.motion.displacements import NODES, WEIGHTS, speeds_after
+from ator_ros.motion.durations import (
+    Rates,
+    change_distance,
+    change_time,
+    drive_time,
+    forward_time,
+    rates_of,
+    turn_parts,
+    turn_time,
 )
 from ator_ros.robot.description import Limits
+
+Rows = NDArray[np.void]
+RealArray = NDArray[np.floating[Any]]
+
+STEP = np.pi / 8.0  # rad between the turns among which motions are bracketed
+HALF = 12  # turns of up to 270 degrees to either side
+FINE = 36  # entries of the tables per step
+SPEED_STEP = 0.02  # m/s
+WIDTH = 32  # columns of the tables in which all of TURNS are looked up at once: whole vectors
+TURNS: FloatArray = STEP * np.arange(-HALF, HALF + 1, dtype=float)
+WIDEST = (HALF + 0.99) * STEP  # up to which turns can be looked up
+EDGE = (HALF + 1) * FINE  # entries of the tables either side of no turn
+
+
+class TurnProfile(NamedTuple):
+    """How a turn is driven: change of speed in m/s^2, held at the limit, and greatest turn rate in rad/s."""
+
+    change: float
+    rate: float
+
+
+class TurnTables(NamedTuple):
+    """Displacements of turns by angles from -292.5 to 292.5 degrees, for some profiles.
+
+    They are given along and across (to the left of) the heading that lies between the turn and the straight
+    drive: there the parts of both turns of a motion just add.
+
+    Attributes
+    ----------
+    along, across : ndarray, shape (rows * angles,)
+        In m; a row for each profile and speed.
+    fractions : ndarray, shape (rows, FINE, columns)
+        Across, at turns that are whole steps apart, beginning with any entry; see `_window_of`.
+    lowest : float
+        First speed in m/s.
+    speeds : int
+        Number of speeds.
+    """
+
+    along: FloatArray
+    across: FloatArray
+    fractions: RealArray
+    lowest: float
+    speeds: int
+
+
+@compiled
+def _row_of(tables: TurnTables, profile: int, speed: float) -> int:
+    """Return the row of turns with a profile that start at `speed` (m/s)."""
+    row = int((speed - tables.lowest) * (1.0 / SPEED_STEP) + 0.5)
+    return profile * tables.speeds + min(max(row, 0), tables.speeds - 1)
+
+
+@compiled
+def _window_of(moved: float) -> tuple[int, int]:
+    """Return where in a row of `fractions` TURNS moved by `moved` (rad, within 540 degrees) begin."""
+    place = int(2 * HALF * FINE + 0.5 + moved * (FINE / STEP))
+    return place % FINE, place // FINE
+
+
+@compiled
+def _place_of(row: int, angle: float) -> tuple[int, float]:
+    """Return where a turn by `angle` (rad) lies in a table: the entry before, and the share beyond."""
+    place = angle * (FINE / STEP) + EDGE
+    low = int(place)
+    return low + row * (2 * EDGE + 1), place - low
+
+
+@compiled
+def look_up(table: FloatArray, low: int, share: float) -> float:
+    """Look up `along` or `across` at a place."""
+    result: float = table[low] + share * (table[low + 1] - table[low])
+    return result
+
+
+def turn_tables(limits: Limits, profiles: tuple[TurnProfile, ...]) -> TurnTables:
+    """Compute the tables of `profiles` for a robot's limits."""
+    angles: FloatArray = np.linspace(0.0, (HALF + 1) * STEP, EDGE + 1)
+    speeds: FloatArray = np.arange(-limits.v, limits.v + SPEED_STEP / 2, SPEED_STEP, dtype=np.float64)
+    parts = [_displacements(limits, profile, speeds, angles) for profile in profiles]
+    # A turn to the right is the mirror image of one to the left.
+    along = np.concatenate([np.hstack((x[:, :0:-1], x)) for x, _ in parts])
+    across = np.concatenate([np.hstack((-y[:, :0:-1], y)) for _, y in parts])
+    # TURNS moved by up to 2 * HALF steps to either side; values beyond the table are discarded later.
+    beyond = (2 * HALF - 1) * FINE
+    wide = np.pad(across[:, :-1], ((0, 0), (beyond, beyond + 2 * FINE)), mode="edge").astype(np.float32)
+    filled = ((0, 0), (0, WIDTH - len(TURNS)))
+    fractions = np.pad(wide.reshape(len(wide), -1, FINE).swapaxes(1, 2), ((0, 0), *filled))
+    return TurnTables(along.ravel(), across.ravel(), fractions, -limits.v, len(speeds))
+
+
+def _displacements(
+    limits: Limits, profile: TurnProfile, speeds: FloatArray, angles: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return along and across, shapes (speeds, angles), of turns to the left with one profile."""
+    ramp, steady = turn_parts(angles, profile.rate, limits.aw)
+    time = 2.0 * ramp + steady
+    now, ramp = time[:, None] * NODES, ramp[:, None]
+    begin = np.minimum(now, ramp)
+    end = np.minimum(time[:, None] - now, ramp)
+    even = limits.aw * ramp * np.clip(now - ramp, 0.0, steady[:, None])
+    # Ramp up, even rate, ramp down: the last part is what the mirrored ramp still lacks.
+    heading = 0.5 * limits.aw * (begin * begin + ramp * ramp - end * end) + even
+    weight = WEIGHTS * time[:, None]
+    left = angles[:, None] - heading
+    cos, sin = weight * np.cos(left), -weight * np.sin(left)
+    along, across = (np.empty((len(speeds), len(angles))) for _ in range(2))
+    for row, speed in enumerate(speeds):
+        driven = speeds_after(speed, profile.change, now, limits.v)
+        along[row], across[row] = (driven * cos).sum(axis=1), (driven * sin).sum(axis=1)
+    return along, across
+
 
 _DETOUR = 7.2
 """Cost, in m of driving at full speed, of each m that a drive passes an object at the goal too near."""
@@ -61,6 +180,30 @@ class Kind(NamedTuple):
     least_start: float = -np.inf
     least_arrival: float = -np.inf
     direction: float = 1.0
+
+
+KIND = np.dtype(
+    [("first_profile", np.intp), ("last_profile", np.intp)]
+    + [(f"{turn}_{what}", float) for turn in ("first", "last") for what in TurnProfile._fields]
+    + [(name, float) for name in ("share", "entry", "least_start", "least_arrival")]
+    + [("direction", np.float32)],
+    align=True,
+)
+"""A kind of motion as a row."""
+
+
+class Rules(NamedTuple):
+    """Parameters of all kinds of a family; see `Family`.
+
+    run: NaN if it is as long as needed. detour: s per m that a straight drive passes too near the object.
+    """
+
+    rates: Rates
+    run: float
+    passing: float
+    detour: float
+    forward: bool
+    hold: float
 
 
 @dataclass(frozen=True)
@@ -116,6 +259,246 @@ class Family:
         run = np.nan if self.run is None else self.run
         detour = _DETOUR / self.limits.v
         return Rules(rates_of(self.limits), run, self.passing, detour, self.forward, hold)
+
+
+_END = np.dtype([("speed", float), ("length", float), ("time", float), ("row", np.intp)])
+"""One end of a kind's motions: speed (m/s) at the turn, length (m) and time (s) of the straight part between
+the end and the turn, and the turn's row in the tables."""
+
+
+@compiled
+def _set_speed(entries: Rows, speed: float, kinds: Rows, tables: TurnTables, rules: Rules) -> None:
+    """Write the first ends of all kinds for a speed (m/s) at the start; infinite times if it is too low."""
+    rates = rules.rates
+    for index in range(len(kinds)):
+        kind, entry = kinds[index], entries[index]
+        reached = speed if math.isnan(kind["entry"]) else kind["entry"]
+        entry["speed"], entry["length"] = reached, change_distance(speed, reached, rates)
+        entry["time"] = change_time(speed, reached, rates) if speed >= kind["least_start"] else np.inf
+        entry["row"] = _row_of(tables, kind["first_profile"], reached)
+
+
+@compiled
+def _set_arrival(exits: Rows, arrival: float, kinds: Rows, tables: TurnTables, rules: Rules) -> None:
+    """Write the last ends of all kinds for a speed (m/s) at the destination, as `_set_speed` does."""
+    for index in range(len(kinds)):
+        kind, exit_ = kinds[index], exits[index]
+        speed, run = _before_run(kind["share"], arrival, rules)
+        exit_["speed"], exit_["length"] = speed, run
+        time = forward_time(run, speed, arrival, rules.rates)
+        exit_["time"] = time if arrival >= kind["least_arrival"] else np.inf
+        exit_["row"] = _row_of(tables, kind["last_profile"], speed)
+
+
+@compiled
+def _before_run(share: float, arrival: float, rules: Rules) -> tuple[float, float]:
+    """Return speed (m/s) and distance (m) to the goal where the straight run begins."""
+    rates, square = rules.rates, arrival * arrival
+    if math.isnan(share):
+        return arrival, 0.0
+    if math.isnan(rules.run):
+        speed = share * rates.v
+        change = speed * speed - square
+        return speed, max(change * (0.5 / rates.brake), change * (-0.5 / rates.a))
+    greatest = min(math.sqrt(square + 2.0 * rates.brake * rules.run), rates.v)
+    least = math.sqrt(max(square - 2.0 * rates.a * rules.run, 0.0))
+    return least + share * (greatest - least), rules.run
+
+
+_FULL_TURN = 2.0 * math.pi
+_MOST_TURNED = math.radians(450.0)
+_STEP = np.float32(STEP)
+
+# TURNS, padded to fill the processor's vectors.
+_WIDE = STEP * np.arange(-HALF, WIDTH - HALF)
+_COS, _SIN = np.cos(_WIDE.astype(np.float32)), np.sin(_WIDE.astype(np.float32))
+_BITS = (1 << np.arange(WIDTH)).astype(np.uint32)
+
+
+class _Offset(NamedTuple):
+    """From where the first turn begins to where the last one ends, and to the object at the goal, in m."""
+
+    x: float
+    y: float
+    object_x: float
+    object_y: float
+
+
+@unlocked
+def search_fastest(
+    ends: FloatArray,
+    kinds: Rows,
+    tables: TurnTables,
+    rules: Rules,
+    missed: tuple[float, float],
+    result: FloatArray,
+    first: int,
+    end: int,
+) -> None:
+    """Find the fastest motion in each of n situations to one of m destinations, whichever is reached first.
+
+    Parameters
+    ----------
+    ends : ndarray, shape (5, m, n)
+        Destination x, y (m) and heading (rad) in the frame of the start, speeds (m/s) at both ends; that at
+        the start is the same for all destinations.
+    missed : tuple of float
+        Time (s) and angle (rad) that stand for a destination to which no motion has room.
+    result : ndarray, shape (2, n)
+        Becomes the time in s, and the sum of the angles turned in rad.
+    first, end : int
+        The situations to search in.
+    """
+    entries = np.empty(len(kinds), dtype=_END)
+    exits = np.empty((ends.shape[1], len(kinds)), dtype=_END)
+    gaps = np.empty(WIDTH, dtype=np.float32)
+    likely = 0  # the last fastest kind is tried first: its time prunes most others
+    for at in range(first, end):
+        if at == first or ends[3, 0, at] != ends[3, 0, at - 1]:
+            _set_speed(entries, ends[3, 0, at], kinds, tables, rules)
+        best, turned = np.inf, 0.0
+        for choice in range(ends.shape[1]):
+            arrival = ends[4, choice, at]
+            if at == first or arrival != ends[4, choice, at - 1]:
+                _set_arrival(exits[choice], arrival, kinds, tables, rules)
+            x, y, turn = ends[0, choice, at], ends[1, choice, at], ends[2, choice, at]
+            # Bounded by the time to another destination, unless that one was missed.
+            most = best if best <= missed[0] else np.inf
+            time, angles, likely = _fastest(
+                x, y, turn, most, likely, entries, exits[choice], gaps, kinds, tables, rules
+            )
+            if time == np.inf and most == np.inf:
+                time, angles = missed
+            if time < best:
+                best, turned = time, angles
+        result[0, at], result[1, at] = best, turned
+
+
+@inlined
+def _fastest(
+    x: float,
+    y: float,
+    turn: float,
+    most: float,
+    likely: int,
+    entries: Rows,
+    exits: Rows,
+    gaps: RealArray,
+    kinds: Rows,
+    tables: TurnTables,
+    rules: Rules,
+) -> tuple[float, float, int]:
+    """Return time (s), turned angle (rad) and kind of the fastest motion; infinite unless below `most`."""
+    cos, sin = math.cos(turn), math.sin(turn)
+    object_x, object_y = x + rules.hold * cos, y + rules.hold * sin
+    # The whole change of heading may be either way round, or a full turn more.
+    circle = math.copysign(_FULL_TURN, turn)
+    totals = (turn, turn - circle, turn + circle)
+    windows = (_window_of(-totals[0]), _window_of(-totals[1]), _window_of(-totals[2]))
+    best, result, turned, fastest = most, np.inf, 0.0, likely
+    for number in range(len(kinds)):
+        index = (likely + number) % len(kinds)
+        kind, entry, exit_ = kinds[index], entries[index], exits[index]
+        straight = entry["time"] + exit_["time"]
+        if straight == np.inf:
+            continue
+        offset = _Offset(
+            x - entry["length"] - exit_["length"] * cos,
+            y - exit_["length"] * sin,
+            object_x - entry["length"],
+            object_y,
+        )
+        rate = max(kind["first_rate"], kind["last_rate"])
+        for around in range(3 if rules.forward else 2):
+            total = totals[around]
+            if straight + turn_time(abs(total), rate, rules.rates.aw) > best:
+                continue
+            above = _fill_gaps(gaps, offset, windows[around], kind["direction"], entry, exit_, tables)
+            # At a zero crossing from above the drive has this kind's direction, else the opposite one.
+            roots = above & ~(above >> 1)
+            for step in range(2 * HALF):
+                if not roots & (1 << step):
+                    continue
+                first = TURNS[step] + _STEP * (gaps[step] / (gaps[step] - gaps[step + 1]))
+                last = total - first
+                angles = abs(first) + abs(last)
+                if abs(last) < WIDEST and angles < _MOST_TURNED:
+                    time = _time(first, last, straight, best, offset, kind, entry, exit_, tables, rules)
+                    if time < best:
+                        best, result, turned, fastest = time, time, angles, index
+    return result, turned, fastest
+
+
+@inlined
+def _fill_gaps(
+    gaps: RealArray,
+    offset: _Offset,
+    window: tuple[int, int],
+    direction: float,
+    entry: Any,
+    exit_: Any,
+    tables: TurnTables,
+) -> int:
+    """Compute by how much a drive after each of TURNS misses the last turn, in the kind's direction.
+
+    Return a number whose bits are set for gaps above 0, which is faster to scan.
+    """
+    x, y = np.float32(offset.x), np.float32(offset.y)
+    fraction, column = window
+    near = tables.fractions[entry["row"], 0, 2 * HALF : 2 * HALF + WIDTH]  # at TURNS
+    far = tables.fractions[exit_["row"], fraction, column : column + WIDTH]
+    above = np.uint32(0)
+    for step in range(WIDTH):
+        gap = direction * (y * _COS[step] - x * _SIN[step] - near[step] - far[step])
+        gaps[step] = gap
+        above |= _BITS[step] if gap > np.float32(0.0) else np.uint32(0)
+    return int(above)
+
+
+@inlined
+def _time(
+    first: float,
+    last: float,
+    straight: float,
+    best: float,
+    offset: _Offset,
+    kind: Any,
+    entry: Any,
+    exit_: Any,
+    tables: TurnTables,
+    rules: Rules,
+) -> float:
+    """Return the time in s of a motion; infinite if it is not allowed or exceeds `best`."""
+    rates = rules.rates
+    turning1 = turn_time(abs(first), kind["first_rate"], rates.aw)
+    turning2 = turn_time(abs(last), kind["last_rate"], rates.aw)
+    result: float = turning1 + turning2 + straight
+    if result > best:
+        return np.inf
+    begin, share = _place_of(entry["row"], first)
+    end, end_share = _place_of(exit_["row"], -last)  # the last turn is driven from the goal
+    begun, ended = look_up(tables.along, begin, share), look_up(tables.along, end, end_share)
+    before = min(max(entry["speed"] + kind["first_change"] * turning1, -rates.v), rates.v)
+    after = min(max(exit_["speed"] + kind["last_change"] * turning2, -rates.v), rates.v)
+    cos, sin = math.cos(first), math.sin(first)
+    length = cos * offset.x + sin * offset.y - begun - ended
+    result += _straight(length, before, after, rules)
+    if rules.passing > 0.0:
+        to_object = cos * offset.object_x + sin * offset.object_y - begun
+        if min(length, 0.0) < to_object < max(length, 0.0):
+            beside = cos * offset.object_y - sin * offset.object_x - look_up(tables.across, begin, share)
+            result += rules.detour * max(rules.passing - abs(beside), 0.0)
+    return result
+
+
+@inlined
+def _straight(length: float, before: float, after: float, rules: Rules) -> float:
+    """Return the time in s of the drive between both turns; infinite if it is too short."""
+    if not rules.forward:
+        return drive_time(length, before, after, rules.rates)
+    if length < change_distance(before, after, rules.rates):
+        return np.inf
+    return forward_time(length, before, after, rules.rates)
 
 
 class FreeTurns(NamedTuple):

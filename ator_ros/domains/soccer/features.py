@@ -21,8 +21,7 @@ from ator_ros.domains.soccer.run_up_times import run_up_times
 from ator_ros.domains.soccer.thresholds import approach_run, passing_distance
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.motion.displacements import TurnDriving
-from ator_ros.motion.families import Family, FreeTurns, Kind, Motions, free_kinds, needed_kinds
-from ator_ros.motion.motion_search import TurnProfile
+from ator_ros.motion.families import Family, FreeTurns, Kind, Motions, TurnProfile, free_kinds, needed_kinds
 from ator_ros.performance.derived import Geometry, hold_angle, hold_bearing, hold_dist
 from ator_ros.performance.features import Feature, Kinds, MotionFeatures, variables
 from ator_ros.printable import short
@@ -190,14 +189,10 @@ def pushed_grid(robot: Robot) -> list[PushedTurns]:
 
     Of a robot that loses it in every turn they are those that it loses last.
     """
-    ways = itertools.product(_BEGINS, _GAINS, _LOSSES, _ENDS)
-    rows = [
-        PushedTurns(
-            entry, gain, loss, after, least_start=start, least_arrival=arrival,
-            rate=_first_rate(robot, start if np.isnan(entry) else entry, gain),
-        )
-        for (entry, start), gain, loss, (after, arrival) in ways
-    ]  # fmt: skip
+    rows = []
+    for (entry, start), gain, loss, (after, arrival) in itertools.product(_BEGINS, _GAINS, _LOSSES, _ENDS):
+        rate = _first_rate(robot, start if np.isnan(entry) else entry, gain)
+        rows.append(PushedTurns(entry, gain, loss, after, 0, start, arrival, rate))
     kinds = dribble_family(robot, rows).kinds
     holding = [row for row, kind in zip(rows, kinds, strict=True) if row.rate and _holds_last(robot, kind)]
     return holding or [row._replace(rate=np.nan) for row in rows]

@@ -41,51 +41,29 @@ class CurveShape:
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class _Curve:
     """A Bezier curve of degree four that leaves in the robot's heading and arrives in the goal's.
 
-    Attributes
-    ----------
-    points : tuple of 5 points
-        Control points (x, y) in m, in the frame of the goal: the robot, its handle, the point that leads
-        round the goal, the goal's handle, and the goal, or the beginning of the run-in to it.
-    bearing : float
-        Of the middle control point in rad, seen from the robot's heading.
-    bend : float
-        Curvature at the start in 1/m, positive to the left.
-    straight, turn, left : float
-        Way in m to the circle beside the goal, angle in rad on it, and way in m to the goal.
-    heading, side : float
-        Heading in rad of the straight part for a circle to the left of the goal's axis; -1 if the circle lies
-        to its right, and all is mirrored.
+    The control points (m, in the frame of the goal) are the robot, its handle, the point that leads round the
+    goal, the goal's handle, and the goal, or the beginning of the run-in to it.
     """
 
     points: tuple[tuple[float, float], ...]
-    bearing: float
-    bend: float
-    straight: float
-    turn: float
-    left: float
-    heading: float
-    side: float
+    bearing: float  # of the middle control point, seen from the robot's heading, in rad
+    bend: float  # curvature at the start in 1/m, positive to the left
+    straight: float  # way to the circle beside the goal, m
+    turn: float  # angle on it, rad
+    left: float  # way to the goal, m
+    heading: float  # of the straight part, for a circle to the left of the goal's axis, rad
+    side: float  # -1 if the circle lies to its right, and all is mirrored
 
 
-def curve_to(rel: Pose, v: float, shape: CurveShape, side: float) -> Curve:
-    """Lay the curve to a goal.
+def _curve_to(rel: Pose, v: float, shape: CurveShape, side: float) -> _Curve:
+    """Lay the curve for a robot at `rel`, in the frame of the goal, that drives at `v` (m/s).
 
     Its middle control point lies ahead on the shortest way: the tangent from the robot to a circle beside
-    the goal, the circle, on which the goal is reached in its heading, and the run-in.
-
-    Parameters
-    ----------
-    rel : Pose
-        The robot in the frame of the goal.
-    v : float
-        Its speed in m/s.
-    shape : CurveShape
-        Sizes.
-    side : {1.0, -1.0}
-        1: the circle lies to the left of the goal's axis.
+    the goal, the circle, on which the goal is reached in its heading, and the run-in. The circle lies to the
+    left of the goal's axis if `side` is 1, to the right if it is -1.
     """
     ahead = shape.ahead + shape.per_speed * max(v, 0.0)
     behind, beyond, beside = _CORRIDOR
@@ -128,7 +106,7 @@ def _ahead(straight: float, heading: float, turn: float, radius: float, way: flo
 
 def _through(
     rel: Pose, middle: tuple[float, float], shape: CurveShape, end: float, way: tuple[float, ...]
-) -> Curve:
+) -> _Curve:
     """Add both handles; the start handle vanishes when the robot faces away."""
     dx, dy = middle[0] - rel.x, middle[1] - rel.y
     distance = math.hypot(dx, dy)
@@ -144,10 +122,10 @@ def _through(
         (end - shape.radius / 2.0, 0.0),
         (end, 0.0),
     )
-    return Curve(points, bearing, bend, *way)
+    return _Curve(points, bearing, bend, *way)
 
 
-def passing_distance(curve: Curve, x: float, y: float) -> float:
+def _passing_distance(curve: _Curve, x: float, y: float) -> float:
     """Return how near in m the straight part of the shortest way comes to (x, y) m in the goal's frame."""
     start_x, start_y = curve.points[0]
     c, s = math.cos(curve.heading), curve.side * math.sin(curve.heading)
@@ -155,19 +133,15 @@ def passing_distance(curve: Curve, x: float, y: float) -> float:
     return math.hypot(x - start_x - along * c, y - start_y - along * s)
 
 
-def shortest_path(curve: Curve, shape: CurveShape, goal: Pose) -> FloatArray:
+def _shortest_path(curve: _Curve, shape: CurveShape, goal: Pose) -> FloatArray:
     """Return places on the shortest way that a curve to `goal` approximates, shape (n, 2), in m."""
     x, y = curve.points[0]
-    count = math.ceil(curve.left / _STEP)
-    ahead = _STEP * np.arange(min(count, math.floor(curve.straight / _STEP) + 1))
-    straight = np.column_stack([ahead * math.cos(curve.heading), ahead * math.sin(curve.heading)])
     parts = curve.straight, curve.heading, curve.turn, shape.radius
-    rest = [_ahead(*parts, _STEP * step) for step in range(len(ahead), count)]
-    places = np.vstack([straight, np.reshape(rest, (-1, 2))])
-    return _placed(places * (1.0, curve.side) + (x, y), goal)
+    places = [_ahead(*parts, _STEP * step) for step in range(math.ceil(curve.left / _STEP))]
+    return _placed(np.reshape(places, (-1, 2)) * (1.0, curve.side) + (x, y), goal)
 
 
-def sampled(curve: Curve, goal: Pose) -> FloatArray:
+def _sampled(curve: _Curve, goal: Pose) -> FloatArray:
     """Return poses on a curve to `goal`, and `goal` itself, shape (n, 3): x, y in m, yaw in rad."""
     t = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
     shares = [math.comb(4, k) * t**k * (1.0 - t) ** (4 - k) for k in range(5)]
@@ -185,7 +159,7 @@ def _placed(local: FloatArray, goal: Pose) -> FloatArray:
     return np.asarray(local @ np.array([[c, s], [-s, c]]) + (goal.x, goal.y))
 
 
-LATERAL, HEADING = 0.04, 0.1
+_LATERAL, _HEADING = 0.04, 0.1
 """Greatest distance from the goal's axis (m) and from its heading (rad) with which a goal is reached."""
 
 _SHORT, _PAST = 0.015, 0.06  # m before and behind a goal at which a robot may stand
@@ -228,10 +202,6 @@ class Driver:
 
     Parameters
     ----------
-    limits : Limits
-        Speeds and accelerations to keep.
-    style : Style
-        The curve and how it is driven.
     last : Command
         What the robot executes now.
     robot : Robot, optional
@@ -253,13 +223,13 @@ class Driver:
         self._braking = min(style.braking, limits.brake / _RESERVE)  # m/s^2
         self._last, self._shape = last, style.shape
         self._side = 0.0
-        self._laid: tuple[Curve, Pose] | None = None
+        self._laid: tuple[_Curve, Pose] | None = None
 
     def path(self) -> FloatArray | None:
         """Return the curve of the last tick as poses; see `Action.path`."""
-        return None if self._laid is None else sampled(*self._laid)
+        return None if self._laid is None else _sampled(*self._laid)
 
-    def _curve(self, pose: Pose, target: Pose, v: float) -> Curve:
+    def _curve(self, pose: Pose, target: Pose, v: float) -> _Curve:
         """Return the curve to `target` for a robot at `pose` that drives at v (m/s).
 
         Of the two that lead round the goal by the left and by the right it is the quicker; so durations are
@@ -276,10 +246,10 @@ class Driver:
             self._side = min(times, key=times.__getitem__)
         return curves[self._side]
 
-    def _curves(self, pose: Pose, target: Pose, v: float, shape: CurveShape) -> dict[float, Curve]:
+    def _curves(self, pose: Pose, target: Pose, v: float, shape: CurveShape) -> dict[float, _Curve]:
         """Return the two curves to `target`, by the side of the goal's axis on which their circle lies."""
         rel = target.relative(pose)
-        return {side: curve_to(rel, v, shape, side) for side in (1.0, -1.0)}
+        return {side: _curve_to(rel, v, shape, side) for side in (1.0, -1.0)}
 
     def _fitting(self, pose: Pose, target: Pose, v: float) -> CurveShape:
         """Return the style's shape, with other handles where both ways lead through a wall or the ball."""
@@ -292,11 +262,11 @@ class Driver:
 
         return min(shapes, key=least_depth)
 
-    def _time(self, curve: Curve) -> float:
+    def _time(self, curve: _Curve) -> float:
         """Return an estimate in s of the time that a curve takes: its straight part and its two turns."""
         return curve.straight / self._limits.v + (abs(curve.bearing) + curve.turn) / self._rotation
 
-    def _depth(self, curve: Curve, shape: CurveShape, pose: Pose, target: Pose) -> float:
+    def _depth(self, curve: _Curve, shape: CurveShape, pose: Pose, target: Pose) -> float:
         """Return by how much in m the robot may reach into a wall or the ball on the way of a curve."""
         if self._robot is None:
             return 0.0
@@ -305,12 +275,12 @@ class Driver:
             ball = target.relative(Pose(self._ball.x, self._ball.y, 0.0))
             room = self._robot.half_width + self._robot.scene.radius(BALL) + _BESIDE
             now = math.hypot(self._ball.x - pose.x, self._ball.y - pose.y)
-            into_ball = max(0.0, min(room, now) - passing_distance(curve, ball.x, ball.y))
+            into_ball = max(0.0, min(room, now) - _passing_distance(curve, ball.x, ball.y))
         middle = self._robot.scene.area.x
         farthest = max(abs(pose.x - middle), abs(target.x - middle) + shape.run_in + 2.0 * shape.radius)
         if farthest <= nearest_to_goals(self._robot):
             return into_ball
-        return max(into_ball, depth_in_goals(shortest_path(curve, shape, target), self._robot))
+        return max(into_ball, depth_in_goals(_shortest_path(curve, shape, target), self._robot))
 
     def follow(self, state: RobotState, target: Pose, end_speed: float) -> Command:
         """Return the command for the next tick to `target`, to be passed at `end_speed` (m/s)."""
@@ -318,11 +288,11 @@ class Driver:
         self._laid = curve, target
         bend = max(-self._style.sharpest, min(self._style.sharpest, curve.bend))
         v = self._speed(curve, bend, state.v, end_speed)
-        if end_speed == 0.0 and not standing_pose(target.relative(state.pose)):
+        if end_speed == 0.0 and not _standing_pose(target.relative(state.pose)):
             v = max(v, _CREEP)
         return self.command(v, bend)
 
-    def _speed(self, curve: Curve, bend: float, v: float, end_speed: float) -> float:
+    def _speed(self, curve: _Curve, bend: float, v: float, end_speed: float) -> float:
         """Return the greatest speed in m/s here, from which the rest of the curve can be driven, too."""
         left = max(curve.left - v * CONTROL_PERIOD, 0.0)
         here = self._rotation / max(abs(bend), 1e-6)
@@ -355,21 +325,21 @@ class Driver:
 def reached(rel: Pose, v: float, end_speed: float) -> bool:
     """Return whether a robot at `rel` in the goal's frame, at v (m/s), stands at or passes the goal."""
     if end_speed > 0.0:
-        at_goal = abs(rel.y) <= LATERAL and abs(rel.yaw) <= HEADING
+        at_goal = abs(rel.y) <= _LATERAL and abs(rel.yaw) <= _HEADING
         return at_goal and -v * CONTROL_PERIOD / 2 <= rel.x < 0.1
-    return standing_pose(rel) and _PARKED.holds(v)
+    return _standing_pose(rel) and _PARKED.holds(v)
 
 
-def standing_pose(rel: Pose) -> bool:
+def _standing_pose(rel: Pose) -> bool:
     """Return whether `rel`, in the goal's frame, is a pose to stand in at the goal."""
-    return standing_place(rel) and abs(rel.yaw) <= HEADING
+    return _standing_place(rel) and abs(rel.yaw) <= _HEADING
 
 
-def standing_place(rel: Pose) -> bool:
+def _standing_place(rel: Pose) -> bool:
     """Return whether `rel`, in the goal's frame, is a place to stand at the goal, whatever the heading."""
-    return abs(rel.y) < LATERAL and -_SHORT < rel.x < _PAST
+    return abs(rel.y) < _LATERAL and -_SHORT < rel.x < _PAST
 
 
 def straightens(rel: Pose, end_speed: float, most: float) -> bool:
     """Return whether a robot at `rel` has only to turn, by at most `most` rad, to stand in the goal."""
-    return end_speed == 0.0 and standing_place(rel) and abs(rel.yaw) <= most
+    return end_speed == 0.0 and _standing_place(rel) and abs(rel.yaw) <= most
