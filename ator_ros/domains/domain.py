@@ -152,7 +152,8 @@ class Domain:
         sets, objects = self.action_sets, {name for top in self.tops for name in objects_in(top)}
         require(DEFAULT_SET in sets, "action sets", f"{DEFAULT_SET!r} among them", sorted(sets))
         unknown = objects.union(source.name for source in self.sources).difference(self.objects)
-        require(not unknown, "objects", "all that conditions and sources name", sorted(self.objects))
+        also = f"also {', '.join(sorted(unknown))}, as conditions or sources name them"
+        require(not unknown, "objects", also, self.objects)
         own = (direct_name(name) for name in self.goal_variables)
         features = Counter((*GENERAL, *(feature.name for feature in self.features), *own))
         twice = [name for name, count in features.items() if count > 1]

@@ -208,13 +208,7 @@ _SPACING = 0.05  # m between the poses at which a braking robot is checked
 
 
 def shoot_with_room(robot: Robot, rng: np.random.Generator) -> Situation:
-    """Draw a shot for which the planned action finds a run-up.
-
-    Raises
-    ------
-    ConfigError
-        The robot is too large for the goal, or has no holder.
-    """
+    """Draw a shot for which the planned action finds a run-up; ConfigError if the robot is too large."""
     return with_room(robot, lambda: shoot(robot, rng), lambda situation: situation)
 
 
@@ -222,7 +216,7 @@ def with_room(robot: Robot, draw: Callable[[], T], shot: Callable[[T], Situation
     """Draw until the shot has room for a run-up; raise NoPlaceError if none has."""
     return drawn_until(
         draw,
-        lambda drawn: has_room(robot, shot(drawn)),
+        lambda drawn: _has_room(robot, shot(drawn)),
         lambda: (
             f"shoot: expected room for a run-up to the goal, robot {robot.name} reaches "
             f"{robot.reach:.2f} m from its axle"
@@ -231,7 +225,7 @@ def with_room(robot: Robot, draw: Callable[[], T], shot: Callable[[T], Situation
     )
 
 
-def has_room(robot: Robot, situation: Situation) -> bool:
+def _has_room(robot: Robot, situation: Situation) -> bool:
     """Return whether the action finds a run-up: at once, or after a robot in motion has braked."""
     action, world = Shoot(robot), World(0.0, situation.robot, situation.objects)
     try:
@@ -244,7 +238,6 @@ def has_room(robot: Robot, situation: Situation) -> bool:
 
 
 def _finds_run_up(action: Shoot, start: RobotState) -> bool:
-    """Return whether an action that was started at `start` finds a plan."""
     robot = action.robot
     brakes = start.v * (start.v / (2.0 * action.plan_limits.brake) + robot.motor_time_constant)
     braking = np.array([start.pose.ahead(at) for at in np.arange(0.0, brakes, _SPACING)])

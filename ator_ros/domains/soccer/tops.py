@@ -33,10 +33,7 @@ GO_TO_POSE = Top(
 def go_to_ball(held: float = 0.1) -> Top:
     """Return the paper's goToBall, the same action with the ball as its goal; how the robot stands is open.
 
-    Parameters
-    ----------
-    held : float
-        Distance in m from the hold, along x and y, up to which the ball is held.
+    The ball is held up to `held` m from the hold, along x and y.
     """
     return Top(
         "goToBall",
@@ -70,13 +67,6 @@ def shoot(field: Field = _USUAL_FIELD, lost: float = 0.12) -> Top:
 
     A dribble ends up to 0.16 m beside its goal, and refinement keeps so far inside: it puts the ball 0.9 to
     2.5 m before the mouth, and at 0.9 m within 50 degrees of the middle.
-
-    Parameters
-    ----------
-    field : Field
-        Its centre, and the sizes of the goals.
-    lost : float
-        As for `dribble_ball`.
     """
     region = (
         Distance("ball", "goal", 0.74, 2.66),
