@@ -37,24 +37,12 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The result of one execution.
-
-    Attributes
-    ----------
-    success, early : bool
-        Whether the goal was reached; whether the ball was moved before the robot had arrived.
-    duration : float
-        In s.
-    excess : float
-        Greatest ratio of a command to its limit.
-    reason : str
-        A sentence on how it ended.
-    """
+    """The result of one execution."""
 
     success: bool
-    early: bool
-    duration: float
-    excess: float
+    early: bool  # the ball was moved before the robot had arrived
+    duration: float  # s
+    excess: float  # greatest ratio of a command to its limit
     reason: str
 
 
@@ -114,8 +102,3 @@ def _touched_early(situation: Situation, world: World, robot: Robot) -> bool:
     ahead = world.robot.pose.relative(Pose(ball.x, ball.y, 0.0))
     caught = abs(ahead.y) < 0.05 and ahead.x < robot.hold + 0.03
     return math.hypot(ball.x - first.x, ball.y - first.y) > 0.01 and not caught
-
-
-def tasks(kind: str, action_set: str, seed: int, situations: int, *, robot: str = "") -> list[Task]:
-    """Return the tasks of one kind."""
-    return [Task(kind, action_set, seed, index, robot) for index in range(situations)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from action_runs import KINDS, Task, execute, execute_situation, tasks
+from action_runs import KINDS, Task, execute, execute_situation
 
 from ator_ros.actions.base import ActionError, Goal, Point
 from ator_ros.actions.situation import Situation
@@ -81,7 +81,7 @@ def test_approach_keeps_clear_of_the_posts(
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_actions_reach_their_goals_within_the_limits(kind: str) -> None:
-    outcomes = [execute(task) for task in tasks(kind, "bezier", 11, 8)]
+    outcomes = [execute(Task(kind, "bezier", 11, index)) for index in range(8)]
     assert sum(outcome.success for outcome in outcomes) >= 7
     assert not any(outcome.early for outcome in outcomes)
     assert max(outcome.excess for outcome in outcomes) <= 1.0 + 1e-9
@@ -90,4 +90,4 @@ def test_the_actions_reach_their_goals_within_the_limits(kind: str) -> None:
 @pytest.mark.parametrize("kind", ["pose", "approach", "dribble"])
 def test_a_base_with_weak_accelerations_does_not_circle_round_its_goal(kind: str) -> None:
     robot = str(resource_path("config", "pioneer_lx.yaml"))
-    assert all(execute(task).success for task in tasks(kind, "bezier", 77, 4, robot=robot))
+    assert all(execute(Task(kind, "bezier", 77, index, robot)).success for index in range(4))

@@ -10,19 +10,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from planned import planned
 from robots import OTHERS
 from selection import few
 from turning_action import TurnDriveTurn
 
-from ator_ros.actions.base import Goal, Point, Status
+from ator_ros.actions.base import Action, Goal, Point, Status, Step
+from ator_ros.actions.situation import Situation
 from ator_ros.actions.specification import ActionSpec
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of
 from ator_ros.domains.soccer.planned.clearance import ball_distances
-from ator_ros.domains.soccer.situations import (
-    Situation,
-)
 from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
 from ator_ros.experience.collect import collect
 from ator_ros.experience.columns import ExperienceError
@@ -36,6 +33,7 @@ from ator_ros.experience.table import (
 )
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot, load_robot
+from ator_ros.simulation.run import place
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import ObjectState, RobotState, World
 
@@ -78,6 +76,21 @@ def test_situations_lie_on_the_field_and_within_the_limits(action: str, robot: R
         assert 0.0 <= situation.goal.speed <= fastest
         if ball_of(situation) is not None and action != "goToPose":
             assert situation.robot.v <= fastest
+
+
+def planned(robot: Robot, action: Action, world: World, goal: Goal) -> Step:
+    """Start an action, step it until it plans no more or has ended, and return its last step."""
+    with Simulation(robot) as simulation:
+        place(simulation, world)
+        action.start(simulation.world(), goal)
+        for _ in range(100):
+            step = action.step(simulation.world())
+            if not action.planning or step.status is not Status.RUNNING:
+                return step
+            if step.command is not None:
+                simulation.command(step.command)
+            simulation.tick()
+    raise AssertionError(f"expected a plan within 100 ticks, got {step.message!r}")
 
 
 @every_robot

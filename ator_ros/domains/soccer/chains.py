@@ -83,10 +83,13 @@ def shoot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[
     """Draw a ball to go to, to dribble before the goal and to shoot: the chain of the paper's Figure 1."""
     most = farthest(robot, _OF_TWO, SHORTEST, with_ball=True)
 
+    def dribbled(chain: TopChain) -> float:
+        return distance_with_ball(robot, chain.calls[0].goal.pose, chain.calls[1].goal.pose)
+
     def in_reach() -> tuple[World, TopChain]:
         return drawn_until(
             lambda: _shot(robot, library, rng),
-            lambda drawn: _dribbled(robot, drawn[1]) <= most,
+            lambda drawn: dribbled(drawn[1]) <= most,
             lambda: _expected(robot, f"to dribble {most:.2f} m at most before the goal"),
         )
 
@@ -114,12 +117,6 @@ def _shot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[
         _call(library, "shoot", Pose(x, y, 0.0)),
     )
     return world, TopChain(calls)
-
-
-def _dribbled(robot: Robot, chain: TopChain) -> float:
-    """Return how far in m the ball is dribbled to where it is shot."""
-    fetch, dribbling, _ = chain.calls
-    return distance_with_ball(robot, fetch.goal.pose, dribbling.goal.pose)
 
 
 def _last_shot(robot: Robot, chain: TopChain) -> Situation:

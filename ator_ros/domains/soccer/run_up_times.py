@@ -31,38 +31,23 @@ from ator_ros.motion.durations import Rates, change_distance, forward_time, rate
 from ator_ros.performance.derived import wrapped
 from ator_ros.robot.description import Limits, Robot
 
-ANGLES = 151
+_ANGLES = 151
 """Entries of a table: turns to the left by 0 to `LARGEST_TURN`."""
 _LEADS = (0.0, 0.4, 1.0)
 """By how much in m the straight before the turn may be longer than its change of speed needs."""
 
 
-class HeldTurns(NamedTuple):
-    """Where turns with the ball lead, driven as fast as it allows.
+class _HeldTurns(NamedTuple):
+    """Where turns with the ball lead, driven as fast as it allows."""
 
-    Attributes
-    ----------
-    table : ndarray, shape (speeds, ANGLES, gains, 2)
-        Forward and leftward displacements of turns to the left in m, in the frame of the start.
-    rates : ndarray, shape (speeds, gains)
-        Greatest turn rate in rad/s.
-    gains : ndarray, shape (gains,)
-        Change of speed in m/s^2.
-    step : float
-        Between two start speeds in m/s; the first is 0.
-    """
-
-    table: FloatArray
-    rates: FloatArray
-    gains: FloatArray
-    step: float
+    table: FloatArray  # (speeds, _ANGLES, gains, 2): forward and leftward from the start, of left turns, m
+    rates: FloatArray  # (speeds, gains): greatest turn rate, rad/s
+    gains: FloatArray  # change of speed, m/s^2
+    step: float  # between two start speeds, m/s; the first is 0
 
 
-class ShotSetting(NamedTuple):
-    """What counts of robot, ball and goal for a shot: lengths in m, decelerations in m/s^2.
-
-    `roll` is as in `roll_of`.
-    """
+class _ShotSetting(NamedTuple):
+    """Robot, ball and goal: lengths in m, decelerations in m/s^2, `roll` as in `roll_of`."""
 
     hold: float
     reach: float
@@ -75,8 +60,8 @@ class ShotSetting(NamedTuple):
 
 
 @unlocked
-def fastest_run_ups(
-    starts: FloatArray, speeds: FloatArray, slants: FloatArray, turns: HeldTurns, setting: ShotSetting,
+def _fastest_run_ups(
+    starts: FloatArray, speeds: FloatArray, slants: FloatArray, turns: _HeldTurns, setting: _ShotSetting,
     rates: Rates, result: FloatArray, first: int, end: int,
 ) -> None:  # fmt: skip
     """Write the time in s until the ball is in the goal, infinite where no run-up leads there; NaN for NaN.
@@ -84,17 +69,13 @@ def fastest_run_ups(
     Parameters
     ----------
     starts : ndarray, shape (4, n)
-        Pose of the axle in the frame of the goal's mouth (m, m, rad), x out of the field, and speed in m/s.
+        As for `run_up_times`.
     speeds : ndarray, shape (m,)
         At which turns may begin besides the speed of the start, in m/s.
     slants : ndarray, shape (k, 4)
         Headings in rad in which the ball may be sent, their cosine, sine and tangent.
-    turns, setting, rates
-        How turns are driven, robot, ball and goal, and the limits with the ball.
-    result : ndarray, shape (n,)
-        The times.
     first, end : int
-        Of which situations.
+        The situations to search in.
     """
     for at in range(first, end):
         x, y, yaw = starts[0, at], starts[1, at], starts[2, at]
@@ -120,7 +101,7 @@ def fastest_run_ups(
 
 
 @inlined
-def _least_time(start: tuple[float, float, float, float], setting: ShotSetting, rates: Rates) -> float:
+def _least_time(start: tuple[float, float, float, float], setting: _ShotSetting, rates: Rates) -> float:
     """Return a lower bound in s of the time from a start until the ball is at the line."""
     way, speed = max(-setting.hold - start[0], 0.0), start[3]
     gained = (rates.v * rates.v - speed * speed) / (2.0 * rates.a)
@@ -131,8 +112,8 @@ def _least_time(start: tuple[float, float, float, float], setting: ShotSetting, 
 
 @inlined
 def _fastest_turn(
-    start: tuple[float, float, float, float], most: float, slants: FloatArray, turns: HeldTurns,
-    setting: ShotSetting, rates: Rates,
+    start: tuple[float, float, float, float], most: float, slants: FloatArray, turns: _HeldTurns,
+    setting: _ShotSetting, rates: Rates,
 ) -> float:  # fmt: skip
     """Return the time in s of the fastest turn and shot from a start, infinite unless it is below `most`."""
     x, y, yaw, speed = start
@@ -153,8 +134,8 @@ def _fastest_turn(
         aim = y + setting.hold * sin - (x + setting.hold * cos) * tan
         # By how much farther to the left the ball crosses the line for each m of a displacement.
         forward_aim, left_aim = aside - ahead * tan, side * (ahead + aside * tan)
-        place = size * ((ANGLES - 1) / LARGEST_TURN)
-        low = min(int(place), ANGLES - 2)
+        place = size * ((_ANGLES - 1) / LARGEST_TURN)
+        low = min(int(place), _ANGLES - 2)
         for gain in range(len(turns.gains)):
             before, after = turns.table[row, low, gain], turns.table[row, low + 1, gain]
             forward = before[0] + (place - low) * (after[0] - before[0])
@@ -173,7 +154,7 @@ def _fastest_turn(
 
 @inlined
 def _shot(
-    x: float, y: float, cos: float, sin: float, speed: float, most: float, setting: ShotSetting, rates: Rates
+    x: float, y: float, cos: float, sin: float, speed: float, most: float, setting: _ShotSetting, rates: Rates
 ) -> float:
     """Return the time in s from the beginning of the straight until the ball is in the goal.
 
@@ -213,7 +194,8 @@ def run_up_times(robot: Robot, starts: FloatArray) -> FloatArray:
     Parameters
     ----------
     starts : ndarray, shape (4, n)
-        See `fastest_run_ups`; the robot does not turn.
+        Pose of the axle in the frame of the goal's mouth (m, m, rad), x out of the field, and speed in m/s;
+        the robot does not turn.
 
     Raises
     ------
@@ -224,18 +206,18 @@ def run_up_times(robot: Robot, starts: FloatArray) -> FloatArray:
     limits, turns, setting = _tables(robot)
     times = np.empty(starts.shape[1])
     speeds = _ENTRY_SHARES * limits.v
-    search = partial(fastest_run_ups, starts, speeds, _SLANTS, turns, setting, rates_of(limits), times)
+    search = partial(_fastest_run_ups, starts, speeds, _SLANTS, turns, setting, rates_of(limits), times)
     parallel_for(search, len(times), _CHUNK)
     return times
 
 
 @lru_cache(maxsize=8)
-def _tables(robot: Robot) -> tuple[Limits, HeldTurns, ShotSetting]:
+def _tables(robot: Robot) -> tuple[Limits, _HeldTurns, _ShotSetting]:
     """Return what plans may use of the limits with the ball, the turns that they allow, and the goal."""
     limits = planned_limits(robot, held_limits(robot, "a shot"))
     gains = np.array([share * gain_of(robot) for share in _GAIN_SHARES])
     speeds: FloatArray = np.linspace(0.0, limits.v, _SPEEDS)
-    angles: FloatArray = np.linspace(0.0, LARGEST_TURN, ANGLES)
+    angles: FloatArray = np.linspace(0.0, LARGEST_TURN, _ANGLES)
     ways = [
         fastest_turn(robot, limits, float(v), float(change))
         or TurnDriving(float(v), float(change), RUN_UP_RATES[-1] * limits.w)  # loses the ball last
@@ -243,10 +225,10 @@ def _tables(robot: Robot) -> tuple[Limits, HeldTurns, ShotSetting]:
         for change in gains
     ]
     rates = np.array([way.turn_rate for way in ways]).reshape(_SPEEDS, len(gains))
-    table = displacement_table(angles, ways, limits).reshape(_SPEEDS, len(gains), 2, ANGLES)
-    turns = HeldTurns(np.ascontiguousarray(table.transpose(0, 3, 1, 2)), rates, gains, float(speeds[1]))
+    table = displacement_table(angles, ways, limits).reshape(_SPEEDS, len(gains), 2, _ANGLES)
+    turns = _HeldTurns(np.ascontiguousarray(table.transpose(0, 3, 1, 2)), rates, gains, float(speeds[1]))
     field, ball = field_of(robot), robot.scene.objects[BALL]
-    setting = ShotSetting(
+    setting = _ShotSetting(
         robot.hold, robot.reach, ball.radius, ball.rolling_deceleration, robot.limits.brake,
         field.goal_width / 2.0, field.goal_depth, roll_of(robot),
     )  # fmt: skip
