@@ -10,7 +10,7 @@ of those of our own actions, so they describe much of what a model would otherwi
 
 The search is compiled, since it dominates refinement. The heading of the drive is the only unknown: its roots
 are bracketed on a grid of first turns, where the parts of both turns just add. Tables, computed once per
-family, tell where turns end. Motions whose lower bound exceeds the best time are skipped.
+family, give the ends of turns. Motions whose lower bound exceeds the best time are skipped.
 """
 
 from __future__ import annotations
