@@ -19,7 +19,7 @@ from ator_ros.actions.situation import Situation
 from ator_ros.actions.specification import ActionSpec
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of
-from ator_ros.domains.soccer.planned.clearance import ball_distances
+from ator_ros.domains.soccer.planned.planner import ball_distances
 from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
 from ator_ros.experience.collect import collect
 from ator_ros.experience.columns import ExperienceError

@@ -8,9 +8,15 @@ from collections.abc import Sequence
 
 from ator_ros.actions.base import ActionError, Goal, Point
 from ator_ros.domains.soccer.field import BALL, ball_of
-from ator_ros.domains.soccer.planned.clearance import Obstacles, distance_to_clear
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
-from ator_ros.domains.soccer.planned.planner import fastest, free_sides, prepare, run_sides
+from ator_ros.domains.soccer.planned.planner import (
+    Obstacles,
+    distance_to_clear,
+    fastest,
+    free_sides,
+    prepare,
+    run_sides,
+)
 from ator_ros.domains.soccer.thresholds import approach_run, caught_within
 from ator_ros.geometry import Pose
 from ator_ros.motion.manoeuvre import Manoeuvre, Side

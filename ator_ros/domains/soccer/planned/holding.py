@@ -9,9 +9,8 @@ from functools import lru_cache
 
 from ator_ros.actions.base import ActionError, Goal
 from ator_ros.domains.soccer.field import BALL
-from ator_ros.domains.soccer.planned.clearance import Obstacles
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
-from ator_ros.domains.soccer.planned.planner import fastest, prepare
+from ator_ros.domains.soccer.planned.planner import Obstacles, fastest, prepare
 from ator_ros.domains.soccer.thresholds import gone_beyond
 from ator_ros.motion.displacements import TurnDriving
 from ator_ros.motion.manoeuvre import Manoeuvre, Side

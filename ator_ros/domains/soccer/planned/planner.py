@@ -1,31 +1,381 @@
-"""Plan the fastest manoeuvre to a goal: the candidate entries and exits, and the checks of results."""
+"""Plan the fastest manoeuvre to a goal that is clear of the ball and of the goals' walls.
+
+Compiled code rules out many at once; where rounding could matter, the exact check decides.
+"""
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ator_ros.actions.base import ActionError
-from ator_ros.domains.soccer.planned.clearance import (
-    OPEN,
-    TOUCHES,
-    Obstacles,
-    batches,
-    check_points,
-    is_clear,
-    is_free,
-    screened,
-    screening_points,
-)
-from ator_ros.geometry import Pose
+from ator_ros.compiled import compiled, elementwise
+from ator_ros.domains.soccer.field import BALL, box_distance, field_of, touches_goals, wall_distance
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.displacements import TurnDriving
-from ator_ros.motion.manoeuvre import Manoeuvre, Side, closed
+from ator_ros.motion.durations import Rates, rates_of
+from ator_ros.motion.manoeuvre import (
+    SPEED_PIECES,
+    TURN_PIECES,
+    Bundle,
+    Manoeuvre,
+    Side,
+    close,
+    closed,
+    write_pieces,
+)
 from ator_ros.motion.planning import Planning
 from ator_ros.motion.search import SearchTables, find_candidates, search_tables
+from ator_ros.motion.trajectory import DT, Trajectory
 from ator_ros.robot.description import Limits, Robot
+from ator_ros.world.state import ObjectState
+
+_STRIDE = 5
+"""Every how many samples of a trajectory are looked at: every 50 ms, 6 cm at full speed."""
+
+_CLEARING = np.arange(0.0, 1.5, 0.01)
+"""Lengths in m of straight drives that may lead away from a ball."""
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacles:
+    """What a motion must not touch.
+
+    Attributes
+    ----------
+    ball : ObjectState or None
+        The ball, taken as standing still.
+    ball_margin : float
+        Free distance to keep from the ball in m.
+    run : float
+        Straight stretch at the end in m in which the ball may be touched, since it is what is approached.
+    """
+
+    ball: ObjectState | None = None
+    ball_margin: float = 0.04
+    run: float = 0.0
+
+
+def is_clear(manoeuvre: Manoeuvre, obstacles: Obstacles, robot: Robot) -> bool:
+    """Return whether the robot touches no obstacle on the way."""
+    poses = Trajectory(manoeuvre).poses()
+    if touches_goals(poses[::_STRIDE], robot):
+        return False
+    ball = obstacles.ball
+    if ball is None:
+        return True
+    if obstacles.run > 0.0:
+        # In the run the ball lies straight ahead; a little more than that decides nothing.
+        far = np.hypot(poses[:, 0] - manoeuvre.goal.x, poses[:, 1] - manoeuvre.goal.y) > obstacles.run
+        last = int(np.flatnonzero(far)[-1]) + 1 if far.any() else 0
+        poses = poses[:last]
+    return not bool(np.any(ball_distances(poses[::_STRIDE], ball, robot) < obstacles.ball_margin))
+
+
+def is_free(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> bool:
+    """Return whether the robot touches no obstacle at the start; otherwise no motion to `goal` is clear."""
+    pose, ball = np.array([start]), obstacles.ball
+    if touches_goals(pose, robot):
+        return False
+    if ball is None or start.distance(goal) <= obstacles.run:
+        return True
+    return bool(ball_distances(pose, ball, robot)[0] >= obstacles.ball_margin)
+
+
+def distance_to_clear(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> float:
+    """Return how far in m (negative: backward) to drive straight until the robot is clear of the ball.
+
+    It is 0 if the robot is clear at the start, or if no straight drive clears it without coming nearer to the
+    ball or touching a goal.
+    """
+    ball = obstacles.ball
+    if ball is None or is_free(start, goal, obstacles, robot) or touches_goals(np.array([start]), robot):
+        return 0.0
+    found = []
+    for sign in (-1.0, 1.0):
+        ways = sign * _CLEARING
+        poses = np.array([start.ahead(way) for way in ways])
+        distances = ball_distances(poses, ball, robot)
+        clear = distances >= obstacles.ball_margin
+        until = slice(int(np.argmax(clear)) + 1)
+        nearer = distances[until].min() < distances[0] - 1e-9
+        if clear.any() and not nearer and not touches_goals(poses[until], robot):
+            found.append(float(ways[until][-1]))
+    return min(found, key=abs, default=0.0)
+
+
+def ball_distances(poses: FloatArray, ball: ObjectState, robot: Robot) -> FloatArray:
+    """Return the free distance in m between the robot at each pose, (n, 3), and the ball's surface, (n,)."""
+    x, y, yaw = poses.T
+    distances = _outline_distance(ball.x - x, ball.y - y, yaw, _outline(robot))
+    return np.asarray(distances - robot.scene.radius(BALL))
+
+
+class _Outline(NamedTuple):
+    """The robot's outline and the goals, in m; see `field.wall_distance`."""
+
+    front: float
+    rear: float
+    half_width: float
+    fin_tip: float
+    fin_side: float
+    reach: float
+    line: float
+    half: float
+    depth: float
+
+
+def _outline(robot: Robot) -> _Outline:
+    field = field_of(robot)
+    lengths = (
+        robot.front, robot.rear, robot.half_width, robot.tip, robot.tip_half_width, robot.reach,
+        field.walls_begin, field.goal_width / 2, field.goal_depth,
+    )  # fmt: skip
+    return _Outline(*map(float, lengths))
+
+
+@elementwise
+def _outline_distance(dx: Any, dy: Any, yaw: Any, shape: _Outline) -> Any:
+    """Return the distance from the robot's outline to points that lie (dx, dy) m from its axle."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    ahead, left = c * dx + s * dy, np.abs(c * dy - s * dx)
+    body = box_distance(ahead, left, -shape.rear, shape.front, -shape.half_width, shape.half_width)
+    fins = box_distance(ahead, left, shape.front, shape.fin_tip, -shape.fin_side, shape.fin_side)
+    return np.minimum(body, fins)
+
+
+_DOUBT = 1e-8
+"""Margin in m, s or m/s within which the exact check decides."""
+_BACKWARD = -1e-6
+"""Speed in m/s below which a robot drives backward."""
+IMPOSSIBLE, TOUCHES, OPEN = 0, 1, 2
+"""Verdicts on a manoeuvre: it is not allowed, it touches something, or the exact check has to decide."""
+
+
+class _BallObstacle(NamedTuple):
+    """A ball that is in the way, in m: its centre (NaN: none), radius, margin, and the run to it."""
+
+    x: float
+    y: float
+    radius: float
+    margin: float
+    run: float
+
+
+def screened(
+    start: Pose,
+    bundle: Bundle,
+    limits: Limits,
+    obstacles: Obstacles,
+    robot: Robot,
+    longest: FloatArray | None = None,
+    *,
+    forward_only: bool = False,
+) -> NDArray[np.int8]:
+    """Judge manoeuvres without the exact check.
+
+    Parameters
+    ----------
+    start : Pose
+        Where all of them start.
+    longest : ndarray, shape (n,), optional
+        Greatest duration in s, once closed; None: they are closed already, and take any time.
+
+    Returns
+    -------
+    ndarray of int8, shape (n,)
+        `IMPOSSIBLE`, `TOUCHES` or `OPEN`.
+    """
+    ball, area = obstacles.ball, robot.scene.area
+    x, y = (np.nan, np.nan) if ball is None else (ball.x - area.x, ball.y - area.y)
+    in_the_way = (x, y, robot.scene.radius(BALL), obstacles.ball_margin, obstacles.run)
+    # Walls are mirrored, so places are relative to the centre of the area.
+    goals = bundle.goals - np.array([[area.x], [area.y], [0.0]])
+    columns = (np.ascontiguousarray(column, dtype=float) for column in bundle._replace(goals=goals))
+    return _judge(
+        Pose(*map(float, (start.x - area.x, start.y - area.y, start.yaw))),
+        Bundle(*columns),
+        rates_of(limits),
+        _outline(robot),
+        _BallObstacle(*map(float, in_the_way)),
+        np.full(len(bundle.first), np.inf) if longest is None else np.ascontiguousarray(longest),
+        longest is None,
+        forward_only,
+    )
+
+
+@compiled
+def _judge(
+    start: Pose,
+    many: Bundle,
+    bounds: Rates,
+    shape: _Outline,
+    ball: _BallObstacle,
+    longest: FloatArray,
+    are_closed: bool,
+    forward: bool,
+) -> NDArray[np.int8]:
+    verdicts = np.full(len(longest), OPEN, dtype=np.int8)
+    speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
+    poses, times = np.empty((0, 3)), np.empty(0)
+    for row in range(len(longest)):
+        entry, leaving = many.entries[:, row].copy(), many.exits[:, row].copy()
+        goal = Pose(many.goals[0, row], many.goals[1, row], many.goals[2, row])
+        first, last, distance = many.first[row], many.last[row], many.distance[row]
+        if not are_closed:
+            first, last, distance, found = close(first, last, start, goal, entry, leaving, bounds)
+            if not found:
+                continue
+        duration = write_pieces(speeds, turns, first, last, distance, entry, leaving, bounds)
+        if forward and duration <= longest[row] + _DOUBT:
+            back = hardly = False
+            for piece in range(SPEED_PIECES):
+                hardly |= speeds[piece, 2] < _BACKWARD + _DOUBT and speeds[piece, 0] > -_DOUBT
+                back |= speeds[piece, 2] < _BACKWARD - _DOUBT and speeds[piece, 0] > _DOUBT
+            if back:
+                verdicts[row] = IMPOSSIBLE
+            if back or hardly:
+                continue
+        if duration > longest[row] + _DOUBT:
+            verdicts[row] = IMPOSSIBLE
+        elif duration < longest[row] - _DOUBT:
+            most = int(duration / DT) + 3
+            if most > len(times):
+                poses, times = np.empty((2 * most, 3)), np.empty(2 * most)
+            if _touches(poses, times, speeds, turns, duration, start, goal, shape, ball):
+                verdicts[row] = TOUCHES
+    return verdicts
+
+
+@compiled
+def _touches(
+    poses: FloatArray,
+    times: FloatArray,
+    pieces: FloatArray,
+    turns: FloatArray,
+    duration: float,
+    start: Pose,
+    goal: Pose,
+    shape: _Outline,
+    ball: _BallObstacle,
+) -> bool:
+    """Return whether the robot certainly touches a wall or the ball where `is_clear` looks."""
+    count = _sample(poses, times, pieces, turns, duration, start)
+    end = count - 1
+    span = max(times[end], DT)
+    off_x, off_y = (goal.x - poses[end, 0]) / span, (goal.y - poses[end, 1]) / span
+    off_yaw = ((goal.yaw - poses[end, 2] + np.pi) % (2.0 * np.pi) - np.pi) / span
+    for index in range(count):
+        poses[index, 0] += times[index] * off_x
+        poses[index, 1] += times[index] * off_y
+    seen = count - 1
+    while seen > 0 and times[seen] >= duration - _DOUBT:
+        seen -= 1
+    for index in range(0, seen + 1, _STRIDE):
+        x, y = abs(poses[index, 0]), abs(poses[index, 1])
+        if x > shape.line - shape.reach:
+            distance = wall_distance(x, y, shape.line, shape.half, shape.depth)
+            if distance < shape.reach - _DOUBT:
+                return True
+    if math.isnan(ball.x):
+        return False
+    if ball.run > 0.0:
+        before = end
+        while before >= 0 and (
+            math.hypot(poses[before, 0] - goal.x, poses[before, 1] - goal.y) <= ball.run + _DOUBT
+        ):
+            before -= 1
+        seen = min(seen, before)
+    near = max(shape.reach, math.hypot(max(shape.front, shape.rear), shape.half_width))
+    near += ball.radius + ball.margin
+    for index in range(0, seen + 1, _STRIDE):
+        dx, dy = ball.x - poses[index, 0], ball.y - poses[index, 1]
+        if abs(dx) < near and abs(dy) < near:
+            yaw = poses[index, 2] + times[index] * off_yaw
+            if _outline_distance(dx, dy, yaw, shape) - ball.radius < ball.margin - _DOUBT:
+                return True
+    return False
+
+
+@compiled
+def _sample(
+    poses: FloatArray,
+    times: FloatArray,
+    pieces: FloatArray,
+    turns: FloatArray,
+    duration: float,
+    start: Pose,
+) -> int:
+    """Write the samples of a `Trajectory` before its correction; return how many there are."""
+    poses[0, 0], poses[0, 1], poses[0, 2], times[0] = start.x, start.y, start.yaw, 0.0
+    piece = turn = 0
+    piece_end, turn_end = pieces[0, 0], turns[0, 0]
+    v, w = pieces[0, 1], turns[0, 1]
+    c, s, heading = math.cos(start.yaw), math.sin(start.yaw), start.yaw
+    x, y, yaw, time, index = start.x, start.y, start.yaw, 0.0, 0
+    while time < duration:
+        index += 1
+        after = min(DT * index, duration)
+        step, time = after - time, after
+        while time > piece_end and piece < SPEED_PIECES - 1:
+            piece += 1
+            piece_end += pieces[piece, 0]
+        while time > turn_end and turn < len(turns) - 1:
+            turn += 1
+            turn_end += turns[turn, 0]
+        next_v, next_w = _value(pieces, piece, piece_end, time), _value(turns, turn, turn_end, time)
+        turned = 0.5 * (w + next_w) * step
+        middle = yaw + 0.5 * turned
+        if middle != heading:
+            c, s, heading = math.cos(middle), math.sin(middle), middle
+        way = 0.5 * (v + next_v) * step
+        x, y, yaw, v, w = x + way * c, y + way * s, yaw + turned, next_v, next_w
+        poses[index, 0], poses[index, 1], poses[index, 2], times[index] = x, y, yaw, time
+    return index + 1
+
+
+@compiled
+def _value(pieces: FloatArray, piece: int, end: float, time: float) -> float:
+    """Return the velocity at `time` (s), in a piece that ends at `end`."""
+    duration = pieces[piece, 0]
+    if duration <= 0.0 or time >= end:
+        return float(pieces[piece, 2])
+    return float(pieces[piece, 2] + (pieces[piece, 1] - pieces[piece, 2]) * ((end - time) / duration))
+
+
+_SAMPLES = 32_000  # of trajectories, in a batch of work
+_LARGEST = 64  # manoeuvres in a batch
+
+
+def batches(order: NDArray[np.intp], times: FloatArray) -> Iterator[NDArray[np.intp]]:
+    """Divide the indices `order` into batches of about the same work, the first of a single one.
+
+    `times` are the durations in s, ascending, of all manoeuvres that the indices are of.
+    """
+    size = 1
+    while len(order):
+        yield order[:size]
+        order = order[size:]
+        if len(order):
+            size = max(2, min(16 * size, _LARGEST, int(_SAMPLES * DT / max(times[order[0]], DT))))
+
+
+def check_points(duration: float) -> int:
+    """Return the cost in points of the exact check of a manoeuvre of `duration` s; see `planning`."""
+    return 15 + int(duration / 1.5)
+
+
+def screening_points(durations: FloatArray) -> int:
+    """Return the cost of screening manoeuvres of some `durations` (s), shape (n,)."""
+    return int(4.0 + 0.2 * len(durations) + 0.02 * float(durations.sum()))
+
 
 _SHARES = (-1.0, -0.85, -0.7, -0.55, -0.4, -0.25, -0.1, 0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
 _RUN_CHANGES = (-1.0, -0.75, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.75, 1.0)

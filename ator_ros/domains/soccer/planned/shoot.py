@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 
 from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of, is_in_goal
-from ator_ros.domains.soccer.planned.clearance import (
+from ator_ros.domains.soccer.planned.holding import HoldingAction, release_sides, run_up_sides
+from ator_ros.domains.soccer.planned.planner import (
     TOUCHES,
     Obstacles,
     batches,
     check_points,
+    fastest,
     is_clear,
     screened,
     screening_points,
 )
-from ator_ros.domains.soccer.planned.holding import HoldingAction, release_sides, run_up_sides
-from ator_ros.domains.soccer.planned.planner import fastest
 from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angles
 from ator_ros.motion.displacements import TurnDriving, displacement_table, speeds_after
 from ator_ros.motion.durations import drive_time, turn_time
