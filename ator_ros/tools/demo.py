@@ -126,6 +126,22 @@ class DemoSituation:
         return self.naive.duration - self.refined.duration if both else math.nan
 
 
+def explanation(name: str, chain: TopChain) -> str:
+    """Return what a chain is, what it leaves open, and what naive and refined mean, one line each."""
+    opened = [
+        f"{' and '.join(sorted(call.open))} at the end of step {number} ({call.top.name})"
+        for number, call in enumerate(chain.calls, 1)
+        if call.open
+    ]
+    return "\n".join(
+        [
+            f"chain {name}: {', '.join(call.top.name for call in chain.calls)}",
+            f"open, for refinement to choose: {'; '.join(opened) or 'nothing'}",
+            "naive: each step alone is fastest, and the robot stops; refined: the whole chain is fastest",
+        ]
+    )
+
+
 def table(situations: Sequence[DemoSituation]) -> str:
     """Return predicted / actual times in s of each action and chain, a line for each run."""
     if not situations:
@@ -228,10 +244,7 @@ def demo(
                     if "speed" in domain.variables:
                         trial = dataclasses.replace(trial, chain=open_speeds(trial.chain))
                     if index == 0:
-                        print(
-                            f"chain {chain}: {', '.join(call.top.name for call in trial.chain.calls)}",
-                            flush=True,
-                        )
+                        print(explanation(chain, trial.chain), flush=True)
                     played.append(_play(client, trial, f"situation {index + 1} of {situations}"))
     finally:
         if played:

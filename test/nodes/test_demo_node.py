@@ -45,7 +45,7 @@ def test_it_tells_the_gain_and_draws_the_paths(tmp_path: Path) -> None:
     ended = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert "1 of 1 situations succeeded both ways; refinement saved" in ended.stdout
-    assert "chain shoot: goToBall, dribbleBall, shoot\n" in ended.stdout
+    assert "chain shoot: goToBall, dribbleBall, shoot\nopen, for refinement to choose: " in ended.stdout
     assert f"{tmp_path}/demo.png: the robot's path in each situation, naive (orange)" in ended.stdout
     (row,) = re.findall(r"^ *1 naive .*", ended.stdout, flags=re.MULTILINE)
     *steps, whole = map(float, re.findall(r"([\d.]+) / ", row))
