@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,46 +24,27 @@ def place(simulation: Simulation, world: World) -> None:
     simulation.place_objects({name: there for name, there in world.objects.items() if name in known})
 
 
-def run(
-    simulation: Simulation,
-    step: Callable[[World], Step],
-    *,
-    ticks: int,
-    watch: Callable[[World], None] | None = None,
-    observe: Callable[[World], World] | None = None,
-) -> Step | None:
+def run(simulation: Simulation, step: Callable[[World], Step], *, ticks: int) -> Step | None:
     """Steer the robot tick by tick until `step` ends; everything has been placed in the simulation.
 
     Parameters
     ----------
     step : callable
-        Returns what to do for an observed state.
+        Returns what to do in a state.
     ticks : int
         Greatest number of control ticks.
-    watch : callable, optional
-        Called with the true state of each tick, before `step`.
-    observe : callable, optional
-        Returns the observed state; ticks in which it is not newer than the last one are passed without a
-        step. By default the true state is observed.
 
     Returns
     -------
     Step or None
         The last one, which is not running; None if `ticks` are over before.
     """
-    last: float | None = None
     for _ in range(ticks):
-        world = simulation.world()
-        if watch is not None:
-            watch(world)
-        seen = world if observe is None else observe(world)
-        if seen.time != last:
-            last = seen.time
-            done = step(seen)
-            if done.status is not Status.RUNNING:
-                return done
-            if done.command is not None:
-                simulation.command(done.command)
+        done = step(simulation.world())
+        if done.status is not Status.RUNNING:
+            return done
+        if done.command is not None:
+            simulation.command(done.command)
         simulation.tick()
     return None
 
@@ -101,23 +81,17 @@ class Judgement:
     heading_error: float
 
 
-def judge(
-    simulation: Simulation, top: Top, goal: Goal, status: Status, message: str, *, drifts: bool = False
-) -> Judgement:
+def judge(simulation: Simulation, top: Top, goal: Goal, status: Status, message: str) -> Judgement:
     """Judge a TOP by its post-condition, which alone decides whether an action that succeeded has done so.
 
     Parameters
     ----------
     status, message : Status, str
         How the action ended; RUNNING if it was broken off, after which nothing settles.
-    drifts : bool
-        Whether the robot is localised by odometry that drifts. Then only the terms that name objects are
-        judged: the robot's place shows in the error.
     """
-    purpose = dataclasses.replace(top, post=top.post.about_objects()) if drifts else top
     robot, ended_well = simulation.robot, status is Status.SUCCEEDED
-    world = simulation.world() if status is Status.RUNNING else settle(simulation, purpose, goal)
-    lacks = unmet(purpose, world, goal, robot)
+    world = simulation.world() if status is Status.RUNNING else settle(simulation, top, goal)
+    lacks = unmet(top, world, goal, robot)
     reason = f"{message}; but {failure(top, lacks)}" if lacks and ended_well else message
     error, heading_error = shortfall(top, world, goal, robot), math.nan
     if top.arrives:

@@ -355,12 +355,6 @@ class Condition:
         places = (place for relation in self.relations for place in relation.places)
         return frozenset((*(name.partition(".")[0] for name in names), *places)) - _NO_OBJECTS
 
-    def about_objects(self) -> Condition:
-        """Return the terms and relations that name an object."""
-        terms = (term for term in self.terms if Condition((term,)).objects())
-        relations = (item for item in self.relations if Condition(relations=(item,)).objects())
-        return Condition(tuple(terms), tuple(relations))
-
     def violations(self, state: State, goal: Mapping[str, float]) -> list[str]:
         """Return why the condition does not hold, a text for each violated term; empty if it holds."""
         violations = [term.violation(state, goal) for term in self.terms]

@@ -7,11 +7,11 @@ from collections import deque
 import numpy as np
 import pytest
 
-from ator_ros.actions.base import Status
+from ator_ros.actions.base import Status, Step
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.trials import random_trial, with_headings
-from ator_ros.execution.chain_executor import ChainExecutor, ChainStep
+from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.robot.response import Foresight
@@ -71,10 +71,10 @@ class Late(ChainExecutor):
         self._sensors, self._foresight = Sensors(SensorConfig(latency=late)), Foresight(ROBOT, foreseen)
         self._last = -1.0
 
-    def step(self, world: World) -> ChainStep:
+    def step(self, world: World) -> Step:
         observed = self._sensors.observe(world)
         if observed.time == self._last:
-            return ChainStep(None, Status.RUNNING, 0, "", 0.0)
+            return Step(None, Status.RUNNING, "")
         self._last = observed.time
         step = super().step(self._foresight.ahead(observed))
         if step.status is Status.RUNNING:
