@@ -54,7 +54,7 @@ def digest_of(folder: Path) -> str:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Read the manifest of a set; LearnedSetError if it cannot be read, or the files have another digest."""
+    """Read the manifest of a set; raises LearnedSetError, also for files of another digest."""
     manifest = load(folder / MANIFEST, KIND, Manifest, error=LearnedSetError)
     try:
         found = digest_of(folder)

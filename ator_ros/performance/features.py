@@ -79,8 +79,7 @@ def variables(words: str) -> frozenset[str]:
 def _basic(name: str, unit: str, derives: str, *, translation: bool = True, rotation: bool = True) -> Feature:
     """Return a feature that is one of the quantities that all share."""
     row = BASICS.index(name)
-    used, compute = variables(derives), lambda g: g.rows[row]
-    return Feature(name, unit, used, compute, translation=translation, rotation=rotation, row=row)
+    return Feature(name, unit, variables(derives), lambda g: g.rows[row], translation, rotation, row=row)
 
 
 def _raw(name: str, unit: str) -> Feature:

@@ -50,7 +50,7 @@ def check_goal(goal: Sequence[GoalStatement], known: Sequence[str]) -> None:
 def statement_from(text: str) -> GoalStatement:
     """Read a statement: VARIABLE=VALUE or VARIABLE=VALUE:LOW:HIGH; a value is a number or a variable.
 
-    PlanningError: the text is no statement.
+    Raises PlanningError if the text is no statement.
     """
     variable, _, rest = text.partition("=")
     target, *bounds = rest.split(":")

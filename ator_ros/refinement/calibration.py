@@ -236,7 +236,7 @@ def save_calibration(path: Path, calibration: Calibration, training: Mapping[str
 
 
 def load_calibration(path: Path) -> Calibration:
-    """Read a calibration; RefinementError names file and field."""
+    """Read a calibration; raises RefinementError with file and field."""
     return load(path, KIND, Calibration, error=RefinementError)
 
 

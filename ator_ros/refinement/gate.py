@@ -229,7 +229,7 @@ def save_gate(path: Path, gate: Gate, training: Mapping[str, Any], action_set: s
 def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
     """Read the gate of an action set.
 
-    RefinementError names file and field: it cannot be read, is no gate, or was learned for other actions.
+    Raises RefinementError, with file and field, if it cannot be read or was learned for other actions.
     """
     file = load(path, KIND, _GateFile, error=RefinementError)
     try:
