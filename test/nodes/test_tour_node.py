@@ -55,7 +55,7 @@ def test_drives_over_ros_take_as_long_as_those_without(tmp_path: Path) -> None:
 def test_the_demo_plays_a_tour(tmp_path: Path) -> None:
     ended = run(BIN / "demo", "--domain", "tour", "--situations", 1, "--out", tmp_path / "tour.png")
     assert ended.returncode == 0, ended.stdout + ended.stderr
-    assert "three nodes, drive_to_server start on ROS domain" in ended.stdout
+    assert "three nodes and drive_to_server start on ROS domain" in ended.stdout
     assert "1 of 1 situations succeeded both ways; refinement saved" in ended.stdout
 
 
