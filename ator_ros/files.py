@@ -65,8 +65,12 @@ def write_text(path: Path | str, text: str) -> None:
 def exclusive_folder(folder: Path | str) -> Iterator[None]:
     """Lock `folder`, which is created if missing, for this process during the block.
 
-    The lock ends with the process. On a file system without locks there is no protection. Raises OSError if
-    another process holds the lock, or if the folder cannot be created.
+    The lock ends with the process. On a file system without locks there is no protection.
+
+    Raises
+    ------
+    OSError
+        Another process holds the lock, or the folder cannot be created.
     """
     place = Path(folder)
     try:
@@ -162,12 +166,24 @@ def load(
     largest: int = LARGEST_JSON,
     error: type[ValueError] = FileError,
 ) -> T:
-    """Read a file of this kind, of at most `largest` bytes; fields that its `schema` lacks are ignored.
+    """Read a file of this kind.
+
+    Parameters
+    ----------
+    path : Path or str
+    kind : str
+        As in `save`.
+    schema : type
+        A dataclass; other fields of the file are ignored.
+    largest : int
+        Bytes that the file may have.
+    error : type
+        Type of the errors.
 
     Raises
     ------
-    error
-        The file cannot be read, or is of another kind; the message names file and field.
+    FileError
+        Or `error`: the file cannot be read, or is of another kind; the message names file and field.
     """
     try:
         return structured(content_of(read_json(Path(path), largest=largest), kind), schema)
@@ -178,7 +194,13 @@ def load(
 
 
 def content_of(data: object, kind: str) -> dict[str, Any]:
-    """Return the fields of a file without its header; raises SchemaError for another kind or version."""
+    """Return the fields of a file of this kind without its header.
+
+    Raises
+    ------
+    SchemaError
+        The header is that of another kind or version.
+    """
     expected = header(kind)
     if not isinstance(data, dict) or data.get(_FORMAT) != expected[_FORMAT]:
         got = short(data.get(_FORMAT)) if isinstance(data, dict) else "no table"
@@ -198,7 +220,15 @@ def content_with_optional_header(data: object, kind: str) -> object:
 
 
 def read_text(path: Path, largest: int) -> str:
-    """Read a text file in UTF-8 of at most `largest` bytes; raises OSError or ValueError."""
+    """Read a text file of at most `largest` bytes.
+
+    Raises
+    ------
+    OSError
+        The file cannot be read.
+    ValueError
+        It is larger, not in UTF-8, or no ordinary file.
+    """
     if not path.is_file() and path.exists():  # opening a pipe would block
         raise ValueError("expected an ordinary file, got a folder, a pipe or a device")
     with path.open("rb") as file:
@@ -209,7 +239,13 @@ def read_text(path: Path, largest: int) -> str:
 
 
 def read_json(path: Path, *, largest: int = LARGEST_JSON) -> Any:
-    """Read a JSON file of at most `largest` bytes; raises FileError."""
+    """Read a JSON file.
+
+    Raises
+    ------
+    FileError
+        The file cannot be read, has more than `largest` bytes, is not JSON, or is nested too deeply.
+    """
     try:
         return json.loads(read_text(path, largest))
     except FileNotFoundError:
@@ -219,7 +255,13 @@ def read_json(path: Path, *, largest: int = LARGEST_JSON) -> Any:
 
 
 def read_yaml(path: Path, *, largest: int) -> Any:
-    """Read a plain YAML file of at most `largest` bytes; raises FileError."""
+    """Read a YAML file of at most `largest` bytes.
+
+    Raises
+    ------
+    FileError
+        The file cannot be read, is larger, or is not plain YAML.
+    """
     try:
         return yaml.load(read_text(path, largest), Loader=_PlainLoader)  # noqa: S506 (a SafeLoader)
     except Exception as error:  # PyYAML raises many on malformed dates, tagged values and deep nesting

@@ -90,10 +90,23 @@ class AtMost:
 
 
 def structured(data: object, schema: type[T], where: str = "", *, closed: bool = False) -> T:
-    """Return parsed data as an instance of `schema`, a dataclass or a type built of them.
+    """Return `data` as an instance of `schema`.
 
-    Fields that the schema lacks are an error if it is `closed`; otherwise they are ignored. SchemaError names
-    the first field that does not fit, below the path `where`.
+    Parameters
+    ----------
+    data : object
+        Parsed data.
+    schema : type
+        A dataclass, or a type built of them.
+    where : str
+        Path of `data` in its file, for messages.
+    closed : bool
+        Whether fields that the schema lacks are an error; otherwise they are ignored.
+
+    Raises
+    ------
+    SchemaError
+        It does not fit; the message names the first field that does not.
     """
     try:
         return (_CLOSED if closed else _OPEN).structure(data, schema)

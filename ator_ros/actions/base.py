@@ -86,6 +86,11 @@ class Action(ABC):
     Actions are black boxes: their performance is learned by observation alone. Each start is a new instance;
     `setup` prepares all of them. Another instance may start with a new goal of the same step before this one
     ends.
+
+    Parameters
+    ----------
+    robot : Robot
+        Shape and limits of the robot that executes the action.
     """
 
     name: ClassVar[str]
@@ -102,8 +107,12 @@ class Action(ABC):
         """Prepare what all instances need for this robot, so that the first tick is not slower than others.
 
         Called on the first instance that a TOP library makes, when a node starts, and before each run of an
-        action alone. It may be called several times: keep tables in a cache of the module. Raises ActionError
-        if the robot cannot execute the action.
+        action alone. It may be called several times: keep tables in a cache of the module.
+
+        Raises
+        ------
+        ActionError
+            The action cannot be executed by this robot.
         """
 
     def defer_planning(self, time: float) -> None:  # noqa: B027
@@ -113,7 +122,10 @@ class Action(ABC):
     def start(self, world: World, goal: Goal) -> None:
         """Commit to `goal` from the state `world`.
 
-        Raises ActionError if it cannot be executed from here, or is not one of this action's.
+        Raises
+        ------
+        ActionError
+            The action cannot be executed from here, or the goal is not one of this action's.
         """
 
     @abstractmethod
@@ -132,7 +144,11 @@ class Action(ABC):
 
         Called exactly once after every `start` that did not raise, whatever ended the action: success,
         failure, a time limit, a cancellation, another goal, a lost input, the fence, the end of the program.
-        `reason` is a sentence on it.
+
+        Parameters
+        ----------
+        reason : str
+            The reason, in a sentence.
         """
 
 

@@ -22,8 +22,6 @@ MOST_GOAL_VARIABLES = 16
 class GoalVariable:
     """A variable of an action's goal beyond pose and arrival speed, such as the height of a fork.
 
-    Raises ValueError if the name is that of a variable of every goal, or the range is empty.
-
     Attributes
     ----------
     name : str
@@ -37,6 +35,11 @@ class GoalVariable:
     rest : float or None
         The value that an unrefined chain takes where a plan opens it; None: the one at which the action alone
         is cheapest.
+
+    Raises
+    ------
+    ValueError
+        The name is not an identifier or is that of a variable of every goal, or the range is empty.
     """
 
     name: str

@@ -41,6 +41,11 @@ class Filling:
         The value itself.
     frame : str or None
         With the source "goal": the pose's frame; None: the frame that the node estimates the state in.
+
+    Raises
+    ------
+    ValueError
+        There is not exactly one value, the source is unknown, or there is a frame without a pose.
     """
 
     field: str
@@ -74,9 +79,16 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True)
 class Success:
-    """What means success: final states of the server's goal, and values of fields of its result.
+    """The result of a server that means success.
 
-    `reason` names a field of the result with the reason of a failure, for messages.
+    Attributes
+    ----------
+    status : tuple of str
+        Final states of its goal that mean success.
+    fields : tuple of Expectation
+        Fields of its result, and their values.
+    reason : str or None
+        A field of the result with the reason of a failure, for messages.
     """
 
     status: tuple[Literal["succeeded", "aborted", "canceled"], ...] = ("succeeded",)
@@ -143,7 +155,15 @@ class RemoteCall:
 
 
 class UnreachableAction(Action):
-    """An action whose server cannot be used, for example without ROS: it never starts."""
+    """An action whose server cannot be used, for example without ROS: it never starts.
+
+    Parameters
+    ----------
+    robot : Robot
+        As for all actions.
+    why : str
+        The reason, in a sentence.
+    """
 
     name = "remote"
 

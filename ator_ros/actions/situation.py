@@ -33,7 +33,19 @@ class NoPlaceError(ConfigError):
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """The state in which an action starts (the robot, and the objects by name), and its goal."""
+    """The state in which an action starts, and its goal.
+
+    Attributes
+    ----------
+    action : str
+        Name of the action.
+    robot : RobotState
+        Pose and velocities at the start.
+    objects : mapping of str to ObjectState
+        The objects at the start, by name.
+    goal : Goal
+        The action's goal.
+    """
 
     action: str
     robot: RobotState
@@ -44,7 +56,22 @@ class Situation:
 def drawn_until(
     draw: Callable[[], T], fits: Callable[[T], bool], expected: Callable[[], str], *, most: int = _MOST_DRAWS
 ) -> T:
-    """Draw until something fits; raises NoPlaceError with the message `expected` after `most` draws."""
+    """Draw until something fits.
+
+    Parameters
+    ----------
+    draw, fits : callable
+        Draw one, and return whether it can be used.
+    expected : callable
+        Returns the message of the error.
+    most : int
+        Draws after which to give up.
+
+    Raises
+    ------
+    NoPlaceError
+        Nothing fitted.
+    """
     for _ in range(most):
         found = draw()
         if fits(found):
@@ -53,10 +80,22 @@ def drawn_until(
 
 
 def short_goal(start: Pose, rng: np.random.Generator, *, turns: bool = True) -> Pose | None:
-    """Draw a goal near a start of robot or held object, in about one of seven cases; None in the others.
+    """Draw a goal near a start, in about one of seven cases; None in the others.
 
-    It is a turn on the spot by any angle (only with `turns`), a goal closer than `SHORT` in any direction
-    with any heading, or the start itself, exactly or within centimetres.
+    Parameters
+    ----------
+    start : Pose
+        Where the robot, or the object that it holds, starts.
+    rng : numpy.random.Generator
+        Draws.
+    turns : bool
+        Whether turns on the spot are among them.
+
+    Returns
+    -------
+    Pose or None
+        A turn on the spot by any angle, a goal closer than `SHORT` in any direction with any heading, or the
+        start itself, exactly or within centimetres.
     """
     share, heading = rng.random(), float(rng.uniform(-math.pi, math.pi))
     if share < _TURNS:

@@ -161,6 +161,8 @@ class Domain:
         for action_set, specs in sets.items():
             for spec in specs:
                 place = f"action set {action_set!r}: {spec.name}"
+                free = spec.name not in ("gate", "calibration")
+                require(free, f"{place}: name", "another name: a file beside the models has it", spec.name)
                 strange = [name for name in spec.features if name not in features]
                 require(not strange, f"{place}: features", f"some of {', '.join(features)}", strange)
                 names = [variable.name for variable in spec.goal_variables]
@@ -240,7 +242,13 @@ class Domain:
         return dataclasses.replace(robot, scene=scene)
 
     def actions(self, action_set: str = DEFAULT_SET) -> dict[str, ActionSpec]:
-        """Return the specifications of a set by name; raises DomainError if there is no such set."""
+        """Return the specifications of a set by the names of the actions.
+
+        Raises
+        ------
+        DomainError
+            There is no such set.
+        """
         if action_set not in self.action_sets:
             raise DomainError(
                 f"action set of {self.name}: expected one of {sorted(self.action_sets)}, got {action_set!r}"
@@ -281,8 +289,19 @@ class Domain:
     ) -> TopLibrary:
         """Return the TOPs of the domain with the actions of one set; those without are left out.
 
-        `factories` replace those of the specifications, by the names of the actions. Raises DomainError if
-        there is no such set.
+        Parameters
+        ----------
+        robot : Robot
+            The robot that executes.
+        action_set : str
+            Name of the set.
+        factories : mapping of str to callable
+            Replace the factories of the specifications, by the names of the actions.
+
+        Raises
+        ------
+        DomainError
+            There is no such set.
         """
         specs = self.actions(action_set)
         return TopLibrary(

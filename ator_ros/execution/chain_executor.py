@@ -222,9 +222,19 @@ class ChainExecutor:
         return self.chain.calls[self.index]
 
     def head_for(self, world: World, chain: TopChain) -> bool:
-        """Continue with `chain`, whose steps up to the present one are done, without a stop.
+        """Replace the present step and later ones, or their goals, without a stop.
 
-        Return False if no path for the changed step is found in this tick; then nothing has changed.
+        Parameters
+        ----------
+        world : World
+            The present state.
+        chain : TopChain
+            The steps that are done, and the others from here on.
+
+        Returns
+        -------
+        bool
+            False if no path for the changed step is found in this tick; then nothing has changed.
         """
         if chain.calls[self.index] != self._run.call:
             standing_first = self._run.stage is Stage.STANDING

@@ -71,7 +71,13 @@ class Fence:
 
     @classmethod
     def of(cls, edges: Sequence[float]) -> Fence:
-        """Return the fence with the edges x_min, y_min, x_max, y_max in m; raises ValueError."""
+        """Return the fence with the edges x_min, y_min, x_max, y_max in m.
+
+        Raises
+        ------
+        ValueError
+            They are not four finite numbers, or a least one is not below the greatest.
+        """
         if len(edges) != 4 or not all(map(math.isfinite, edges)):
             raise ValueError(f"expected four finite numbers in m, got {list(edges)}")
         fence = cls(*edges)
@@ -82,9 +88,14 @@ class Fence:
     def part_of(
         self, edges: tuple[float, float, float, float], robot: Robot, point: Point
     ) -> tuple[float, float, float, float]:
-        """Return the part of a rectangle (x_min, y_min, x_max, y_max) where goals of `point` do not lead out.
+        """Return the part of a rectangle where goals of `point` do not lead out.
 
         The fence around the area leaves the rectangle as it is; without such a part the fence counts alone.
+
+        Parameters
+        ----------
+        edges : tuple of float
+            x_min, y_min, x_max, y_max in m.
         """
         if self == Fence.around(robot):
             return edges
@@ -162,8 +173,16 @@ class FenceWatch:
     """Detects, during one goal, that the robot is about to leave the area.
 
     A robot that starts outside may drive in. It must not get farther away than its start plus twice its
-    reach, which is the room to turn round. Once inside, it must stay inside. If there is no state for
-    `longest_gap` s, the robot is commanded to stand anyway.
+    reach, which is the room to turn round. Once inside, it must stay inside.
+
+    Parameters
+    ----------
+    fence : Fence
+        The area.
+    robot : Robot
+        Its limits and the lag of its motors.
+    longest_gap : float
+        Greatest time in s between two states; after it the robot is commanded to stand anyway.
     """
 
     def __init__(self, fence: Fence, robot: Robot, longest_gap: float) -> None:

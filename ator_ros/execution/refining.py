@@ -133,7 +133,13 @@ class Refining:
         self.question = Question(resting, TopChain(chain.calls[step:]), step, now, others, cause)
 
     def take(self, chain: TopChain, refined: bool, reason: str, chosen: int) -> None:
-        """Accept an answer, see `Supervisor.refined_to`; while the robot drives, `apply` applies it."""
+        """Accept the answer to `question`; while the robot drives, `apply` applies it in the next tick.
+
+        Parameters
+        ----------
+        chain, refined, reason, chosen
+            As for `Supervisor.refined_to`.
+        """
         assert self.question is not None
         choices = len(self._plans) if self._first is None else 1 + len(self.question.others)
         if chosen >= choices:
@@ -170,7 +176,10 @@ class Refining:
     def revert(self, why: str) -> bool:
         """Begin with the chain as sent if the first action of the refined one failed where it began.
 
-        Return whether it begins again; `why` is the failure.
+        Returns
+        -------
+        bool
+            Whether it begins again; `why` is the failure.
         """
         if not self.refined or not self._executor.begin_again(self._plans[self._number]):
             return False
@@ -231,7 +240,13 @@ class Refining:
 
 
 class ReplanTrigger:
-    """Compares objects with where they were expected, and the robot with its planned path."""
+    """Compares objects with where they were expected, and the robot with its planned path.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its sizes, and the deceleration of rolling objects.
+    """
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -249,8 +264,18 @@ class ReplanTrigger:
     ) -> str:
         """Return what deviates by more than `most` (m) from the reference; empty if nothing does.
 
-        Objects are compared where they come to rest, those that the robot itself moves excepted. `step` of
-        `chain` is executed, from 0; `path` returns the planned path of its action, see `Action.path`.
+        Objects are compared where they come to rest, those that the robot itself moves excepted.
+
+        Parameters
+        ----------
+        most : float
+            Distance in m.
+        world : World
+            The present state.
+        chain, step
+            The chain, and the step being executed, from 0.
+        path : callable
+            Returns the planned path of the active action; see `Action.path`.
         """
         resting = at_rest(world, self._robot)
         for _, name in awaited(chain.calls[step:]):
@@ -290,9 +315,18 @@ def awaited(calls: Sequence[TopCall]) -> Iterator[tuple[int, str]]:
 
 
 def with_followed(chain: TopChain, resting: World, robot: Robot, *, step: int = 0) -> TopChain:
-    """Return `chain` with the goals from `step` on (from 0) where the objects lie that have left them.
+    """Return `chain` with the goals from `step` on where the objects lie that have left them.
 
-    `resting` is the state, with its objects at rest.
+    Parameters
+    ----------
+    chain : TopChain
+        The chain.
+    resting : World
+        The state, with its objects at rest.
+    robot : Robot
+        Its sizes.
+    step : int
+        The first step that is not done, from 0.
     """
     for index, name in awaited(chain.calls[step:]):
         call = chain.calls[step + index]
@@ -306,8 +340,16 @@ def continuations(
 ) -> tuple[Continuation, ...]:
     """Return how other plans go on from here: after the steps that they share with what is done, or from 0.
 
-    `chain` is executed, as plan `number` (from 0); `step` is its first step that is not done. What is no
-    valid plan from the state `resting`, whose objects are at rest, is left out.
+    Parameters
+    ----------
+    plans : sequence of TopChain
+        The plans of the goal.
+    number : int
+        Number of the plan that is executed, from 0.
+    chain, step
+        The chain as it is executed, and the first step of it that is not done, from 0.
+    resting, robot
+        As for `with_followed`. What is no valid plan from there is left out.
     """
     found = []
     done = chain.calls[:step]

@@ -162,10 +162,23 @@ class Supervisor:
         overdue: frozenset[str] = frozenset(),
         fault: str | None = None,
     ) -> Command | None:
-        """Process a newer state at `now` (real s); return the command, None if another program drives.
+        """Process a newer state of the world; return the command for it.
 
-        A step that needs an object that is `overdue`, whose messages are late, pauses. The goal ends if there
-        is a `fault`: how the base does not follow its commands.
+        Parameters
+        ----------
+        world : World
+            The state.
+        now : float
+            Real time in s.
+        overdue : frozenset of str
+            Objects whose messages are late: a step that needs one pauses.
+        fault : str, optional
+            How the base does not follow its commands; the goal then ends.
+
+        Returns
+        -------
+        Command or None
+            None if another program moves the robot.
         """
         if fault is not None:
             self.base_fault(fault)
@@ -327,10 +340,18 @@ class Supervisor:
     # Answers of refinement
 
     def refined_to(self, chain: TopChain, refined: bool, reason: str, *, chosen: int = 0) -> None:
-        """Accept the answer to `question`, and its reason.
+        """Accept the answer to `question`.
 
-        An unrefined chain may differ from the question: naive values replace placeholders. `chosen` is the
-        index of the chain that was refined: 0 is that of the question, others are its alternatives.
+        Parameters
+        ----------
+        chain : TopChain
+            The answer. An unrefined one may differ from the question: naive values replace placeholders.
+        refined : bool
+            Whether it is refined.
+        reason : str
+            Why, or why not.
+        chosen : int
+            Index of the chain that was refined: 0 is that of the question, others are its alternatives.
         """
         if self.question is not None:
             self.refining.take(chain, refined, reason, chosen)

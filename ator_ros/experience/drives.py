@@ -171,7 +171,22 @@ class SegmentReader:
 
 
 class Track:
-    """The state at any time of a segment with odometry, interpolated."""
+    """The state at any time of a segment, interpolated.
+
+    Parameters
+    ----------
+    segment : Segment
+        With odometry.
+
+    Attributes
+    ----------
+    odom : ndarray, shape (n, 6)
+        In the order of time, with unwrapped yaw.
+    begin, end : float
+        Times in s of the first and the last odometry.
+    names : tuple of str
+        The objects with messages.
+    """
 
     def __init__(self, segment: Segment) -> None:
         self.odom = segment.odom.in_order()

@@ -42,7 +42,17 @@ class RecordingError(ExperienceError):
 
 
 class Wanted(NamedTuple):
-    """Topics that are read in a role, such as odometry, or an object; relative names are in any namespace."""
+    """A topic that is read.
+
+    Attributes
+    ----------
+    role : str
+        What it is read as: odometry, commands, an object.
+    name : str
+        Absolute, or relative to the namespace of a robot.
+    types : collection of str
+        Types of its messages, as nav_msgs/msg/Odometry.
+    """
 
     role: str
     name: str

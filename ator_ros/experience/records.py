@@ -47,9 +47,19 @@ class Vocabulary(Protocol):
 
 
 def drive_between(domain: Vocabulary, first: str | None, last: str | None) -> Top | None:
-    """Return the first TOP that drives with `first` held at the start and `last` at the end.
+    """Return the TOP that drives with one object held at the start and another, or the same, at the end.
 
-    None as an object: none is held. Without such a TOP, the first that drives and holds nothing; or None.
+    Parameters
+    ----------
+    domain : Vocabulary
+        Whose TOPs.
+    first, last : str or None
+        The objects held at the start and at the end; None: none.
+
+    Returns
+    -------
+    Top or None
+        The first with these roles, else the first that drives and holds nothing; None without any.
     """
     driving = {(held_first(top), held_last(top)): top for top in reversed(domain.tops) if top.arrives}
     return driving.get((first, last)) or driving.get((None, None))

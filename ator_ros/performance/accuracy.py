@@ -22,7 +22,15 @@ RESAMPLES = 2000
 def bootstrap_ci95(
     values: FloatArray, statistic: Callable[[FloatArray], FloatArray], *, seed: int = 0
 ) -> list[float]:
-    """Return the 95 % bootstrap interval of a statistic of values (n,); it maps resamples (k, n) to (k,)."""
+    """Return the 95 % bootstrap interval of a statistic.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Independent values.
+    statistic : callable
+        Maps resamples of shape (k, n) to (k,).
+    """
     rng = np.random.default_rng(seed)
     picked = rng.integers(0, len(values), (RESAMPLES, len(values)))
     low, high = np.quantile(statistic(values[picked]), (0.025, 0.975))
@@ -32,9 +40,20 @@ def bootstrap_ci95(
 def accuracy(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dict[str, Any]:
     """Compare predicted and actual durations at the starts of episodes that succeeded.
 
-    `starts` are first rows of fresh episodes, whose `seed` is reported. Returns mae_s, rmse_s with their
-    _ci95, bias_s, mean_duration_s, relative_error (MAE over mean duration), median_relative_error, episodes,
-    seed.
+    Parameters
+    ----------
+    model : PerformanceModel
+        What predicts.
+    starts : pandas.DataFrame
+        First rows of fresh episodes.
+    seed : int
+        Of the fresh episodes, to be reported.
+
+    Returns
+    -------
+    dict
+        mae_s, rmse_s with their _ci95, bias_s, mean_duration_s, relative_error (MAE over mean duration),
+        median_relative_error, episodes, seed.
     """
     starts = starts[starts["success"]]
     actual = starts["duration"].to_numpy(dtype=float)
@@ -59,7 +78,14 @@ def accuracy(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dic
 def brier(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dict[str, Any]:
     """Return the Brier score of predicted success on fresh episodes, beside that of their own success rate.
 
-    `starts` are as for `accuracy`, with those that failed.
+    Parameters
+    ----------
+    model : PerformanceModel
+        What predicts.
+    starts : pandas.DataFrame
+        First rows of fresh episodes, those that failed too.
+    seed : int
+        Of the fresh episodes, to be reported.
     """
     happened = starts["success"].to_numpy(dtype=float)
     probability = model.predict(direct_of(starts), ("success",)).success

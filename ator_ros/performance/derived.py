@@ -45,9 +45,18 @@ def wrapped(angle: float) -> float:
 def derive_positions(direct: FloatArray, hold: float, aw: float, rows: FloatArray) -> None:
     """Write all rows but those of the bearing, see `derive_angles`.
 
-    In the opening the start's rotation is lost at up to `aw` (rad/s^2), while the speed stays what it is.
-    `direct` (10 or more, n) are in the order of `DIRECT_VARIABLES`, `hold` is the distance in m from the axle
-    to the held object.
+    In the opening the start's rotation is lost at up to `aw`, while the speed stays what it is.
+
+    Parameters
+    ----------
+    direct : ndarray, shape (10 or more, n)
+        Direct variables, in the order of `DIRECT_VARIABLES`.
+    hold : float
+        Distance in m from the axle to the held object.
+    aw : float
+        Limit of the angular acceleration in rad/s^2.
+    rows : ndarray, shape (ROWS or more, n)
+        Result.
     """
     for at in range(direct.shape[1]):
         speed, rotation, yaw = direct[V, at], direct[W, at], direct[YAW, at]
@@ -73,7 +82,17 @@ def derive_positions(direct: FloatArray, hold: float, aw: float, rows: FloatArra
 
 @compiled
 def derive_angles(direct: FloatArray, bearing: FloatArray, rows: FloatArray) -> None:
-    """Write the rows that need the bearing (n,) in rad of the way in the rows DX and DY."""
+    """Write the rows that need the bearing of the destination.
+
+    Parameters
+    ----------
+    direct : ndarray, shape (10 or more, n)
+        As for `derive_positions`.
+    bearing : ndarray, shape (n,)
+        Of the way in the rows DX and DY, in rad.
+    rows : ndarray, shape (ROWS or more, n)
+        Result.
+    """
     for at in range(direct.shape[1]):
         to = wrapped(bearing[at] - direct[YAW, at])
         there = wrapped(direct[YAWG, at] - bearing[at])
@@ -93,10 +112,18 @@ def write_relative_ends(
     arrivals: FloatArray,
     ends: FloatArray,
 ) -> None:
-    """Write destinations as seen from the openings (4, n), with their speeds (n,) in m/s.
+    """Write destinations as seen from the openings.
 
-    The destinations x, y (m), headings (rad) and arrivals (m/s) have the shape (m, n), the `ends` (5, m, n)
-    are as for `ator_ros.motion.families.fastest_motions`.
+    Parameters
+    ----------
+    openings : ndarray, shape (4, n)
+        Rows OPENING to OPENING + 3.
+    speeds : ndarray, shape (n,)
+        There, in m/s.
+    x, y, headings, arrivals : ndarray, shape (m, n)
+        Destinations: m, m, rad, m/s.
+    ends : ndarray, shape (5, m, n)
+        Result, see `ator_ros.motion.families.fastest_motions`.
     """
     for at in range(openings.shape[1]):
         cos, sin = math.cos(openings[2, at]), math.sin(openings[2, at])
@@ -227,8 +254,12 @@ class Geometry:
     ) -> Motions:
         """Return the fastest motions of a family to one of m destinations, whichever is reached first.
 
-        Before them the rotation of the start is lost. The axle shall come to x, y (m) with a heading (rad)
-        and a speed (m/s), each of shape (n,) or (m, n).
+        Parameters
+        ----------
+        family : Family
+            The motions to choose from; before them the rotation of the start is lost.
+        x, y, heading, speed : ndarray, shape (n,) or (m, n)
+            Where the axle shall come (m), and heading (rad) and speed (m/s) there.
         """
         to_x, to_y, headings, arrivals = (
             column if column.ndim == 2 else column[None, :] for column in (x, y, heading, speed)

@@ -33,9 +33,14 @@ Direct = Mapping[str, Any]
 
 
 class DirectTable(Mapping[str, FloatArray]):
-    """Direct variables of n situations by name, each a row of one table, shape (names, n).
+    """Direct variables of n situations by name, each a row of one table.
 
-    The names are all DIRECT_VARIABLES, and after them those that stand for declared goal variables, sorted.
+    Parameters
+    ----------
+    names : tuple of str
+        All DIRECT_VARIABLES, and after them those that stand for declared goal variables, sorted.
+    table : ndarray, shape (names, n)
+        Their values.
     """
 
     __slots__ = ("_rows", "names", "table")
@@ -68,8 +73,14 @@ def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
     """Bring direct variables into the rows of a table; one that is such a table stays as it is.
 
     Scalars are spread, so that one situation and a thousand go through the same operations: numpy computes
-    them the same to the last bit only then. `direct` has all DIRECT_VARIABLES and `further` ones by name,
-    each a number or an array of shape (n,); others are ignored.
+    them the same to the last bit only then.
+
+    Parameters
+    ----------
+    direct : mapping
+        All DIRECT_VARIABLES by name, each a number or an array of shape (n,); others are ignored.
+    further : iterable of str
+        Names of further ones, which are wanted too.
 
     Raises
     ------

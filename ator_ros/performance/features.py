@@ -63,8 +63,13 @@ class Feature:
 class MotionFeatures:
     """Features that are made of the same kinds of ideal motions.
 
-    `choose` returns the kinds that a robot needs; it takes seconds. `make` returns the features by name, of
-    kinds that may be among others, and none without them; it raises ValueError for unexpected kinds.
+    Attributes
+    ----------
+    choose : callable
+        Returns the kinds that a robot needs; it takes seconds.
+    make : callable
+        Returns the features by name, of kinds that may be among others, and none without them; raises
+        ValueError where they are not what was expected.
     """
 
     choose: Callable[[Robot], Kinds]
@@ -155,9 +160,22 @@ def names_of(features: Iterable[Feature]) -> tuple[str, ...]:
 def feature_table(
     direct: Direct, robot: Robot, features: Sequence[Feature], driving: DrivingStyle | None = None
 ) -> FloatArray:
-    """Compute features of n situations, shape (n, len(features)); see `Geometry` and `direct_table`.
+    """Compute features.
 
-    `driving` is how the action was observed to drive, for `PATHS`.
+    Parameters
+    ----------
+    direct : mapping
+        Direct variables of n situations, see `direct_table`.
+    robot : Robot
+        Limits, and where it holds an object.
+    features : sequence of Feature
+        Which features.
+    driving : DrivingStyle, optional
+        How the action was observed to drive, for `PATHS`.
+
+    Returns
+    -------
+    ndarray, shape (n, len(features))
     """
     return table_of(Geometry(direct, robot, driving, further=declared_by(features)), features)
 
@@ -189,7 +207,13 @@ def chosen_for(features: Sequence[Feature], robot: Robot) -> tuple[Feature, ...]
 
 
 def with_kinds(features: Mapping[str, Feature], kinds: Kinds) -> dict[str, Feature]:
-    """Return the features, those of ideal motions with these kinds; raises ValueError for others."""
+    """Return the same features by name, those of ideal motions with these kinds.
+
+    Raises
+    ------
+    ValueError
+        The kinds are not what the features are made of.
+    """
     made: dict[str, Feature] = {}
     for motions in dict.fromkeys(feature.motions for feature in features.values()):
         made |= motions.make(kinds) if motions is not None else {}

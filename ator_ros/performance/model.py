@@ -27,9 +27,16 @@ MEASURES: dict[str, str] = {"duration": "s", "success": "", "accuracy": "m", "he
 class Prediction:
     """Predicted performance of n situations: arrays of shape (n,), None where not asked for.
 
-    `spread` is the standard deviation in s of actual times about the `duration` (s). `accuracy` (m) and
-    `heading` (rad) are errors at the end, `success` is a probability. `dist` (m) is the distance to the
-    destination, `ideal` (s) the time of the ideal motion; None where no feature is one.
+    Attributes
+    ----------
+    duration, spread : ndarray or None
+        Expected time in s, and the standard deviation in s of actual times about it.
+    success : ndarray or None
+        Probability.
+    accuracy, heading : ndarray or None
+        Expected errors at the end in m and rad.
+    dist, ideal : ndarray or None
+        Distance in m to the destination, and time in s of the ideal motion; None where no feature is one.
     """
 
     duration: FloatArray | None = None
@@ -43,9 +50,14 @@ class Prediction:
 
 @dataclass(frozen=True)
 class AtGoal:
-    """How long an action takes for a robot at rest up to `dist` (m) and `angle` (rad) from its goal.
+    """How long an action takes for a robot at rest that is at its goal already.
 
-    `duration` and `spread` are mean and standard deviation in s.
+    Attributes
+    ----------
+    dist, angle : float
+        Up to which distance (m) and angle (rad) to the goal it is that fast.
+    duration, spread : float
+        Mean and standard deviation in s.
     """
 
     # Beyond 1 m or 1 rad a robot drives or turns to the goal. No server takes a day to answer.
@@ -128,8 +140,17 @@ class PerformanceModel:
     def predict(self, direct: Direct, measures: tuple[str, ...] = ("duration",)) -> Prediction:
         """Predict the performance of n situations at once.
 
-        `direct` is as for `direct_table`, which raises ValueError. `measures` are the fields of the
-        prediction to compute; those that were not learned stay None.
+        Parameters
+        ----------
+        direct : mapping
+            Direct variables, numbers or arrays of shape (n,), see `direct_table`.
+        measures : tuple of str
+            Which fields of the prediction to compute; those that were not learned stay None.
+
+        Raises
+        ------
+        ValueError
+            A direct variable is missing or of another shape.
         """
         if measures not in self._plans:  # the same ones are asked for mostly
             self._plans[measures] = self._planned(measures)

@@ -71,7 +71,10 @@ class RobotMismatchWarning(UserWarning):
 def model_path(action: str, action_set: str = DEFAULT_SET) -> Path:
     """Return the place of a model below models/: goToPose.json, or bezier/goToPose.json for that set.
 
-    Raises ModelFileError for a name that is none, and could lead elsewhere.
+    Raises
+    ------
+    ModelFileError
+        A name that is no name, and could lead elsewhere.
     """
     for field, name in (("action", action), ("action_set", action_set)):
         if not is_name(name):
@@ -85,9 +88,14 @@ def models_folder(top: Path, action_set: str = DEFAULT_SET) -> Path:
 
 
 def save_model(path: Path | str, model: PerformanceModel) -> None:
-    """Write `model`, whole or not at all; the same model gives the same bytes.
+    """Write `model` and its metadata, whole or not at all; the same model gives the same bytes.
 
-    Its `metadata` gives action_set, training, versions and accuracy.
+    Parameters
+    ----------
+    path : Path or str
+        The JSON file.
+    model : PerformanceModel
+        Its `metadata` gives action_set, training, versions and accuracy.
     """
     names = dict.fromkeys(name for tree in model.trees.values() for name in tree.names)
     file = _ModelFile(
@@ -107,11 +115,21 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
 
 
 def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) -> PerformanceModel:
-    """Read a model that was learned with `robot`; for another one there is a RobotMismatchWarning.
+    """Read a model.
 
-    `features` are all that the file may name, see `Domain.known_features`.
+    Parameters
+    ----------
+    path : Path or str
+        The JSON file.
+    robot : Robot
+        For whose limits features are computed; another one than in learning raises a RobotMismatchWarning.
+    features : mapping of str to Feature
+        All features that the file may name; see `Domain.known_features`.
 
-    Raises ModelFileError if the file is missing, damaged, no model, or of another version.
+    Raises
+    ------
+    ModelFileError
+        The file is missing, damaged, no model, or of another version.
     """
     if not Path(path).exists():
         raise ModelFileError(f"{path}: expected a model, there is no such file: run train to make it")
@@ -169,7 +187,22 @@ def load_models(
     action_set: str = DEFAULT_SET,
     folder: Path | None = None,
 ) -> dict[str, PerformanceModel]:
-    """Read all models of an action set, by action; `folder` is the shipped models/ by default.
+    """Read all models of an action set.
+
+    Parameters
+    ----------
+    robot : Robot
+    features : mapping of str to Feature
+        As for `load_model`.
+    action_set : str
+        Name of the set.
+    folder : Path, optional
+        By default the shipped models/.
+
+    Returns
+    -------
+    dict
+        Models by the names of their actions.
 
     Raises
     ------

@@ -167,8 +167,16 @@ def candidate_time(
 ) -> tuple[float, float]:
     """Return time (s) and angle turned (rad) of one candidate; infinite if it misses the goal.
 
-    `end` is a row of the `ends` of `path_times`, `tables` (k, m, 5) are as in `turn_table`, and `most` is the
-    time in s from which on the candidate is abandoned.
+    Parameters
+    ----------
+    end : ndarray, shape (5,)
+        The goal ahead and to the left in m, the turn to it in rad, speeds at start and goal in m/s.
+    entry, last_turn, rules
+        The candidate.
+    tables : ndarray, shape (k, m, 5)
+        See `ator_ros.performance.paths.turn_table`.
+    most : float
+        Time in s from which on the candidate is abandoned.
     """
     rates = rules.rates
     backing = Rates(rates.v, rates.w, rates.brake, rates.a, rates.aw)
@@ -380,11 +388,14 @@ _TIGHT = 0.1  # m, radius of the tightest turn at a steady speed where the base 
 
 @lru_cache(maxsize=64)
 def turn_table(rate: float, aw: float) -> FloatArray:
-    """Return what turns do, by angle, at up to `rate` (rad/s), from and to no rotation; shape (_ANGLES, 5).
+    """Return what turns do, by angle, at up to `rate` (rad/s), from and to no rotation.
 
-    The columns are time (s), and the integrals over it of cosine, sine, time x cosine and time x sine of the
-    heading: with speed v at the start and acceleration a, v times the first two plus a times the last two is
-    the way.
+    Returns
+    -------
+    ndarray, shape (_ANGLES, 5)
+        Time (s), and the integrals over it of cosine, sine, time x cosine and time x sine of the heading:
+        with speed v at the start and acceleration a, v times the first two plus a times the last two is the
+        way.
     """
     angles = np.linspace(0.0, 2.0 * math.pi, _ANGLES)[:, None]
     ramp, steady = turn_parts(angles, rate, aw)
@@ -447,7 +458,7 @@ def _number(shares: tuple[float, ...], speed: float) -> int:
 
 
 def path_times(ends: FloatArray, driving: DrivingStyle, *, hold: float, holding: bool) -> Motions:
-    """Return time and angle of the fastest paths; infinite times where none leads to the goal.
+    """Return time and angle of the fastest paths.
 
     Parameters
     ----------
@@ -460,6 +471,11 @@ def path_times(ends: FloatArray, driving: DrivingStyle, *, hold: float, holding:
         Distance in m from the axle to what the robot holds.
     holding : bool
         Whether it shall hold something at the goal.
+
+    Returns
+    -------
+    Motions
+        Infinite times where none of the paths leads to the goal.
     """
     rates = rates_of(driving.limits)
     run = (-1.0 if driving.run is None else driving.run) if holding else 0.0

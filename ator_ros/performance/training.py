@@ -42,9 +42,14 @@ _BETTER = 0.97  # share of the error that a change of run or passing must leave 
 
 
 def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
-    """Return how an action drives by its rows of an experience table.
+    """Return how an action drives.
 
-    The robot's limits hold where too little was seen.
+    Parameters
+    ----------
+    rows : pandas.DataFrame
+        Its rows of an experience table.
+    robot : Robot
+        Its limits hold where too little was seen.
     """
     rows = rows[rows["episode"].isin(rows["episode"].unique()[:_EPISODES])]
     seen = from_odometry(rows, robot)
@@ -220,7 +225,15 @@ def duration_tree(table: pd.DataFrame, durations: FloatArray, groups: np.ndarray
 def cross_validated_errors(
     rows: pd.DataFrame, robot: Robot, features: Sequence[Feature] = CANDIDATES
 ) -> FloatArray:
-    """Return errors in s, shape (n,), of durations predicted by trees of other episodes; see `train`."""
+    """Return errors in s, shape (n,), of durations predicted by trees of other episodes.
+
+    Parameters
+    ----------
+    rows : pandas.DataFrame
+        Rows of one action, of which `train` can learn; those of starts of episodes that succeeded are used.
+    robot, features
+        As for `train`.
+    """
     starts = rows[(rows["t"] == 0.0) & rows["success"]]
     driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
     table = _features_of(starts, robot, features, driving)
@@ -260,8 +273,18 @@ def _success_tree(happened: FloatArray, table: pd.DataFrame) -> ModelTree:
 def observed_at_goal(starts: pd.DataFrame, robot: Robot) -> AtGoal | None:
     """Return how long an action takes for a robot that is at its goal already.
 
-    `starts` are the first rows of episodes that succeeded. The bounds are the widest within which durations
-    hardly differ; None if they differ even next to the goal. Without such episodes it is the usual one.
+    Parameters
+    ----------
+    starts : pandas.DataFrame
+        First rows of episodes that succeeded.
+    robot : Robot
+        The robot of the experience.
+
+    Returns
+    -------
+    AtGoal or None
+        With the widest bounds within which durations hardly differ; the usual one if there is no such
+        episode; None if they differ even next to the goal.
     """
     geometry = Geometry(direct_of(starts), robot)
     durations = starts["duration"].to_numpy(dtype=float)

@@ -32,7 +32,10 @@ _LEAST_DISTANCE = 0.5
 def chain_of(steps: Sequence[PlannedStep], world: World, library: TopLibrary, fence: Fence) -> TopChain:
     """Return the chain of a plan's steps, with places inside the scene's area and the fence.
 
-    Raises PlanningError if there is no place for a step.
+    Raises
+    ------
+    PlanningError
+        There is no place for a step.
     """
     calls: list[TopCall] = []
     for number, step in enumerate(steps, start=1):

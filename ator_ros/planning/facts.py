@@ -118,11 +118,19 @@ def _satisfied(term: Statement, values: Mapping[str, Value], binding: Binding, *
 
 @dataclass(frozen=True)
 class Fact:
-    """A clause of a condition, bound to a goal by pairs of a goal variable and its symbol.
+    """A clause of a condition, bound to a goal.
 
-    `region` is the name of the region of places at which it holds; empty if it concerns no place to choose.
-    If `surely`, it must hold within all tolerances of a TOP, like the goal of a plan; otherwise for projected
-    values.
+    Attributes
+    ----------
+    clause : Term, Region, Distance or Bearing
+        The statement or relation.
+    binding : tuple
+        The goal variables that it names, as pairs of name and symbol.
+    region : str
+        Name of the region of places at which it holds; empty if it concerns no place to choose.
+    surely : bool
+        Whether it must hold within all tolerances of a TOP, like the goal of a plan; otherwise it must hold
+        for projected values.
     """
 
     clause: Statement | Relation

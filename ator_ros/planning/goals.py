@@ -35,7 +35,13 @@ def known_variables(objects: Sequence[str], *, holder: bool) -> tuple[str, ...]:
 
 
 def check_goal(goal: Sequence[GoalStatement], known: Sequence[str]) -> None:
-    """Raise PlanningError unless a goal has few enough statements, about known variables, each once."""
+    """Check that a goal is about known variables, each once.
+
+    Raises
+    ------
+    PlanningError
+        It has no statements or too many, names an unknown variable, or one variable twice.
+    """
     if not 1 <= len(goal) <= MOST_STATEMENTS:
         raise PlanningError(f"goal: expected 1 to {MOST_STATEMENTS} statements, got {len(goal)}")
     for statement in goal:
@@ -50,7 +56,10 @@ def check_goal(goal: Sequence[GoalStatement], known: Sequence[str]) -> None:
 def statement_from(text: str) -> GoalStatement:
     """Read a statement: VARIABLE=VALUE or VARIABLE=VALUE:LOW:HIGH; a value is a number or a variable.
 
-    Raises PlanningError if the text is no statement.
+    Raises
+    ------
+    PlanningError
+        The text is no statement.
     """
     variable, _, rest = text.partition("=")
     target, *bounds = rest.split(":")

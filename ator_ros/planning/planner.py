@@ -32,7 +32,16 @@ def chains_for(
 ) -> list[TopChain]:
     """Return chains for a goal, those with fewest steps first; none if it holds already.
 
-    `objects` are the names of those that the domain has. The fence is by default around the scene's area.
+    Parameters
+    ----------
+    goal : sequence
+        Statements that shall hold at the end.
+    world, library
+        The situation, and the TOPs to plan with.
+    objects : sequence of str
+        Names of the objects that the domain has.
+    fence : Fence, optional
+        Bounds of the chains; by default around the scene's area.
 
     Raises
     ------

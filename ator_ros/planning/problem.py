@@ -39,10 +39,16 @@ _ROOM = 0.3
 
 @dataclass(frozen=True, slots=True)
 class PlannedStep:
-    """A TOP with a goal: pairs of a goal variable and its symbol; missing ones are chosen later.
+    """A TOP with a goal.
 
-    `region` holds the facts that a later TOP needs of the place that is chosen; it is empty if the goal is
-    determined otherwise.
+    Attributes
+    ----------
+    top : Top
+        The TOP.
+    binding : tuple
+        Its goal variables, as pairs of name and symbol; missing ones are chosen later.
+    region : tuple of Fact
+        Facts that a later TOP needs of the place that is chosen; empty if the goal is determined otherwise.
     """
 
     top: Top
@@ -149,10 +155,16 @@ def _toward(top: Top, target: PlannedStep) -> Iterator[PlannedStep]:
 
 @dataclass(frozen=True, slots=True)
 class PlanningProblem:
-    """A symbolic problem, its facts by number, and the steps of each operator.
+    """A symbolic problem, and the steps of its operators.
 
-    Facts with higher numbers say that a region contains an object from the start; leaving it there is an
-    operator without steps.
+    Attributes
+    ----------
+    facts : tuple of Fact
+        By number; facts with higher numbers say that a region contains an object from the start.
+    steps : tuple
+        The steps of each operator; none for leaving an object at its place.
+    problem : SymbolicProblem
+        The problem of the search.
     """
 
     facts: tuple[Fact, ...]
@@ -193,8 +205,21 @@ def planning_problem(
     """Return the symbolic problem of a goal.
 
     Leaving an object in its region is an operator without steps, so that such plans differ from those that
-    move it. With a TOP `driving`, which drives the robot to a pose, an object may also be approached from its
-    far side.
+    move it.
+
+    Parameters
+    ----------
+    goal, steps
+        Facts of the goal, and candidate steps.
+    driving : Top or None
+        TOP that drives the robot to a pose. With it an object may also be approached from its far side.
+    world, robot
+        The situation.
+
+    Raises
+    ------
+    PlanningError
+        The problem is too large.
     """
     state = state_of(world, robot)
     builder = _Builder(goal, steps, state)

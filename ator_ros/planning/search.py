@@ -61,8 +61,12 @@ class SymbolicProblem:
         """Return up to `most` plans, those with fewest operators first.
 
         Each further plan excludes an operator of each plan before. The sets of excluded operators form the
-        hitting-set tree of Reiter (1987), which finds all plans that contain no other plan. Raises
-        PlanningError after `MOST_STATES` states.
+        hitting-set tree of Reiter (1987), which finds all plans that contain no other plan.
+
+        Raises
+        ------
+        PlanningError
+            More than `MOST_STATES` states were searched.
         """
         if not self.goal <= self.within_reach():
             return []

@@ -41,9 +41,18 @@ BEYOND = 1.0
 class PredictedStep(NamedTuple):
     """One action of a chain, as its prediction is judged.
 
-    `v` and `speedg` are the speeds in m/s at the start and at the goal, `dist` is the distance in m from the
-    start to the destination. `ideal` (s) is the time of the ideal motion; `predicted` (s) where the model's
-    features have none. `heading_open`: the heading at the goal is free, it was chosen for this prediction.
+    Attributes
+    ----------
+    v, speedg : float
+        Speed in m/s at the start and at the goal.
+    predicted, spread : float
+        Its predicted duration and the standard deviation of actual ones about it, in s.
+    ideal : float
+        Time in s of the ideal motion; `predicted` where the model's features have none.
+    dist : float
+        Distance in m from the start to the destination.
+    heading_open : bool
+        The heading at the goal is free: it was chosen, and for this prediction.
     """
 
     v: float
@@ -96,6 +105,11 @@ class Shortfall:
         Bounds in s of what is added.
     model : str
         Digest of the performance model whose predictions it belongs to, see `model_digest`.
+
+    Raises
+    ------
+    ValueError
+        `low` is above `high`.
     """
 
     constant: _Seconds
@@ -118,10 +132,13 @@ class Shortfall:
 
 @dataclass(frozen=True)
 class Calibration:
-    """The shortfalls of the predictions of a set of performance models, by action.
+    """The shortfalls of the predictions of a set of performance models.
 
-    Predictions of other actions stay as they are, and so do those of other models than the shortfall was
-    learned for.
+    Attributes
+    ----------
+    shortfalls : mapping
+        Action name to shortfall; predictions of other actions stay as they are, and so do those of other
+        models than the shortfall was learned for.
     """
 
     shortfalls: dict[Annotated[str, Name()], Shortfall] = field(default_factory=dict)
@@ -141,11 +158,19 @@ class Calibration:
         *,
         chosen: Sequence[bool] | None = None,
     ) -> list[ChainPrediction]:
-        """Return predictions of chains of the same TOPs with what they are expected to miss added.
+        """Return predictions of chains with what they are expected to miss added.
 
-        `objective` is what the costs are of; by default the duration. `chosen` is whether each step's heading
-        is free, see `chosen_headings`; by default as in the chains alone. Parts of a chain do not show what
-        the rest of it binds.
+        Parameters
+        ----------
+        predictions : sequence of (TopChain, ChainPrediction)
+            Chains of the same TOPs, and what was predicted of each from `world`.
+        world, models, robot
+            The state from which, the models with which, and the robot for which it was predicted.
+        objective : Objective, optional
+            What the costs are of; by default the duration.
+        chosen : sequence of bool, optional
+            Whether each step's heading is free, see `chosen_headings`; by default as in the chains alone.
+            Parts of a chain do not show what the rest of it binds.
         """
         if not self.shortfalls:
             return [prediction for _, prediction in predictions]
@@ -236,11 +261,23 @@ def save_calibration(path: Path, calibration: Calibration, training: Mapping[str
 
 
 def load_calibration(path: Path) -> Calibration:
-    """Read a calibration; raises RefinementError with file and field."""
+    """Read a calibration.
+
+    Raises
+    ------
+    RefinementError
+        The file cannot be read or is no calibration; the message names file and field.
+    """
     return load(path, KIND, Calibration, error=RefinementError)
 
 
 def load_calibration_if_any(folder: Path) -> Calibration:
-    """Read the calibration in `folder` as `load_calibration` does; without one, predictions stay."""
+    """Read the calibration in `folder`; without one, predictions stay as they are.
+
+    Raises
+    ------
+    RefinementError
+        As in `load_calibration`.
+    """
     path = folder / CALIBRATION
     return load_calibration(path) if os.path.lexists(path) else Calibration()

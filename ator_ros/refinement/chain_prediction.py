@@ -68,9 +68,20 @@ def columns_after(goal: Mapping[str, Any], point: Point, robot: Robot) -> dict[s
 class StepRows:
     """The direct variables of one step of a chain, for candidates of the subgoals on both its sides.
 
-    `start` holds the start variables x, y, yaw, v, w of the chain itself. The step leads to `goal` with the
-    free variables `names`, from `previous` (None for the first step) with `previous_names`. `hold` is the
-    distance in m from the axle to the hold.
+    Parameters
+    ----------
+    start : sequence of float
+        Start variables x, y, yaw, v, w of the chain itself.
+    goal : Goal
+        The subgoal that the step leads to.
+    names : sequence of str
+        Its free variables.
+    previous : Goal, optional
+        The subgoal at which the step starts; None for the first step.
+    previous_names : sequence of str
+        Its free variables.
+    hold : float
+        Distance in m from the axle to the hold.
     """
 
     def __init__(
@@ -197,9 +208,19 @@ class _Searched(NamedTuple):
 class ChainModel:
     """The cost of the steps of one chain, from one state of the world, for candidates of its free variables.
 
-    A step without a model costs nothing. Candidates have a column for each of the free variables `names` of a
-    subgoal. `memory` caches predictions by situation; chain models of one request, which predict the same
-    grids, share it.
+    Parameters
+    ----------
+    world, chain, robot
+        The request.
+    models : mapping
+        Action name to performance model; a step without one costs nothing.
+    names : sequence of tuple of str, one per subgoal
+        The free variables; candidates have a column for each.
+    objective : Objective
+        What a step costs.
+    memory : dict, optional
+        Cache of predictions by situation, shared by the chain models of one request, which predict the same
+        grids.
     """
 
     def __init__(
@@ -329,7 +350,15 @@ def predict_chain(
     robot: Robot,
     objective: Objective | None = None,
 ) -> ChainPrediction:
-    """Return the prediction for `chain` with its own values; its cost is by default the duration."""
+    """Return the prediction for `chain` with its own values, from the state `world`.
+
+    Parameters
+    ----------
+    models : mapping
+        Action name to performance model, one for each action of the chain.
+    objective : Objective, optional
+        Defines the cost; by default the duration.
+    """
     objective = objective if objective is not None else Objective()
     names: list[tuple[str, ...]] = [()] * len(chain.calls)
     model = ChainModel(world, chain, robot, models=models, names=names, objective=objective)
@@ -350,9 +379,16 @@ def with_room(
     """Return `step_cost`, infinite for arrivals at a free speed that leave no room to stop.
 
     Models do not know where walls are. A robot that arrives at a bay at a speed from which it can neither
-    turn nor stop gets stuck. The chain's own values keep their cost. `names` are the free variables of each
-    subgoal, `room` is the multiple of the stopping distance that must be free, as the gate's file sets it; 0:
-    none.
+    turn nor stop gets stuck. The chain's own values keep their cost.
+
+    Parameters
+    ----------
+    step_cost : callable
+        Costs of the steps of `chain`.
+    chain, names, robot
+        The chain, and the free variables of each subgoal.
+    room : float
+        Multiple of the stopping distance that must be free, as the gate's file sets it; 0: none.
     """
     if room <= 0.0:
         return step_cost

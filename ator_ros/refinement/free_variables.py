@@ -107,9 +107,18 @@ def analyse(
     robot: Robot,
     ranges: Ranges = USUAL_RANGES,
 ) -> Analysis:
-    """Compute the free variables of a chain; an action may lack a model.
+    """Compute the free variables of a chain.
 
-    Variables without one of the `ranges` are never free.
+    Parameters
+    ----------
+    chain : TopChain
+        The chain, of any length.
+    models : mapping
+        Action name to performance model; an action may lack one.
+    robot : Robot
+        Sizes and limits that bound the ranges.
+    ranges : mapping, optional
+        Goal variable to its range; variables without one are never free.
     """
     free: list[FreeVariable] = []
     not_free: list[NotFree] = []
@@ -185,7 +194,15 @@ class Regions:
     distance to drive is limited to the experience of the action's model, unless the place at which the step
     starts is free, too: then each place is bounded separately.
 
-    `names` are the free variables of each subgoal; an action may lack a model.
+    Parameters
+    ----------
+    world, chain, robot
+        The request.
+    names : sequence of tuple of str, one per subgoal
+        The free variables.
+    models : mapping, optional
+        Action name to performance model, which has the range of experienced distances; an action may lack
+        one.
     """
 
     def __init__(
@@ -368,9 +385,16 @@ def experience_of(model: Any) -> Mapping[str, tuple[float, float]]:
 
 
 class Outside(NamedTuple):
-    """A quantity of a step (from 0) outside its model's experience: `dist`, `turn`, `v` or `speedg`.
+    """A quantity of a step that lies outside the experience of its performance model.
 
-    `text` is a sentence that names the step, the value and the range.
+    Attributes
+    ----------
+    step : int
+        Counted from 0.
+    name : str
+        Quantity: `dist`, `turn`, `v` or `speedg`.
+    text : str
+        A sentence that names the step, the value and the range.
     """
 
     step: int

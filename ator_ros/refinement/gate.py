@@ -74,9 +74,16 @@ def gate_features(
 class Gate:
     """Decides from the values of `FEATURES` whether to refine.
 
-    `widths` are those of `ator_ros.refinement.search.Averages`, `room` is that of
-    `ator_ros.refinement.chain_prediction.with_room`. A `corrected` gate decides from corrected predictions,
-    see `ator_ros.refinement.calibration`.
+    Attributes
+    ----------
+    widths : mapping
+        Widths of the kernel with which costs are averaged before a chain is chosen, see
+        `ator_ros.refinement.search.Averages`.
+    room : float
+        Multiple of the stopping distance that arrivals must leave free, see
+        `ator_ros.refinement.chain_prediction.with_room`.
+    corrected : bool
+        Whether it decides from corrected predictions, see `ator_ros.refinement.calibration`.
     """
 
     widths: Widths = field(default_factory=dict)
@@ -106,7 +113,15 @@ class OpenGate(Gate):
 
 @dataclass(frozen=True, slots=True)
 class ThresholdGate(Gate):
-    """Refines where the predicted gain exceeds `gain` (s) and `spread_factor` times the models' spread."""
+    """Refines where the predicted gain exceeds a threshold that grows with the models' spread.
+
+    Attributes
+    ----------
+    gain : float
+        Least predicted gain in s.
+    spread_factor : float
+        Added to it per second of spread.
+    """
 
     gain: float
     spread_factor: float = 0.0
@@ -128,8 +143,18 @@ class ThresholdGate(Gate):
 class TreeGate(Gate):
     """A decision tree that predicts Higher, Equal or Lower from `FEATURES` (paper): Higher is refined.
 
-    At node i the branch is left[i] where the value of feature[i] is at most threshold[i], right[i] otherwise;
-    a leaf has an empty feature.
+    Attributes
+    ----------
+    feature, threshold, left, right : tuples, one item per node
+        At node i the branch is left[i] where the value of feature[i] is at most threshold[i], right[i]
+        otherwise; a leaf has an empty feature.
+    label : tuple of str
+        The label of each node.
+
+    Raises
+    ------
+    ValueError
+        The columns differ in length, or a child does not come after its parent.
     """
 
     feature: tuple[Annotated[str, OneOf(("", *FEATURES))], ...]
@@ -229,7 +254,11 @@ def save_gate(path: Path, gate: Gate, training: Mapping[str, Any], action_set: s
 def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
     """Read the gate of an action set.
 
-    Raises RefinementError, with file and field, if it cannot be read or was learned for other actions.
+    Raises
+    ------
+    RefinementError
+        The file cannot be read, is no gate, or was learned for other actions; the message names file and
+        field.
     """
     file = load(path, KIND, _GateFile, error=RefinementError)
     try:

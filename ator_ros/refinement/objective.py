@@ -89,7 +89,13 @@ class Objective:
         return tuple(dict.fromkeys(measure.field for _, _, measure in self._counting))
 
     def cost(self, prediction: Any) -> FloatArray:
-        """Return the weighted cost, shape (n,); raises RefinementError where a measure is not predicted."""
+        """Return the weighted cost, shape (n,), of a prediction for n candidates.
+
+        Raises
+        ------
+        RefinementError
+            The performance model does not predict a measure that has a weight.
+        """
         terms: list[FloatArray] = []
         missing: list[str] = []
         for name, weight, measure in self._counting:
@@ -105,9 +111,13 @@ class Objective:
 
 
 def expected_time(failure_cost: float) -> Objective:
-    """Return the default objective: the duration, and the time in s that a failure costs.
+    """Return the default objective: the duration, and what failing is expected to cost.
 
-    The probability of failure counts only for models that predict it.
+    Parameters
+    ----------
+    failure_cost : float
+        Time in s that one failure costs, such as the time limit of a chain. The probability of failure counts
+        only for models that predict it.
     """
     weights = {"duration": 1.0, "success": failure_cost}
     return Objective(weights, where_predicted=frozenset({"success"}))

@@ -213,7 +213,12 @@ class Refiner:
 
         Free variables with a rest value (arrival speed: 0) take it; the others those at which the action is
         predicted to be fastest. A variable that affects only the action after it keeps its value, and so does
-        one that is bounded by a region in which no candidate is found. Raises as `refine` does.
+        one that is bounded by a region in which no candidate is found.
+
+        Raises
+        ------
+        RefinementError
+            As in `refine`.
         """
         analysis, regions = self.bounded(world, chain)
         return self._fastest_alone(world, chain, analysis.free, regions, {}, no_deadline)
@@ -260,7 +265,13 @@ class Refiner:
         return chain
 
     def bounded(self, world: World, chain: TopChain) -> tuple[Analysis, Regions]:
-        """Return the free variables of `chain`, bounded by experience and regions, and the regions."""
+        """Return the free variables of `chain`, bounded by experience and regions, and the regions.
+
+        Raises
+        ------
+        RefinementError
+            The chain is empty or too long.
+        """
         if not 1 <= len(chain.calls) <= LONGEST_CHAIN:
             raise RefinementError(f"chain: expected 1 to {LONGEST_CHAIN} actions, got {len(chain.calls)}")
         analysis = analyse(chain, self.models, self.robot, self._ranges)
@@ -455,8 +466,12 @@ def choose(
 ) -> Selection:
     """Refine each of `chains` and choose the best; once the deadline has passed, the rest is only predicted.
 
-    `chains` are chains, or why one cannot be used; one that is no valid plan from `world` is skipped. The
-    others are as for `Refiner.refine`.
+    Parameters
+    ----------
+    refiner, world, objective, placeholders, deadline
+        As for `Refiner.refine`.
+    chains : sequence of TopChain or str
+        The chains, or why one cannot be used. One that is no valid plan from `world` is skipped.
 
     Raises
     ------

@@ -71,7 +71,15 @@ def no_deadline() -> bool:
 
 
 class SearchCurve(NamedTuple):
-    """Candidates (n, k) of one subgoal, and the least cost of the whole chain through each, shape (n,)."""
+    """The candidates of one subgoal.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n, k)
+        Candidates: values of the subgoal's k free variables.
+    totals : ndarray, shape (n,)
+        Least cost of the whole chain through each candidate.
+    """
 
     values: FloatArray
     totals: FloatArray
@@ -272,10 +280,14 @@ def _cost_of(
 
 
 def averaged(cost: FloatArray, before: FloatArray | None, after: FloatArray | None) -> FloatArray:
-    """Return the cost (n, m) of a step, or the mean over its neighbors if it is more.
+    """Return the cost of a step for n candidates before and m after it, or the mean over both if it is more.
 
-    `before` (n, n) and `after` (m, m) are the weights of candidates, None where nothing is averaged. Infinite
-    costs are left out of the means of their neighbors.
+    Parameters
+    ----------
+    cost : ndarray, shape (n, m)
+        Infinite costs are left out of the means of their neighbors.
+    before, after : ndarray, shapes (n, n) and (m, m), or None
+        Weights; None where nothing is averaged.
     """
     finite = np.isfinite(cost)
     sums, weights = np.where(finite, cost, 0.0), finite.astype(float)

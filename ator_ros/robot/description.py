@@ -63,8 +63,14 @@ class Limits:
 class Holder:
     """Two parallel fingers at the robot's front, which hold a round object from the sides.
 
-    Lengths in m; `gap` is between the inner sides of the fingers, `radius` that of the held object. `limits`
-    holds for commands while it is held.
+    Attributes
+    ----------
+    length, gap, thickness : float
+        Of the fingers, in m; the gap is between their inner sides.
+    radius : float
+        Radius in m of the object that is held.
+    limits : Limits
+        For commands while it is held.
     """
 
     length: Size
@@ -208,7 +214,13 @@ class Robot:
         return max(math.hypot(self.tip, self.tip_half_width), body)
 
     def holder_for(self, what: str) -> Holder:
-        """Return the holder, which `what` needs; raises NoHolderError if the robot has none."""
+        """Return the holder, which `what` needs.
+
+        Raises
+        ------
+        NoHolderError
+            The robot has none.
+        """
         if self.holder is None:
             raise NoHolderError(f"{what} needs a holder; robot {self.name} has none")
         return self.holder
@@ -256,7 +268,12 @@ def _digest_of(content: dict[str, Any]) -> str:
 
 
 def load_robot(path: Path | str | None = None) -> Robot:
-    """Read the description of a robot and its scene from a YAML file, by default the shipped one.
+    """Read the description of a robot and of the scene around it.
+
+    Parameters
+    ----------
+    path : Path or str, optional
+        A YAML file; by default the shipped one.
 
     Raises
     ------

@@ -73,7 +73,18 @@ class BaseEstimate:
 
 
 def identify(samples: Sequence[DriveSample]) -> BaseEstimate:
-    """Estimate how a base responds from a whole probe drive; raises DriveError if a part is missing."""
+    """Estimate how a base responds to commands.
+
+    Parameters
+    ----------
+    samples : sequence of DriveSample
+        Of a whole probe drive.
+
+    Raises
+    ------
+    DriveError
+        A part of the drive is missing.
+    """
     return BaseEstimate(
         _axis(samples, DrivePart.SPRINT_V, DrivePart.CREEP_V, lambda s: (s.command.v, s.v)),
         _axis(samples, DrivePart.SPRINT_W, DrivePart.CREEP_W, lambda s: (s.command.w, s.w)),

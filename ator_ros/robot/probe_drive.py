@@ -66,7 +66,13 @@ class ProbeDrive:
         self._part = DrivePart.CREEP_V
 
     def command(self, time: float, robot: RobotState) -> Command | None:
-        """Return the command for the state at `time` (s), None at the end; raises DriveError if it stands."""
+        """Return the command for the state at `time` (s); None when the drive is over.
+
+        Raises
+        ------
+        DriveError
+            The base does not move.
+        """
         self._seen.append((time, robot))
         while self._seen[0][0] < time - _WINDOW - 1e-6:
             self._seen.popleft()

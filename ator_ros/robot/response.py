@@ -66,9 +66,18 @@ class AxisResponse:
     stop: float
 
     def speeds(self, times: Sequence[float], commands: Sequence[float]) -> FloatArray:
-        """Return the speeds, shape (n,), at `times` (n, in s, ascending) of an axis that stood at the first.
+        """Return the speeds at `times` of an axis that stood at the first of them.
 
-        `commands` (n, in m/s or rad/s) were sent in answer to the states with these stamps.
+        Parameters
+        ----------
+        times : sequence of float, length n
+            Stamps of the states in s, ascending.
+        commands : sequence of float, length n
+            The command sent in answer to each state, in m/s or rad/s.
+
+        Returns
+        -------
+        ndarray, shape (n,)
         """
         found = np.zeros(len(times))
         state, now, command, following = (0.0, 0.0), times[0], 0.0, 0
@@ -109,10 +118,15 @@ _PROMPT = 0.02  # s within which a command counts as computed at once
 class Foresight:
     """Predicts a late state forward to the time when the command for it moves the base.
 
-    Until then the robot follows the commands already sent, which are known, within its limits. This takes the
-    delay out of the control loop (Smith predictor), so that plans may brake as hard as the base can.
-    `latency` is the time in s from the stamp of a state until the command for it moves the base; 0: no
-    prediction.
+    Until then the robot follows the commands already sent, which are known. This takes the delay out of the
+    control loop (Smith predictor), so that plans may brake as hard as the base can.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its limits, within which the base follows commands.
+    latency : float
+        Time in s from the stamp of a state until the command for it moves the base; 0: no prediction.
     """
 
     def __init__(self, robot: Robot, latency: float) -> None:

@@ -66,12 +66,21 @@ def settle(simulation: Simulation, top: Top, goal: Goal) -> World:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """How a TOP ended, by the true state after objects have settled: `world`.
+    """How a TOP ended, by the true state.
 
-    It is a `success` if its action succeeded, and its post-condition holds. The `error` is the distance of
-    the robot's point from the goal in m where the TOP places it there; else how far the world is from the
-    post-condition, in the unit of the worst variable. The `heading_error` (rad) is NaN where the TOP does not
-    place the robot.
+    Attributes
+    ----------
+    success : bool
+        Its action succeeded, and its post-condition holds.
+    reason : str
+        A sentence on how it ended.
+    world : World
+        The state in which it was judged, after objects have settled.
+    error : float
+        Distance of the robot's point from the goal in m where the TOP places it there; else how far the world
+        is from the post-condition, in the unit of the worst variable.
+    heading_error : float
+        Difference of headings in rad; NaN where the TOP does not place the robot.
     """
 
     success: bool
@@ -110,10 +119,30 @@ def run_action(
     time_limit: float = TIME_LIMIT,
     step: Callable[[Action, World], Step] | None = None,
 ) -> Step:
-    """Execute one action from the present state until it ends, or for `time_limit` s.
+    """Execute one action from the present state until it ends; return its last step.
 
-    Return its last step, whose status is RUNNING if the time limit was reached. `step` is called in each tick
-    instead of `Action.step`, to observe it. ActionError is raised if the action cannot start.
+    Parameters
+    ----------
+    simulation : Simulation
+        The world, in which everything has been placed.
+    action : Action
+        Set up and started here, and ended whatever happens.
+    goal : Goal
+        Its goal.
+    time_limit : float
+        Time in s that it may take.
+    step : callable, optional
+        Called in each tick instead of `Action.step`, to observe it.
+
+    Returns
+    -------
+    Step
+        Its status is RUNNING if the time limit was reached.
+
+    Raises
+    ------
+    ActionError
+        The action cannot start.
     """
     action.setup()
     action.start(simulation.world(), goal)

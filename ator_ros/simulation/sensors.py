@@ -20,8 +20,16 @@ _TELEPORT = 0.3
 class ObjectErrors:
     """Errors in the observations of an object; by default none.
 
-    `noise` (m) and `velocity_noise` (m/s) are standard deviations of each coordinate. An observation is known
-    after a `delay` (s), rounded up to a tick. `dropouts` is the probability in [0, 1) that it is missing.
+    Attributes
+    ----------
+    noise : float
+        Standard deviation in m of each coordinate.
+    velocity_noise : float
+        Standard deviation in m/s of each component of the velocity.
+    delay : float
+        Time in s from an observation until it is known, rounded up to a tick.
+    dropouts : float
+        Probability in [0, 1) that the object is not observed in a tick.
     """
 
     noise: float = 0.0
@@ -108,9 +116,16 @@ class _ObservedObject:
 
 
 class Sensors:
-    """Observes a world, once per control tick; the same seed and worlds give the same observations.
+    """Observes a world, once per control tick.
 
     Objects are observed from the robot, so that their estimates drift with the odometry.
+
+    Parameters
+    ----------
+    config : SensorConfig
+        Errors of the sensors.
+    seed : int
+        The same seed and worlds give the same observations.
     """
 
     def __init__(self, config: SensorConfig, seed: int = 0) -> None:

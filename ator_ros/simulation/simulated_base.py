@@ -22,18 +22,23 @@ _HOLDING_GAIN = 0.1
 class SimulatedBase:
     """A base with two driven wheels on the floor of a pybullet client.
 
-    It turns velocity commands into wheel speeds as the firmware of a real base does. Velocities change within
-    the robot's limits, but a stop is a stop: where the command is to stand, or none has come for 0.15 s, the
-    base brakes as hard as it can without tipping. So the robot stands 0.5 s after the last command, from any
-    speed and turn within its limits. The torque of the motors is bounded. Under velocity control alone
-    a standing base would creep by a millirad a second; firmware holds its place.
-
     Parameters
     ----------
+    client : int
+        Where it is made.
+    robot : Robot
+        Shape, masses and limits.
     shares : (float, float)
         Speeds of the left and the right wheel as shares of what was commanded.
     period : float
         Time of a physics step in s.
+
+    Attributes
+    ----------
+    body : int
+        Its body id.
+    robot : Robot
+        As given.
     """
 
     def __init__(

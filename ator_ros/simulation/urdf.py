@@ -28,7 +28,13 @@ _FINGER = (
 
 
 def robot_urdf(robot: Robot) -> str:
-    """Return the robot's description as URDF; what it does not say is in `urdf/robot.urdf.template`."""
+    """Return the robot's description as URDF.
+
+    Parameters
+    ----------
+    robot : Robot
+        Sizes and masses; everything else is in `urdf/robot.urdf.template`.
+    """
     behind, height, caster, wheel_mass, wheel_inertia = _built(robot)
     body_mass = robot.mass - 2 * wheel_mass
     # The body lies between the wheels; that of a robot narrower than 16 cm overlaps them.
@@ -106,7 +112,15 @@ _LONGEST_GAP = 0.5
 class Wheels:
     """Integrates the turning of both wheels, as if they rolled without slipping.
 
-    `angles` are those of the left and the right wheel in rad, in [-pi, pi).
+    Parameters
+    ----------
+    robot : Robot
+        Track and radius of the wheels.
+
+    Attributes
+    ----------
+    angles : list of float
+        Of the left and the right wheel in rad, in [-pi, pi).
     """
 
     def __init__(self, robot: Robot) -> None:

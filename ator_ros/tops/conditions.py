@@ -71,7 +71,12 @@ class Distance:
     place, other : str
         What has an x and a y: "robot", "hold", "goal", or an object.
     low, high : float
-        Least and greatest distance in m; ValueError unless 0 <= low <= high.
+        Least and greatest distance in m.
+
+    Raises
+    ------
+    ValueError
+        `low` is negative or above `high`.
     """
 
     place: str
@@ -118,14 +123,18 @@ class Bearing:
     place, origin : str
         What has an x and a y: "robot", "hold", "goal", or an object.
     most : float
-        Greatest angle in rad between the axis and the direction from the origin to the place; ValueError if
-        it is above pi / 2.
+        Greatest angle in rad between the axis and the direction from the origin to the place, at most pi / 2.
     axis : float
         Direction of the axis in rad, for an origin at x >= `centre`.
     mirrored : bool
         Whether the axis is mirrored for an origin at x < `centre`, as those of facing bays are.
     centre : float
         See `mirrored`; in m.
+
+    Raises
+    ------
+    ValueError
+        `most` is not from 0 to pi / 2.
     """
 
     place: str
@@ -264,12 +273,17 @@ class Region:
         A goal variable ("goal.x"), a state variable ("robot.x"), or a number.
     low, high : float
         Least and greatest difference of the variable from the target, in the variable's unit; either may be
-        infinite; ValueError unless low <= high.
+        infinite.
     outward : bool
         Whether differences count away from `centre`: with a centre of 0 a variable of 5 is 1 beyond a target
         of 4, and one of -5 is 1 beyond a target of -4.
     centre : float
         See `outward`; in the variable's unit.
+
+    Raises
+    ------
+    ValueError
+        `low` is not a number less than or equal to `high`.
     """
 
     variable: str

@@ -81,7 +81,13 @@ class TopLibrary(Mapping[str, Top]):
         return [top for top in self.values() if top.lacks(self.robot) is None]
 
     def action(self, top: Top) -> Action:
-        """Make a new action that executes `top`; the first one is set up, or raises ActionError."""
+        """Make a new action that executes `top`; the first one is set up.
+
+        Raises
+        ------
+        ActionError
+            It cannot be set up.
+        """
         action = self._actions[top.action](self.robot)
         if top.action not in self._set_up:
             action.setup()

@@ -40,10 +40,15 @@ def may_settle(top: Top, world: World) -> bool:
 
 
 def top_of(situation: Situation, tops: Sequence[Top], robot: Robot) -> Top:
-    """Return the first TOP with the fewest violations of its pre-condition among those that fit a situation.
+    """Return the TOP that fits a situation.
 
-    They have the same action and the same point of the robot, and name no object that the situation lacks.
-    Raises NoTopError if there is none.
+    It has the same action and the same point of the robot, and names no object that the situation lacks.
+    Among several, it is the first with the fewest violations of its pre-condition.
+
+    Raises
+    ------
+    NoTopError
+        There is none.
     """
     world = World(0.0, situation.robot, situation.objects)
     state, goal = state_of(world, robot), goal_values(situation.goal)

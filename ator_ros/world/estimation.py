@@ -64,8 +64,11 @@ class VelocityEstimate:
 class RobotVelocity:
     """The velocity of a robot by differences of its poses, as along an arc between two of them.
 
-    Where one pose is out of the reach of that before at the limits `most_v` (m/s) and `most_w` (rad/s), as
-    where a map corrects it, the velocity stays as it was.
+    Parameters
+    ----------
+    most_v, most_w : float
+        The robot's limits in m/s and rad/s. Where one pose is out of the reach of that before, as where a map
+        corrects it, the velocity stays as it was.
     """
 
     def __init__(self, most_v: float, most_w: float) -> None:
@@ -126,8 +129,17 @@ class VelocityCheck:
     """Replaces velocities that contradict an object's positions.
 
     A velocity that jumps, as after a push, is believed for 0.2 s; by then the positions must agree. If they
-    do not, the velocity is derived from them. `noise` (m) and `velocity_noise` (m/s) are the standard
-    deviations of the coordinates of a sighting and of the components of its velocity.
+    do not, the velocity is derived from them if they are steady; otherwise, as after an object was placed
+    elsewhere, the slower of both velocities is used.
+
+    Parameters
+    ----------
+    name : str
+        Name of the object.
+    noise : float
+        Standard deviation of the coordinates of a sighting in m.
+    velocity_noise : float
+        Standard deviation of the components of its velocity in m/s.
     """
 
     def __init__(self, name: str, noise: float, velocity_noise: float) -> None:
@@ -140,9 +152,14 @@ class VelocityCheck:
         self._doubted, self._said = math.inf, False
 
     def check(self, time: float, there: ObjectState) -> tuple[ObjectState, str | None]:
-        """Process a sighting at `time` (s); return it with a plausible velocity.
+        """Process a sighting at `time` (s).
 
-        The remark says what was wrong with the velocity, once per period of contradictions.
+        Returns
+        -------
+        there : ObjectState
+            The sighting with a plausible velocity.
+        remark : str or None
+            What was wrong with its velocity, once per period of contradictions without a pause of 1 s.
         """
         if self._sights and not 0.0 <= time - self._sights[-1][0] <= _FORGET:
             self.reset()
@@ -250,8 +267,14 @@ _SURPRISE = 5.0
 class ObjectTracker:
     """Filters the sightings of one object; restarts where they jump.
 
-    Both coordinates share one covariance, because noise and pushes are the same for both. `noise` (m) and
-    `velocity_noise` (m/s) are the standard deviations of a sighting; with a noise of 0 nothing is filtered.
+    Both coordinates share one covariance, because noise and pushes are the same for both.
+
+    Parameters
+    ----------
+    noise : float
+        Standard deviation of the coordinates of a sighting in m; 0: sightings are not filtered.
+    velocity_noise : float
+        Standard deviation of the components of its velocity in m/s; above 0 if `noise` is.
     """
 
     def __init__(self, noise: float, velocity_noise: float) -> None:
@@ -307,8 +330,15 @@ class StampError(ValueError):
 class Sightings:
     """The recent sightings of one object.
 
-    A sighting older than `timeout` (s, by the stamps) is not used. After half of it without a message the
-    object is overdue. It may be changed at any time.
+    Parameters
+    ----------
+    name : str
+        Name of the object.
+    timeout : float
+        Age in s, by the stamps, beyond which a sighting is not used. After half of it without a message the
+        object is overdue. It may be changed later, as the attribute of this name.
+    tracker : ObjectTracker
+        Filters the sightings.
     """
 
     def __init__(self, name: str, timeout: float, tracker: ObjectTracker) -> None:

@@ -30,7 +30,13 @@ class ClockJumpError(ValueError):
 
 
 class Inputs:
-    """The newest state of the robot, with the states of the objects, by name, at the same time."""
+    """The newest state of the robot, with the states of the objects at the same time.
+
+    Parameters
+    ----------
+    objects : mapping of str to Sightings
+        The sightings of each object by its name.
+    """
 
     def __init__(self, objects: Mapping[str, Sightings]) -> None:
         self._objects = objects
@@ -62,9 +68,18 @@ class Inputs:
         return self._objects[name].add(time, there, self.time, self.pace, now)
 
     def robot(self, time: float, robot: RobotState, now: float = 0.0) -> World | None:
-        """Process odometry stamped `time` at `now` in real s; return the world, None if it is not newer.
+        """Process odometry; return the world at its stamp, or None if the stamp has not advanced.
 
         One message that is older than the last one came late and is ignored; two in a row are a reset.
+
+        Parameters
+        ----------
+        time : float
+            Stamp in s.
+        robot : RobotState
+            State of the robot.
+        now : float
+            Real time in s, which limits by how much the stamp may have advanced.
 
         Raises
         ------
@@ -72,8 +87,8 @@ class Inputs:
             The stamp is far ahead of the last one, or again older than it within a second: the message is
             ignored. The next one may confirm it.
         ClockJumpError
-            The second stamp in a row confirms a clock that went back or far ahead. All objects are forgotten;
-            the new clock counts.
+            The second stamp in a row is older than the last one, or confirms a clock far ahead. All objects
+            are forgotten; the new clock counts.
         """
         last, most = self.time, JUMP + _FASTEST * min(now - self._came, _LONGEST)
         if now - self._came > GAP * self.slowdown:

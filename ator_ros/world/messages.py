@@ -231,10 +231,18 @@ def command_from(message: Any, where: str) -> Command:
 
 
 def robot_from(odometry: Any, *, frame: str = "", where: str = "odom") -> tuple[float, RobotState]:
-    """Read time in s and state of a robot from a nav_msgs/Odometry, of rclpy or rosbags.
+    """Read time in s and state of a robot from a nav_msgs/Odometry.
 
-    The twist is the robot's own, unless `child_frame_id` is the frame of the pose: then it is rotated. The
-    pose must be in `frame`; empty: in any.
+    The twist is the robot's own, unless `child_frame_id` is the frame of the pose: then it is rotated.
+
+    Parameters
+    ----------
+    odometry : nav_msgs/Odometry
+        From rclpy or rosbags.
+    frame : str
+        The frame that the pose must be in; empty: any.
+    where : str
+        How errors name the message.
     """
     given = odometry.header.frame_id
     _expect_frame(given, f"{where}.header.frame_id", frame)
@@ -261,10 +269,15 @@ def robot_from_placement(
 class OdometryReader:
     """Reads the odometry of one robot in the order of arrival.
 
-    Attributes
+    Parameters
     ----------
     frame : str
         The frame that poses must be in; empty: that of the first message.
+
+    Attributes
+    ----------
+    frame : str
+        The frame of the poses; empty before the first message, if none was given.
     remark : str
         That pose and twist contradict each other, where the message read last showed it; once, else empty.
     """
@@ -287,7 +300,12 @@ class OdometryReader:
 class ObjectReader:
     """Reads the messages of one object in the order of arrival; without a velocity, it is estimated.
 
-    Positions must be in `frame`; empty: in any.
+    Parameters
+    ----------
+    source : ObjectSource
+        The object, and the type of its messages.
+    frame : str
+        The frame that positions must be in; empty: any.
     """
 
     def __init__(self, source: ObjectSource, frame: str = "") -> None:

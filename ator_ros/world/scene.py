@@ -28,7 +28,17 @@ Mass = Annotated[float, Within(0.001, 10_000.0)]
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """A rectangle in odometry's frame: length along x, width along y, free floor around, centre, in m."""
+    """A rectangle in the frame of odometry.
+
+    Attributes
+    ----------
+    length, width : float
+        Along x and along y, in m.
+    margin : float
+        Free floor around it in m.
+    x, y : float
+        Its centre in m.
+    """
 
     length: Extent
     width: Extent
@@ -80,7 +90,17 @@ class RoundObject:
 
 @dataclass(frozen=True, slots=True)
 class Bay:
-    """Three walls around an open front: its middle and inner sizes in m, the direction inward in rad."""
+    """Three walls around an open front, such as a dock or a goal.
+
+    Attributes
+    ----------
+    x, y : float
+        Middle of the front in m.
+    yaw : float
+        Direction into the bay in rad.
+    width, depth : float
+        Inner sizes in m.
+    """
 
     x: Place
     y: Place
@@ -91,7 +111,17 @@ class Bay:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What surrounds the robot: the area where it is meant to drive, objects by name, and bays."""
+    """What surrounds the robot.
+
+    Attributes
+    ----------
+    area : Area
+        Where it is meant to drive.
+    objects : mapping of str to RoundObject
+        The objects by name.
+    bays : tuple of Bay
+        The bays, which do not move.
+    """
 
     area: Area
     objects: Annotated[Mapping[Annotated[str, Name()], RoundObject], AtMost(MOST)] = field(

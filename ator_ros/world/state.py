@@ -13,7 +13,15 @@ from ator_ros.geometry import Pose
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A velocity command, the output of actions: v in m/s forward, w in rad/s counter-clockwise."""
+    """A velocity command, the output of actions.
+
+    Attributes
+    ----------
+    v : float
+        Translational velocity in m/s, positive forward.
+    w : float
+        Rotational velocity in rad/s, positive counter-clockwise.
+    """
 
     v: float = 0.0
     w: float = 0.0
@@ -27,10 +35,17 @@ CONTROL_PERIOD = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Standstill:
-    """Speeds v (m/s) and w (rad/s; infinite: turning does not matter) up to which something stands still.
+    """Speeds up to which something counts as standing still: the one definition, with a level for each use.
 
     The levels that several modules share are named below. Others are named where they belong, after what
     they decide.
+
+    Attributes
+    ----------
+    v : float
+        In m/s.
+    w : float
+        In rad/s; infinite where turning does not matter.
     """
 
     v: float

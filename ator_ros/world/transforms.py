@@ -84,7 +84,13 @@ class _Link:
 
 
 class Transforms:
-    """The recent transforms of all frames."""
+    """The recent transforms of all frames.
+
+    Attributes
+    ----------
+    newest : float or None
+        The newest stamp in s of all transforms that change; None before the first.
+    """
 
     def __init__(self) -> None:
         self._links: dict[str, _Link] = {}
@@ -95,7 +101,24 @@ class Transforms:
         return sorted({*self._links, *(link.parent for link in self._links.values())})
 
     def add(self, frame: str, child: str, time: float, placement: Placement, *, fixed: bool = False) -> None:
-        """Take the placement of `child` in `frame` at `time` (s), or at all times if it is `fixed`."""
+        """Take the placement of the frame `child` in `frame` at `time` (s).
+
+        Parameters
+        ----------
+        frame, child : str
+            The frames' names.
+        time : float
+            Its stamp in s.
+        placement : Placement
+            Finite, with a unit quaternion.
+        fixed : bool
+            Whether it holds at all times.
+
+        Raises
+        ------
+        ValueError
+            There are too many frames.
+        """
         link = self._links.get(child)
         if link is None or (link.parent, link.fixed) != (frame, fixed):
             link = self._links[child] = _Link(frame, fixed)

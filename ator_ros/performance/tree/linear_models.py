@@ -23,8 +23,12 @@ _ROUNDING = 1e-9
 class Standardised:
     """Rows centred and scaled for well-conditioned normal equations, and the way back to their units.
 
-    The columns of `rows` (n, n_features + 2) are the constant 1, the features and the target; all but the
-    first have mean 0 and deviation 1 (or 0). `mean` and `scale` are those of features and target.
+    Attributes
+    ----------
+    rows : array of float, shape (n, n_features + 2)
+        Columns: the constant 1, the features, the target; all but the first of mean 0 and deviation 1 (or 0).
+    mean, scale : array of float, shape (n_features + 1,)
+        Of the features and the target.
     """
 
     rows: FloatArray
@@ -65,7 +69,13 @@ def solve(moments: FloatArray) -> FloatArray:
 
 
 def residual_squares(moments: FloatArray) -> FloatArray:
-    """Return the sum of squared residuals of the models with all features; any leading shape."""
+    """Return the sum of squared residuals of the linear model with all features, shape (…).
+
+    Parameters
+    ----------
+    moments : array of float, shape (…, 2 + n_features, 2 + n_features)
+        Normal equations.
+    """
     weight = moments[..., 0, 0]
     scaled = moments / weight[..., None, None]
     terms = np.arange(moments.shape[-1] - 1)
@@ -77,9 +87,16 @@ def residual_squares(moments: FloatArray) -> FloatArray:
 
 
 def squared_error(models: FloatArray, moments: FloatArray) -> FloatArray:
-    """Return the sum of squared residuals of each node's model on the rows of its moments, shape (n_nodes,).
+    """Return the sum of squared residuals of each node's model on the rows that its moments were summed over.
 
-    Shapes are as in `fit_node_models`.
+    Parameters
+    ----------
+    models : array of float, shape (n_nodes, 1 + n_features)
+    moments : array of float, shape (n_nodes, 2 + n_features, 2 + n_features)
+
+    Returns
+    -------
+    array of float, shape (n_nodes,)
     """
     residual = np.column_stack([-models, np.ones(len(models))])
     error = np.einsum("ni,nij,nj->n", residual, moments, residual)
@@ -92,9 +109,21 @@ def corrected_error(
 ) -> FloatArray:
     """Return M5's estimate of the root-mean-square error on new rows: RMSE × (n + v) / (n − v).
 
-    All arrays have shape (n_nodes,): the sum of squared residuals on the learning rows, the total weight of
-    these, n (how many of them are independent), and v (the terms of the model with the constant). It is
-    infinite where there are no more samples than terms.
+    Parameters
+    ----------
+    squared : array of float, shape (n_nodes,)
+        Sum of squared residuals on the learning rows.
+    weight : array of float, shape (n_nodes,)
+        Total weight of these rows.
+    samples : array of float, shape (n_nodes,)
+        n: how many of them are independent.
+    terms : array of float, shape (n_nodes,)
+        v: how many terms the model has, the constant included.
+
+    Returns
+    -------
+    array of float, shape (n_nodes,)
+        Infinite where there are no more samples than terms.
     """
     spare = samples - terms
     factor = np.where(spare > 0, (samples + terms) / np.where(spare > 0, spare, 1.0), np.inf)

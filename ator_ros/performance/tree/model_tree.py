@@ -32,8 +32,19 @@ Children = Sequence[tuple[int, int] | None]
 def prune(children: Children, error: FloatArray, weight: FloatArray) -> BoolArray:
     """Return the nodes that become leaves: their own model is expected to err no more than the tree below.
 
-    `error` is the corrected error of each node's own linear model, `weight` that of its rows; all arrays have
-    shape (n_nodes,). Grown leaves are leaves, too; what lies below a leaf is cut off.
+    Parameters
+    ----------
+    children : sequence of (int, int) or None, length n_nodes
+        Nodes below, which have higher numbers; None at a grown leaf.
+    error : array of float, shape (n_nodes,)
+        Corrected error of each node's own linear model.
+    weight : array of float, shape (n_nodes,)
+        Total weight of each node's rows.
+
+    Returns
+    -------
+    array of bool, shape (n_nodes,)
+        True also at grown leaves; what lies below a leaf is cut off.
     """
     is_leaf = np.ones(len(error), dtype=bool)
     best = error.copy()
@@ -53,7 +64,14 @@ def smooth(children: Children, models: FloatArray, samples: FloatArray, *, smoot
 
     M5 filters a prediction p on its way up to the root, p' = (n p + k q) / (n + k) with q predicted by the
     node above. All of these are linear in the features, so that mixing coefficients once predicts the same.
-    `models` have shape (n_nodes, 1 + n_features), `samples` are n, and `smoothing` is k, 0 for none.
+
+    Parameters
+    ----------
+    children, samples
+        As in `prune`; `samples` are n.
+    models : array of float, shape (n_nodes, 1 + n_features)
+    smoothing : float
+        k, how many samples the model above counts for; 0 for none.
     """
     smoothed = models.copy()
     for node, below in enumerate(children):
@@ -68,9 +86,15 @@ def drop_traces(models: FloatArray, moments: FloatArray, error: FloatArray) -> F
 
     Smoothing leaves traces of the terms of all models above. They would clutter the rules and count as
     features that influence performance (paper, section 4.2). A term goes if its deviation over a node's rows
-    is less than a hundredth of the error; the constant takes over its mean. `models` have shape (n_nodes,
-    1 + n_features), their normal equations `moments` (n_nodes, 2 + n_features, 2 + n_features), and their
-    root-mean-square errors `error` (n_nodes,).
+    is less than a hundredth of the error; the constant takes over its mean.
+
+    Parameters
+    ----------
+    models : array of float, shape (n_nodes, 1 + n_features)
+    moments : array of float, shape (n_nodes, 2 + n_features, 2 + n_features)
+        Normal equations of the nodes.
+    error : array of float, shape (n_nodes,)
+        Root-mean-square error of each model.
     """
     features = np.arange(1, models.shape[1])
     weight = moments[:, :1, 0]
@@ -144,10 +168,16 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         sample_weight: ArrayLike | None = None,
         groups: ArrayLike | None = None,
     ) -> Self:
-        """Learn the tree from X (n, n_features) and y (n,).
+        """Learn the tree.
 
-        A row of `sample_weight` 2 counts as two rows, one of weight 0 as none. `groups` are labels of the
-        group of each row, for instance its episode.
+        Parameters
+        ----------
+        X : array of float, shape (n, n_features)
+        y : array of float, shape (n,)
+        sample_weight : array of float, shape (n,), optional
+            A row of weight 2 counts as two rows, one of weight 0 as none.
+        groups : array, shape (n,), optional
+            Label of the group of each row, for instance its episode.
         """
         self._check_parameters()
         checked = validate_data(self, X, y, dtype=np.float64, y_numeric=True, order="C")

@@ -74,7 +74,18 @@ class ModelTree:
         return tuple(name for name, is_used in zip(self.names, used, strict=True) if is_used)
 
     def apply(self, X: FloatArray) -> IntArray:
-        """Return the number of the leaf, shape (n,), that each row of finite features X falls into."""
+        """Return the leaf that each row falls into.
+
+        Parameters
+        ----------
+        X : array of float, shape (n, n_features)
+            Finite features, columns as in `names`.
+
+        Returns
+        -------
+        array of int, shape (n,)
+            Numbers of nodes.
+        """
         return self.evaluate(*self._rows_of(X))[1]
 
     @property
@@ -101,7 +112,12 @@ class ModelTree:
     def evaluate(self, rows: FloatArray, places: IntArray) -> tuple[FloatArray, IntArray]:
         """Return the prediction for n situations, and their leaves.
 
-        `rows` (any, n) hold finite values, those of a feature in a row; `places` are the rows of `names`.
+        Parameters
+        ----------
+        rows : array of float, shape (any, n)
+            Finite values, those of a feature in a row.
+        places : array of int, shape (n_features,)
+            The row of each of `names`.
         """
         value, leaf = np.empty(rows.shape[1]), np.empty(rows.shape[1], dtype=np.intp)
         _evaluate(
@@ -147,10 +163,20 @@ def _evaluate(
 
 @dataclass(frozen=True)
 class Rule:
-    """One leaf of a model tree, with the fields of `ModelTree`.
+    """One leaf of a model tree.
 
-    It holds where lower < value <= upper for the `bounds` of each feature, in the order of the path; infinite
-    where there is no bound. Slopes of 0 are left out.
+    Attributes
+    ----------
+    leaf : int
+        Number of the node.
+    bounds : dict of str to (float, float)
+        By feature, in the order of the path: the rule holds where lower < value <= upper; infinite where it
+        is not bounded.
+    intercept : float
+    slopes : dict of str to float
+        By feature, zeros left out.
+    spread, samples : float
+        Standard deviation to expect of the error, and independent samples that the rule was learned from.
     """
 
     leaf: int

@@ -17,7 +17,21 @@ _NonNegative = Annotated[float, Within(0.0)]
 
 @dataclass(frozen=True)
 class StoredLeaf:
-    """A leaf; slopes by feature, zeros left out; range: least and greatest prediction, None: no bound."""
+    """A leaf.
+
+    Attributes
+    ----------
+    samples : float
+        Training examples.
+    intercept : float
+        Of its linear model.
+    slopes : dict
+        By feature, zeros left out.
+    range : tuple of float or None
+        Least and greatest prediction; None: no bound.
+    spread : float
+        Standard deviation of the residuals.
+    """
 
     samples: _NonNegative
     intercept: float
@@ -92,7 +106,13 @@ def _stored_node(tree: ModelTree, number: int) -> StoredNode:
 
 
 def restored(tree: StoredTree) -> ModelTree:
-    """Return the tree that was stored; it predicts the same to the last bit."""
+    """Return the tree that was stored; it predicts the same to the last bit.
+
+    Raises
+    ------
+    ValueError
+        A node names a feature that the tree lacks.
+    """
     nodes = list(_preorder(tree.root))
     numbers = {id(node): number for number, node in enumerate(nodes)}
     column = {name: number for number, name in enumerate(tree.features)}
