@@ -19,6 +19,7 @@ def test_each_part_of_the_speed_is_measured(part: str, capsys: pytest.CaptureFix
     assert all(line.startswith((part, "longest tick")) for line in lines)
 
 
+@pytest.mark.long
 def test_learners_are_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = tmp_path / "experience.parquet"
     metadata = {"seed": 1, "domain": "soccer", "action_set": "default"}

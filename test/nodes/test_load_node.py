@@ -76,7 +76,6 @@ def test_what_is_too_large_is_refused_in_a_short_line(asker: Any) -> None:
     answers = [asker.call(request, timeout_sec=PATIENCE) for request in (long, text)]
     assert not any(answer.accepted for answer in answers)
     assert all(len(answer.reason) <= 200 and answer.reason.isprintable() for answer in answers)
-    assert not answers[0].chain.calls
 
 
 def test_each_of_many_goals_is_accepted_and_has_its_result(nodes: Nodes) -> None:

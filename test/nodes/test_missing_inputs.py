@@ -89,7 +89,7 @@ def test_an_object_with_stamps_of_another_clock_is_named(host: Host, client: Cli
     assert expected in outcome.reason
 
 
-@pytest.mark.parametrize("rate", [0.2, 0.1])
+@pytest.mark.parametrize("rate", [0.2, pytest.param(0.1, marks=pytest.mark.long)])
 def test_a_goal_succeeds_though_odometry_is_slower_than_real_time(
     host: Host, client: Client, rate: float
 ) -> None:
