@@ -1,9 +1,10 @@
-"""Balls that roll: chains refined along the way."""
+"""Balls that roll: chains refined along the way, and the observed deceleration of rolling objects."""
 
 from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 import pytest
 from refined_along import Along, RefinedAlong
 
@@ -15,8 +16,12 @@ from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, make_library, make_toolset
 from ator_ros.evaluation.trials import Trial, random_trial
+from ator_ros.execution.rolling import Rolling
+from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
+from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_rest
+from ator_ros.world.state import ObjectState, RobotState, World
 
 SOURCE = ToolsetSource()
 SEED = 453
@@ -73,3 +78,82 @@ def test_a_ball_that_leaves_in_any_turn_cannot_be_dribbled_and_the_action_says_s
     scene = dataclasses.replace(robot.scene, objects={"ball": ball})
     with pytest.raises(ActionError, match="ball stays in front"):
         DribbleBall(dataclasses.replace(robot, scene=scene)).setup()
+
+
+ROBOT = load_robot()
+DESCRIBED = ROBOT.scene.objects["ball"].rolling_deceleration
+PERIOD = 0.05
+
+
+@pytest.fixture(scope="module")
+def library() -> TopLibrary:
+    return make_library(ROBOT, SOURCE)
+
+
+def roll(
+    rolling: Rolling, deceleration: float, *, seconds: float = 1.0, away: float = 1.0, noise: float = 0.0
+) -> None:
+    """Let a ball roll away from the robot, from 1 m/s at `away` m before it."""
+    rng = np.random.default_rng(3)
+    for tick in range(round(seconds / PERIOD) + 1):
+        time = tick * PERIOD
+        speed = 1.0 - deceleration * time + noise * rng.standard_normal()
+        ball = ObjectState(away + time - deceleration * time**2 / 2.0, 0.0, speed, 0.0)
+        rolling.observe(World(time, RobotState(Pose(0.0, 0.0, 0.0)), {"ball": ball}))
+
+
+def deceleration(rolling: Rolling) -> float:
+    return rolling.robot().scene.objects["ball"].rolling_deceleration
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.03])
+def test_a_ball_that_rolls_twice_as_far_is_noticed_until_it_rolls_as_described(noise: float) -> None:
+    rolling = Rolling(ROBOT)
+    roll(rolling, DESCRIBED / 2.0, noise=noise)
+    assert deceleration(rolling) == pytest.approx(DESCRIBED / 2.0, abs=0.051)
+    assert "ball rolls" in rolling.diagnostics()
+    assert dataclasses.replace(rolling.robot(), scene=ROBOT.scene) == ROBOT  # nothing else differs
+    for _ in range(7):
+        roll(rolling, DESCRIBED)
+    assert rolling.robot() is ROBOT
+
+
+@pytest.mark.parametrize("share", [0.8, 1.0, 1.2])
+def test_a_ball_that_rolls_about_as_described_changes_nothing(share: float, library: TopLibrary) -> None:
+    rolling = Rolling(ROBOT)
+    roll(rolling, share * DESCRIBED, noise=0.01)
+    assert rolling.library(library) is library
+    assert rolling.diagnostics() == {}
+
+
+def test_what_is_pushed_braked_or_rolls_too_briefly_changes_nothing() -> None:
+    rolling = Rolling(ROBOT)
+    roll(rolling, 0.0, away=-0.5, seconds=0.9)  # past the robot, beside its front
+    for _ in range(2):
+        roll(rolling, DESCRIBED / 2.0, seconds=0.3)
+    assert rolling.robot() is ROBOT
+    for pushed in (0.0, DESCRIBED / 10.0, 2.0 * DESCRIBED):  # by another robot
+        rolling = Rolling(ROBOT)
+        for _ in range(9):
+            roll(rolling, pushed, seconds=0.6)
+        assert rolling.robot() is ROBOT
+
+
+@pytest.mark.parametrize("noise", [0.07, 0.2])
+def test_a_resting_ball_whose_velocity_is_noise_changes_nothing(noise: float) -> None:
+    rolling, rng = Rolling(ROBOT), np.random.default_rng(4)
+    for tick in range(2000):
+        ball = ObjectState(2.0, 0.0, *(noise * rng.standard_normal(2)))
+        rolling.observe(World(tick * PERIOD, RobotState(Pose(0.0, 0.0, 0.0)), {"ball": ball}))
+        assert rolling.robot() is ROBOT or tick % 20
+
+
+def test_a_robot_that_knows_the_floor_brakes_so_that_it_keeps_the_ball(library: TopLibrary) -> None:
+    item = dataclasses.replace(ROBOT.scene.objects[BALL], rolling_deceleration=DESCRIBED / 2.0)
+    actual = dataclasses.replace(ROBOT, scene=dataclasses.replace(ROBOT.scene, objects={BALL: item}))
+    rolling = Rolling(ROBOT)
+    roll(rolling, DESCRIBED / 2.0)
+    drawn = random_trial(SOCCER, "dribble", library, seed=77, index=2)
+    assert not run_chain(actual, library, drawn.world, drawn.chain).success
+    aware = run_chain(actual, library, drawn.world, drawn.chain, rolling=rolling)
+    assert aware.success, aware.reason
