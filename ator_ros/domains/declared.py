@@ -6,25 +6,25 @@ import dataclasses
 import itertools
 import math
 import shlex
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
 
 from ator_ros.actions import DEFAULT_SET, TIME_LIMIT
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
-from ator_ros.actions.remote import LONGEST, RemoteCall
+from ator_ros.actions.remote import Duration, RemoteCall
 from ator_ros.actions.situation import NoPlaceError, Situation, drawn_until, short_goal
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
-from ator_ros.schema import require
+from ator_ros.schema import Name, Within, require
 from ator_ros.tops.chain import Top, TopCall, TopChain
-from ator_ros.tops.conditions import Condition, Statement, Term
+from ator_ros.tops.conditions import Condition, Statement
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.ranges import USUAL_RANGES, Range
 from ator_ros.world.messages import FARTHEST, ObjectSource
@@ -32,10 +32,6 @@ from ator_ros.world.state import RobotState, World
 
 STATE_VARIABLES = (*(f"robot.{name}" for name in ("x", "y", "yaw", "v", "w")), "hold.x", "hold.y")
 """The variables of the robot's state that conditions may name."""
-
-
-def _check_name(name: str, field: str = "name") -> None:
-    require(is_name(name), field, "a name of letters, digits and _", name)
 
 
 T = TypeVar("T")
@@ -77,6 +73,8 @@ class DeclaredPlace:
 
 
 Places = tuple[DeclaredPlace, ...]
+Apart = Annotated[float, Within(0.0, FARTHEST)]
+"""A distance in m."""
 
 
 def _is_fixed(places: Places) -> bool:
@@ -86,10 +84,6 @@ def _is_fixed(places: Places) -> bool:
 
 def _check_places(name: str, places: Places) -> None:
     require(bool(places), name, "at least one place", list(places))
-
-
-def _check_apart(apart: float) -> None:
-    require(0.0 <= apart <= FARTHEST, "apart", f"a distance in m from 0 to {FARTHEST:g}", apart)
 
 
 def _drawn(
@@ -104,33 +98,38 @@ def _drawn(
     )
 
 
-def _drawn_again(draw: Callable[[], T]) -> T:
-    """Draw all places of a drive or a chain, again while one of them is too near the one before.
+def _drawn_in_time(
+    where: str, draw: Callable[[], T], length: Callable[[T], float], robot: Robot, time_limit: float
+) -> T:
+    """Draw a drive or a chain whose straight ways take at most `time_limit` (s) at full speed.
 
-    A place may be fixed, or too small for all that can precede it: then the one before must move.
+    All places are drawn again while one of them is too near the one before: a place may be fixed, or too
+    small for all that can precede it; then the one before must move.
+
+    Raises
+    ------
+    NoPlaceError
+        There is none; the message begins with `where`.
     """
-    for _ in range(_MOST_SEQUENCES - 1):
-        with suppress(NoPlaceError):
-            return draw()
-    return draw()
+    most = robot.limits.v * time_limit
 
+    def drawn() -> T:
+        for _ in range(_MOST_SEQUENCES - 1):
+            with suppress(NoPlaceError):
+                return draw()
+        return draw()
 
-@contextmanager
-def _naming(where: str) -> Iterator[None]:
-    """Say of which entry of the file it was that a place was missing."""
     try:
-        yield
+        return drawn_until(
+            drawn,
+            lambda found: length(found) <= most,
+            lambda: (
+                f"expected a way of {most:.2f} m at most, which robot {robot.name} drives at "
+                f"{robot.limits.v:g} m/s in the {time_limit:g} s of time_limit"
+            ),
+        )
     except NoPlaceError as error:
         raise NoPlaceError(f"{where}: {error}") from None
-
-
-def _too_far(robot: Robot, time_limit: float) -> str:
-    """Return in words what a way was expected to be that is driven in time."""
-    most = robot.limits.v * time_limit
-    return (
-        f"expected a way of {most:.2f} m at most, which robot {robot.name} drives at {robot.limits.v:g} m/s "
-        f"in the {time_limit:g} s of time_limit"
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,13 +138,12 @@ class DeclaredDrives:
 
     start: Places
     goal: Places
-    apart: float = 0.5
+    apart: Apart = 0.5
 
     def __post_init__(self) -> None:
         """Check that there are places."""
         _check_places("start", self.start)
         _check_places("goal", self.goal)
-        _check_apart(self.apart)
 
     def drawn(self, rng: np.random.Generator) -> tuple[Pose, Pose]:
         """Draw start and destination of a drive; raises NoPlaceError."""
@@ -177,13 +175,13 @@ def drawn_drive(
     NoPlaceError
         There is no such drive.
     """
-    most = robot.limits.v * time_limit
-    with _naming(f"drives of {action}"):
-        start, destination = drawn_until(
-            lambda: _drawn_again(lambda: drives.drawn(rng)),
-            lambda way: way[0].distance(way[1]) <= most,
-            lambda: _too_far(robot, time_limit),
-        )
+    start, destination = _drawn_in_time(
+        f"drives of {action}",
+        lambda: drives.drawn(rng),
+        lambda way: way[0].distance(way[1]),
+        robot,
+        time_limit,
+    )
     short = short_goal(start, rng)
     if short is not None and drives.contains(short):
         destination = short
@@ -227,16 +225,14 @@ class DeclaredChain:
     Two fixed places that follow each other may be nearer.
     """
 
-    name: str
+    name: Annotated[str, Name()]
     start: Places
     steps: tuple[DeclaredStep, ...]
-    apart: float = 0.5
+    apart: Apart = 0.5
 
     def __post_init__(self) -> None:
-        """Check name, places and the number of steps."""
-        _check_name(self.name)
+        """Check places and the number of steps."""
         _check_places("start", self.start)
-        _check_apart(self.apart)
         least, most = (sum(step.times[end] for step in self.steps) for end in (0, -1))
         require(least >= 1 and most <= _MOST_STEPS, "steps", f"1 to {_MOST_STEPS} of them", (least, most))
 
@@ -270,12 +266,13 @@ def drawn_chain(
     NoPlaceError
         There is none.
     """
-    with _naming(f"chain {chain.name}"):
-        return drawn_until(
-            lambda: _drawn_again(lambda: chain.drawn(library, rng)),
-            lambda drawn: _length(*drawn) <= robot.limits.v * time_limit,
-            lambda: _too_far(robot, time_limit),
-        )
+    return _drawn_in_time(
+        f"chain {chain.name}",
+        lambda: chain.drawn(library, rng),
+        lambda drawn: _length(*drawn),
+        robot,
+        time_limit,
+    )
 
 
 def _length(world: World, chain: TopChain) -> float:
@@ -288,22 +285,17 @@ def _length(world: World, chain: TopChain) -> float:
 class DeclaredTop:
     """A TOP; see `Top`. Its conditions are lists of terms with a tolerance or a range (low, high)."""
 
-    name: str
+    name: Annotated[str, Name()]
     action: str
     pre: tuple[Statement, ...] = ()
     post: tuple[Statement, ...] = ()
     point: Literal["axle", "hold"] = "axle"
-    settles: float = 0.0
+    # A robot that has stopped oscillates for seconds; a longer wait is an action of its own.
+    settles: Annotated[float, Within(0.0, 60.0)] = 0.0
 
     def __post_init__(self) -> None:
-        """Check the name, and that the post-condition says what the TOP is for."""
-        _check_name(self.name)
+        """Check that the post-condition says what the TOP is for."""
         require(bool(self.post), "post", "at least one term: success is the post-condition", list(self.post))
-        # A robot that has stopped oscillates for seconds; a longer wait is an action of its own.
-        require(0.0 <= self.settles <= 60.0, "settles", "a time in s from 0 to 60", self.settles)
-        terms = (term for term in (*self.pre, *self.post) if isinstance(term, Term))
-        least = min((term.tolerance for term in terms), default=0.0)
-        require(least >= 0.0, "tolerance", "a number that is not negative", least)
 
     def top(self) -> Top:
         """Return the TOP."""
@@ -338,7 +330,7 @@ class DeclaredAction:
         Of a remote action: the drives from which experience is gathered.
     """
 
-    name: str
+    name: Annotated[str, Name()]
     local: LocalAction | None = None
     remote: RemoteCall | None = None
     goal_variables: tuple[GoalVariable, ...] = ()
@@ -347,7 +339,6 @@ class DeclaredAction:
 
     def __post_init__(self) -> None:
         """Check that either `local` or `remote` is given, and nothing else with `local`."""
-        _check_name(self.name)
         given = [kind for kind in ("local", "remote") if getattr(self, kind) is not None]
         require(len(given) == 1, "local, remote", "one of the two", given)
         for part in ("goal_variables", "stand_in", "drives"):
@@ -440,7 +431,7 @@ class DeclaredServer:
 class DeclaredDomain:
     """A whole file; see docs/remote_actions.md."""
 
-    name: str
+    name: Annotated[str, Name()]
     tops: tuple[DeclaredTop, ...]
     actions: tuple[DeclaredAction, ...]
     objects: tuple[ObjectSource, ...] = ()
@@ -449,13 +440,10 @@ class DeclaredDomain:
     robot: str | None = None
     bays: bool = False
     servers: tuple[DeclaredServer, ...] = ()
-    time_limit: float = TIME_LIMIT
+    time_limit: Duration = TIME_LIMIT
 
     def __post_init__(self) -> None:
         """Check that names come once, and that chains name TOPs that there are."""
-        _check_name(self.name)
-        longest = f"a time in s above 0, at most {LONGEST:g}"
-        require(0.0 < self.time_limit <= LONGEST, "time_limit", longest, self.time_limit)
         for part in ("tops", "actions", "objects", "variables", "chains"):
             names = [entry.name for entry in getattr(self, part) or ()]
             twice = sorted({name for name in names if names.count(name) > 1})

@@ -44,33 +44,28 @@ def speeds_after(start: Any, acceleration: Any, times: FloatArray, v: float) -> 
     return np.asarray(np.clip(start + acceleration * times, -v, v))
 
 
-def displacements(angles: FloatArray, driving: TurnDriving, limits: Limits) -> FloatArray:
-    """Return where turns by `angles` end, seen from where they start.
+def displacement_table(angles: FloatArray, ways: Sequence[TurnDriving], limits: Limits) -> FloatArray:
+    """Return where turns end, seen from where they start; cached, as few are new.
 
     Parameters
     ----------
     angles : ndarray, shape (n,)
         Signed angles in rad.
-    driving : TurnDriving
+    ways : sequence of TurnDriving
         How the turns are driven.
     limits : Limits
         Greatest speed and turn acceleration.
 
     Returns
     -------
-    ndarray, shape (2, n)
+    ndarray, shape (ways, 2, n)
         Forward and leftward displacement in m in the frame of the start.
     """
-    return _driven(_headings(angles, driving.turn_rate, limits.aw), driving, limits)
-
-
-def displacement_table(angles: FloatArray, ways: Sequence[TurnDriving], limits: Limits) -> FloatArray:
-    """Compute `displacements` for several ways to drive, shape (ways, 2, n); cached, as few are new."""
     grid = angles.tobytes()
     return np.stack([_on_grid(grid, way, limits) for way in ways])
 
 
-class _Headings(NamedTuple):
+class Headings(NamedTuple):
     """What the turn rate decides: times in s, (n, 1), those of the nodes, cosine and sine, (n, 16)."""
 
     times: FloatArray
@@ -79,7 +74,8 @@ class _Headings(NamedTuple):
     sines: FloatArray
 
 
-def _headings(angles: FloatArray, turn_rate: float, aw: float) -> _Headings:
+def headings_of(angles: FloatArray, turn_rate: float, aw: float) -> Headings:
+    """Return the headings during turns by `angles` (rad), shape (n,), from rest to rest."""
     times = turn_time(angles[:, None], turn_rate, aw)
     size = np.maximum(np.abs(angles), 1e-12)[:, None]
     ramp, steady = turn_parts(size, turn_rate, aw)
@@ -91,20 +87,21 @@ def _headings(angles: FloatArray, turn_rate: float, aw: float) -> _Headings:
         np.where(rest < ramp, size - 0.5 * aw * rest * rest, aw * ramp * (now - 0.5 * ramp)),
     )
     headings = angles[:, None] * (done / size)
-    return _Headings(times, times * NODES, np.cos(headings), np.sin(headings))
+    return Headings(times, times * NODES, np.cos(headings), np.sin(headings))
 
 
-def _driven(along: _Headings, driving: TurnDriving, limits: Limits) -> FloatArray:
-    speeds = speeds_after(driving.speed, driving.acceleration, along.nodes, limits.v)
-    weighted = speeds * WEIGHTS * along.times
-    return np.stack(((weighted * along.cosines).sum(axis=-1), (weighted * along.sines).sum(axis=-1)))
+def displacements(turns: Headings, speed: float, acceleration: float, v: float) -> FloatArray:
+    """Return where turns end that begin at a speed (m/s) and change it (m/s^2) up to `v`, (2, n), in m."""
+    weighted = speeds_after(speed, acceleration, turns.nodes, v) * WEIGHTS * turns.times
+    return np.stack(((weighted * turns.cosines).sum(axis=-1), (weighted * turns.sines).sum(axis=-1)))
 
 
 @lru_cache(maxsize=2048)
 def _on_grid(angles: bytes, driving: TurnDriving, limits: Limits) -> FloatArray:
-    return _driven(_headings_on_grid(angles, driving.turn_rate, limits.aw), driving, limits)
+    turns = _headings_on_grid(angles, driving.turn_rate, limits.aw)
+    return displacements(turns, driving.speed, driving.acceleration, limits.v)
 
 
 @lru_cache(maxsize=128)
-def _headings_on_grid(angles: bytes, turn_rate: float, aw: float) -> _Headings:
-    return _headings(np.frombuffer(angles), turn_rate, aw)
+def _headings_on_grid(angles: bytes, turn_rate: float, aw: float) -> Headings:
+    return headings_of(np.frombuffer(angles), turn_rate, aw)

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from ator_ros.compiled import compiled, inlined, parallel_for, unlocked
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.displacements import NODES, WEIGHTS, speeds_after
+from ator_ros.motion.displacements import displacements, headings_of
 from ator_ros.motion.durations import (
     Rates,
     change_distance,
@@ -34,7 +34,6 @@ from ator_ros.motion.durations import (
     drive_time,
     forward_time,
     rates_of,
-    turn_parts,
     turn_time,
 )
 from ator_ros.robot.description import Limits
@@ -133,22 +132,10 @@ def _displacements(
     limits: Limits, profile: TurnProfile, speeds: FloatArray, angles: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return along and across, shapes (speeds, angles), of turns to the left with one profile."""
-    ramp, steady = turn_parts(angles, profile.rate, limits.aw)
-    time = 2.0 * ramp + steady
-    now, ramp = time[:, None] * NODES, ramp[:, None]
-    begin = np.minimum(now, ramp)
-    end = np.minimum(time[:, None] - now, ramp)
-    even = limits.aw * ramp * np.clip(now - ramp, 0.0, steady[:, None])
-    # Ramp up, even rate, ramp down: the last part is what the mirrored ramp still lacks.
-    heading = 0.5 * limits.aw * (begin * begin + ramp * ramp - end * end) + even
-    weight = WEIGHTS * time[:, None]
-    left = angles[:, None] - heading
-    cos, sin = weight * np.cos(left), -weight * np.sin(left)
-    along, across = (np.empty((len(speeds), len(angles))) for _ in range(2))
-    for row, speed in enumerate(speeds):
-        driven = speeds_after(speed, profile.change, now, limits.v)
-        along[row], across[row] = (driven * cos).sum(axis=1), (driven * sin).sum(axis=1)
-    return along, across
+    turns = headings_of(angles, profile.rate, limits.aw)
+    ends = np.stack([displacements(turns, speed, profile.change, limits.v) for speed in speeds.tolist()])
+    (x, y), c, s = np.moveaxis(ends, 1, 0), np.cos(angles), np.sin(angles)
+    return c * x + s * y, c * y - s * x
 
 
 _DETOUR = 7.2

@@ -1,12 +1,10 @@
 """A manoeuvre: straight lead, turn, straight drive, turn, straight run, each as fast as the limits allow.
 
-What is compiled rules out many manoeuvres at once. Its turn displacements equal those of `displacements` to
-rounding only; speeds and durations are the same to the last bit.
+It is compiled, since a search closes hundreds of manoeuvres.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +14,7 @@ import numpy as np
 
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.motion.displacements import NODES, WEIGHTS, TurnDriving, displacements
+from ator_ros.motion.displacements import NODES, WEIGHTS, TurnDriving
 from ator_ros.motion.durations import Rates, direction, drive_parts, rates_of, turn_parts, turn_time
 from ator_ros.robot.description import Limits
 
@@ -24,7 +22,8 @@ _TOLERANCE = 1e-7
 """Distance in m within which the drive of a closed manoeuvre meets the last turn."""
 _STEPS = 12
 """Steps of the secant method after which a manoeuvre counts as one that cannot be closed."""
-_SURE = 8  # steps after which rounding may have led elsewhere
+_BACKWARD = -1e-6
+"""Speed in m/s below which a robot drives backward."""
 SPEED_PIECES, TURN_PIECES = 13, 9
 """Pieces of a manoeuvre's velocities: three of a straight and two (speed) or three (rate) of a turn; while
 the robot drives straight, its turn rate has one."""
@@ -81,13 +80,6 @@ class Manoeuvre:
         """Planned time in s."""
         return float(self.pieces()[2])
 
-    def is_forward(self) -> bool:
-        """Return whether the robot never drives backward, and the drive suffices for its change of speed."""
-        speeds, _, _ = self.pieces()
-        before, after = speeds[4, 2], speeds[8, 1]
-        suffices = direction(self.distance, before, after, self.limits) > 0.0
-        return bool(suffices and np.all(speeds[speeds[:, 0] > 0.0, 2] >= -1e-6))
-
     def pieces(self) -> tuple[FloatArray, FloatArray, float]:
         """Return the velocity and the turn rate over time, and the duration in s; see `write_pieces`."""
         speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
@@ -117,44 +109,20 @@ class Bundle(NamedTuple):
     last: FloatArray
     distance: FloatArray
 
+    def manoeuvre(self, index: int, start: Pose, limits: Limits) -> Manoeuvre:
+        """Return one of the manoeuvres, from `start` with the speeds and accelerations of `limits`."""
+        entry, exit_ = (
+            Side(length, speed, TurnDriving(*turn))
+            for length, speed, *turn in (self.entries[:, index].tolist(), self.exits[:, index].tolist())
+        )
+        goal = Pose(*self.goals[:, index].tolist())
+        first, last, distance = self.first[index], self.last[index], self.distance[index]
+        return Manoeuvre(start, goal, entry, exit_, float(first), float(last), float(distance), limits)
+
 
 def side_table(sides: Sequence[Side]) -> FloatArray:
     """Return the numbers of sides as a bundle has them, shape (5, sides)."""
     return np.array([(side.length, side.outer_speed, *side.turn) for side in sides]).T
-
-
-def closed(manoeuvre: Manoeuvre) -> Manoeuvre | None:
-    """Solve for the first turn that makes the manoeuvre meet its goal, near the one it has.
-
-    Returns None where the secant method does not converge.
-    """
-    x0, x1 = manoeuvre.first, manoeuvre.first + 1e-4
-    (f0, _), (f1, distance) = _lateral_gap(manoeuvre, x0), _lateral_gap(manoeuvre, x1)
-    for _ in range(_STEPS):
-        if abs(f1) < _TOLERANCE:
-            last = manoeuvre.last - (x1 - manoeuvre.first)
-            return dataclasses.replace(manoeuvre, first=x1, last=last, distance=distance)
-        if f1 == f0:
-            return None
-        step = float(np.clip(-f1 * (x1 - x0) / (f1 - f0), -0.2, 0.2))
-        x0, f0 = x1, f1
-        x1 += step
-        f1, distance = _lateral_gap(manoeuvre, x1)
-    return None
-
-
-def _lateral_gap(manoeuvre: Manoeuvre, first: float) -> tuple[float, float]:
-    """Return how far the straight drive misses the last turn sideways, and its length, both in m."""
-    start, goal, limits = manoeuvre.start, manoeuvre.goal, manoeuvre.limits
-    entry, exit_ = manoeuvre.entry, manoeuvre.exit
-    last = manoeuvre.last - (first - manoeuvre.first)
-    one = displacements(np.array([first]), entry.turn, limits)[:, 0]
-    two = displacements(np.array([-last]), exit_.turn, limits)[:, 0]
-    begin = start.compose(Pose(entry.length + float(one[0]), float(one[1]), first))
-    end = goal.compose(Pose(-exit_.length - float(two[0]), -float(two[1]), 0.0))
-    dx, dy = end.x - begin.x, end.y - begin.y
-    c, s = math.cos(start.yaw + first), math.sin(start.yaw + first)
-    return c * dy - s * dx, c * dx + s * dy
 
 
 @compiled
@@ -203,16 +171,16 @@ def _gap(
 def close(
     first: float, last: float, start: Pose, goal: Pose, entry: FloatArray, leaving: FloatArray, bounds: Rates
 ) -> tuple[float, float, float, bool]:
-    """Solve for the first turn as `closed` does.
+    """Solve for the first turn that makes a manoeuvre meet its goal, near the one it has.
 
-    Returns both turns in rad, the drive in m, and whether it was found, for sure.
+    Returns both turns in rad, the drive in m, and whether the secant method has converged.
     """
     x0, x1, total = first, first + 1e-4, first + last
     f0, distance = _gap(x0, total - x0, start, goal, entry, leaving, bounds)
     f1, distance = _gap(x1, total - x1, start, goal, entry, leaving, bounds)
-    for step in range(_STEPS):
+    for _ in range(_STEPS):
         if abs(f1) < _TOLERANCE:
-            return x1, total - x1, distance, step < _SURE
+            return x1, total - x1, distance, True
         if f1 == f0:
             break
         change = min(max(-f1 * (x1 - x0) / (f1 - f0), -0.2), 0.2)
@@ -263,6 +231,16 @@ def write_pieces(
     for piece in range(SPEED_PIECES):
         total += speeds[piece, 0]
     return total
+
+
+@compiled
+def is_forward(speeds: FloatArray, distance: float, bounds: Rates) -> bool:
+    """Return whether the robot never drives backward, and the drive suffices for its change of speed."""
+    for piece in range(SPEED_PIECES):
+        if speeds[piece, 0] > 0.0 and speeds[piece, 2] < _BACKWARD:
+            return False
+    suffices: bool = direction(distance, speeds[4, 2], speeds[8, 1], bounds) > 0.0
+    return suffices
 
 
 @compiled

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.displacements import displacement_table, speeds_after
 from ator_ros.motion.durations import change_distance, drive_time, turn_time
-from ator_ros.motion.manoeuvre import Bundle, Manoeuvre, Side, side_table
+from ator_ros.motion.manoeuvre import Bundle, Side, side_table
 from ator_ros.motion.planning import Planning
 from ator_ros.robot.description import Limits
 
@@ -31,15 +31,12 @@ class Ends(NamedTuple):
 
     Attributes
     ----------
-    sides : sequence of Side
-        The n candidates.
     table : ndarray, shape (5, n)
-        Their numbers, as in `Bundle`.
+        The n candidates, as in `Bundle`.
     straight_times : ndarray, shape (n,)
         Times of the straight parts in s.
     """
 
-    sides: Sequence[Side]
     table: FloatArray
     straight_times: FloatArray
 
@@ -81,10 +78,10 @@ def search_tables(entries: Sequence[Side], exits: Sequence[Side], limits: Limits
     x = x + first[0][:, None]
     c, s = np.cos(GRID), np.sin(GRID)
     along, across = c * x + s * y, c * y - s * x
-    starts = Ends(entries, first, drive_time(first[0], first[1], first[2], limits))
+    starts = Ends(first, drive_time(first[0], first[1], first[2], limits))
     return SearchTables(
         starts,
-        Ends(exits, last, drive_time(last[0], last[2], last[1], limits)),
+        Ends(last, drive_time(last[0], last[2], last[1], limits)),
         limits,
         along,
         across,
@@ -115,7 +112,7 @@ _ROUNDING = 1e-9  # s
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """Manoeuvres found between two poses, fastest first.
+    """Manoeuvres found to a goal, fastest first.
 
     Attributes
     ----------
@@ -125,7 +122,6 @@ class Candidates:
         Turns in rad, straight drive in m, durations in s (to the grid's accuracy).
     """
 
-    start: Pose
     goal: Pose
     tables: SearchTables
     entries: NDArray[np.intp]
@@ -134,18 +130,6 @@ class Candidates:
     last: FloatArray
     distance: FloatArray
     times: FloatArray
-
-    def __getitem__(self, index: int) -> Manoeuvre:
-        return Manoeuvre(
-            self.start,
-            self.goal,
-            self.tables.entries.sides[self.entries[index]],
-            self.tables.exits.sides[self.exits[index]],
-            float(self.first[index]),
-            float(self.last[index]),
-            float(self.distance[index]),
-            self.tables.limits,
-        )
 
     def bundle(self, which: NDArray[np.intp]) -> Bundle:
         """Return the manoeuvres of the indices `which`, shape (n,)."""
@@ -194,7 +178,7 @@ def find_candidates(
     columns = [np.concatenate(column) for column in zip(*found, strict=True)]
     if len(columns[0]):
         yield _RANK_POINTS + len(columns[0]) // _CANDIDATES_A_POINT
-    return _ranked(start, goal, tables, least_slack, columns)
+    return _ranked(goal, tables, least_slack, columns)
 
 
 class _ExitParts(NamedTuple):
@@ -232,7 +216,7 @@ def _tried(
     shortest drive in m. None if there can be no such manoeuvre.
     """
     low, high = parts.low, parts.low + parts.along.shape[1]
-    entries, exits = np.arange(len(tables.entries.sides)), np.arange(len(tables.exits.sides))
+    entries, exits = np.arange(tables.entries.table.shape[1]), np.arange(tables.exits.table.shape[1])
     if math.isinf(longest):
         return entries, exits, low, high
     here, limits = slice(low, high - 1), tables.limits
@@ -285,9 +269,7 @@ def _roots(
     return entries, exits, first, turn - first, distance
 
 
-def _ranked(
-    start: Pose, goal: Pose, tables: SearchTables, least_slack: float, found: list[NDArray[Any]]
-) -> Candidates:
+def _ranked(goal: Pose, tables: SearchTables, least_slack: float, found: list[NDArray[Any]]) -> Candidates:
     limits, ends = tables.limits, (tables.entries, tables.exits)
     times, speeds = [], []
     for side, end in enumerate(ends):
@@ -303,4 +285,4 @@ def _ranked(
     durations += drive_time(found[4], speeds[0][kept], speeds[1][kept], limits)
     order = np.argsort(durations, kind="stable")
     entries, exits, first, last, distance = (column[order] for column in found)
-    return Candidates(start, goal, tables, entries, exits, first, last, distance, durations[order])
+    return Candidates(goal, tables, entries, exits, first, last, distance, durations[order])

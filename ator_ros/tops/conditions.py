@@ -9,13 +9,14 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import wrap_angle, wrap_angles
 from ator_ros.robot.description import Robot
+from ator_ros.schema import Within
 from ator_ros.world.state import RobotState, World
 
 # State variables
@@ -228,7 +229,7 @@ class Term:
 
     variable: str
     target: str | float
-    tolerance: float
+    tolerance: Annotated[float, Within(0.0)]
 
     @property
     def places(self) -> bool:

@@ -21,6 +21,7 @@ from ator_ros.domains.declared import (
     drawn_drive,
 )
 from ator_ros.domains.domain import find_domain
+from ator_ros.schema import structured
 
 TOUR = find_domain("tour")
 ROBOT = TOUR.robot()
@@ -94,7 +95,10 @@ def test_a_tour_has_four_to_six_stations_of_which_two_are_bound() -> None:
     ("make", "expected"),
     [
         (lambda: DeclaredPlace((1.0, 0.0), (0.0,)), "x: expected .*least, greatest"),
-        (lambda: DeclaredDrives(HALL, HALL, -1.0), "apart: expected a distance"),
+        (
+            lambda: structured({"start": [], "goal": [], "apart": -1.0}, DeclaredDrives),
+            "apart: expected a number",
+        ),
         (lambda: DeclaredChain("tour", HALL, ()), "steps: expected 1 to 32"),
     ],
 )

@@ -1,6 +1,6 @@
 """Plan the fastest manoeuvre to a goal that is clear of the ball and of the goals' walls.
 
-Compiled code rules out many at once; where rounding could matter, the exact check decides.
+Compiled code checks many candidates at once.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from ator_ros.motion.manoeuvre import (
     Manoeuvre,
     Side,
     close,
-    closed,
+    is_forward,
     write_pieces,
 )
 from ator_ros.motion.planning import Planning
 from ator_ros.motion.search import SearchTables, find_candidates, search_tables
-from ator_ros.motion.trajectory import DT, Trajectory
+from ator_ros.motion.trajectory import DT
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import ObjectState
 
@@ -61,22 +61,6 @@ class Obstacles:
     ball: ObjectState | None = None
     ball_margin: float = 0.04
     run: float = 0.0
-
-
-def is_clear(manoeuvre: Manoeuvre, obstacles: Obstacles, robot: Robot) -> bool:
-    """Return whether the robot touches no obstacle on the way."""
-    poses = Trajectory(manoeuvre).poses()
-    if touches_goals(poses[::_STRIDE], robot):
-        return False
-    ball = obstacles.ball
-    if ball is None:
-        return True
-    if obstacles.run > 0.0:
-        # In the run the ball lies straight ahead; a little more than that decides nothing.
-        far = np.hypot(poses[:, 0] - manoeuvre.goal.x, poses[:, 1] - manoeuvre.goal.y) > obstacles.run
-        last = int(np.flatnonzero(far)[-1]) + 1 if far.any() else 0
-        poses = poses[:last]
-    return not bool(np.any(ball_distances(poses[::_STRIDE], ball, robot) < obstacles.ball_margin))
 
 
 def is_free(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> bool:
@@ -151,12 +135,8 @@ def _outline_distance(dx: Any, dy: Any, yaw: Any, shape: _Outline) -> Any:
     return np.minimum(body, fins)
 
 
-_DOUBT = 1e-8
-"""Margin in m, s or m/s within which the exact check decides."""
-_BACKWARD = -1e-6
-"""Speed in m/s below which a robot drives backward."""
-IMPOSSIBLE, TOUCHES, OPEN = 0, 1, 2
-"""Verdicts on a manoeuvre: it is not allowed, it touches something, or the exact check has to decide."""
+IMPOSSIBLE, TOUCHES, CLEAR = 0, 1, 2
+"""Verdicts on a manoeuvre: it is not allowed, it touches something, or it can be driven."""
 
 
 class _BallObstacle(NamedTuple):
@@ -169,7 +149,7 @@ class _BallObstacle(NamedTuple):
     run: float
 
 
-def screened(
+def checked(
     start: Pose,
     bundle: Bundle,
     limits: Limits,
@@ -178,8 +158,8 @@ def screened(
     longest: FloatArray | None = None,
     *,
     forward_only: bool = False,
-) -> NDArray[np.int8]:
-    """Judge manoeuvres without the exact check.
+) -> tuple[NDArray[np.int8], Bundle]:
+    """Close manoeuvres, and check whether they can be driven.
 
     Parameters
     ----------
@@ -190,18 +170,20 @@ def screened(
 
     Returns
     -------
-    ndarray of int8, shape (n,)
-        `IMPOSSIBLE`, `TOUCHES` or `OPEN`.
+    verdicts : ndarray of int8, shape (n,)
+        `IMPOSSIBLE`, `TOUCHES` or `CLEAR`.
+    closed : Bundle
+        The manoeuvres, closed; those that cannot be closed are impossible.
     """
     ball, area = obstacles.ball, robot.scene.area
     x, y = (np.nan, np.nan) if ball is None else (ball.x - area.x, ball.y - area.y)
     in_the_way = (x, y, robot.scene.radius(BALL), obstacles.ball_margin, obstacles.run)
     # Walls are mirrored, so places are relative to the centre of the area.
     goals = bundle.goals - np.array([[area.x], [area.y], [0.0]])
-    columns = (np.ascontiguousarray(column, dtype=float) for column in bundle._replace(goals=goals))
-    return _judge(
+    closed = Bundle(*(np.array(column, dtype=float, order="C") for column in bundle._replace(goals=goals)))
+    verdicts = _judge(
         Pose(*map(float, (start.x - area.x, start.y - area.y, start.yaw))),
-        Bundle(*columns),
+        closed,
         rates_of(limits),
         _outline(robot),
         _BallObstacle(*map(float, in_the_way)),
@@ -209,6 +191,7 @@ def screened(
         longest is None,
         forward_only,
     )
+    return verdicts, closed._replace(goals=bundle.goals)
 
 
 @compiled
@@ -222,7 +205,7 @@ def _judge(
     are_closed: bool,
     forward: bool,
 ) -> NDArray[np.int8]:
-    verdicts = np.full(len(longest), OPEN, dtype=np.int8)
+    verdicts = np.full(len(longest), IMPOSSIBLE, dtype=np.int8)
     speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
     poses, times = np.empty((0, 3)), np.empty(0)
     for row in range(len(longest)):
@@ -233,24 +216,16 @@ def _judge(
             first, last, distance, found = close(first, last, start, goal, entry, leaving, bounds)
             if not found:
                 continue
+            many.first[row], many.last[row], many.distance[row] = first, last, distance
         duration = write_pieces(speeds, turns, first, last, distance, entry, leaving, bounds)
-        if forward and duration <= longest[row] + _DOUBT:
-            back = hardly = False
-            for piece in range(SPEED_PIECES):
-                hardly |= speeds[piece, 2] < _BACKWARD + _DOUBT and speeds[piece, 0] > -_DOUBT
-                back |= speeds[piece, 2] < _BACKWARD - _DOUBT and speeds[piece, 0] > _DOUBT
-            if back:
-                verdicts[row] = IMPOSSIBLE
-            if back or hardly:
-                continue
-        if duration > longest[row] + _DOUBT:
-            verdicts[row] = IMPOSSIBLE
-        elif duration < longest[row] - _DOUBT:
-            most = int(duration / DT) + 3
-            if most > len(times):
-                poses, times = np.empty((2 * most, 3)), np.empty(2 * most)
-            if _touches(poses, times, speeds, turns, duration, start, goal, shape, ball):
-                verdicts[row] = TOUCHES
+        # After closing, a drive may be too short for its change of speed: the robot would have to come back.
+        if duration > longest[row] or (forward and not is_forward(speeds, distance, bounds)):
+            continue
+        most = int(duration / DT) + 3
+        if most > len(times):
+            poses, times = np.empty((2 * most, 3)), np.empty(2 * most)
+        touches = _touches(poses, times, speeds, turns, duration, start, goal, shape, ball)
+        verdicts[row] = TOUCHES if touches else CLEAR
     return verdicts
 
 
@@ -266,7 +241,7 @@ def _touches(
     shape: _Outline,
     ball: _BallObstacle,
 ) -> bool:
-    """Return whether the robot certainly touches a wall or the ball where `is_clear` looks."""
+    """Return whether the robot touches a wall or the ball."""
     count = _sample(poses, times, pieces, turns, duration, start)
     end = count - 1
     span = max(times[end], DT)
@@ -275,31 +250,24 @@ def _touches(
     for index in range(count):
         poses[index, 0] += times[index] * off_x
         poses[index, 1] += times[index] * off_y
-    seen = count - 1
-    while seen > 0 and times[seen] >= duration - _DOUBT:
-        seen -= 1
-    for index in range(0, seen + 1, _STRIDE):
+    for index in range(0, count, _STRIDE):
         x, y = abs(poses[index, 0]), abs(poses[index, 1])
         if x > shape.line - shape.reach:
             distance = wall_distance(x, y, shape.line, shape.half, shape.depth)
-            if distance < shape.reach - _DOUBT:
+            if distance < shape.reach:
                 return True
     if math.isnan(ball.x):
         return False
-    if ball.run > 0.0:
-        before = end
-        while before >= 0 and (
-            math.hypot(poses[before, 0] - goal.x, poses[before, 1] - goal.y) <= ball.run + _DOUBT
-        ):
-            before -= 1
-        seen = min(seen, before)
+    if ball.run > 0.0:  # in the run the ball lies straight ahead
+        while end >= 0 and math.hypot(poses[end, 0] - goal.x, poses[end, 1] - goal.y) <= ball.run:
+            end -= 1
     near = max(shape.reach, math.hypot(max(shape.front, shape.rear), shape.half_width))
     near += ball.radius + ball.margin
-    for index in range(0, seen + 1, _STRIDE):
+    for index in range(0, end + 1, _STRIDE):
         dx, dy = ball.x - poses[index, 0], ball.y - poses[index, 1]
         if abs(dx) < near and abs(dy) < near:
             yaw = poses[index, 2] + times[index] * off_yaw
-            if _outline_distance(dx, dy, yaw, shape) - ball.radius < ball.margin - _DOUBT:
+            if _outline_distance(dx, dy, yaw, shape) - ball.radius < ball.margin:
                 return True
     return False
 
@@ -368,12 +336,12 @@ def batches(order: NDArray[np.intp], times: FloatArray) -> Iterator[NDArray[np.i
 
 
 def check_points(duration: float) -> int:
-    """Return the cost in points of the exact check of a manoeuvre of `duration` s; see `planning`."""
+    """Return the cost in points of a manoeuvre of `duration` s that is followed; see `planning`."""
     return 15 + int(duration / 1.5)
 
 
 def screening_points(durations: FloatArray) -> int:
-    """Return the cost of screening manoeuvres of some `durations` (s), shape (n,)."""
+    """Return the cost of checking manoeuvres of some `durations` (s), shape (n,)."""
     return int(4.0 + 0.2 * len(durations) + 0.02 * float(durations.sum()))
 
 
@@ -445,32 +413,24 @@ def fastest(
     short = np.searchsorted(candidates.times, most, side="right")
     for which in batches(np.arange(short), candidates.times):
         bounds = candidates.times[which] + _SURPRISE
-        verdicts = np.full(len(which), OPEN, dtype=np.int8)
-        if len(which) > 1:
-            yield screening_points(bounds)
-            bundle = candidates.bundle(which)
-            verdicts = screened(
-                start, bundle, tables.limits, obstacles, robot, bounds, forward_only=forward_only
-            )
-        for at, verdict in enumerate(verdicts):
-            if verdict == TOUCHES:
-                tries -= 1
-            if verdict != OPEN:
-                continue
-            if tries <= 0:
-                break
-            yield check_points(bounds[at])
-            manoeuvre = closed(candidates[int(which[at])])
-            if manoeuvre is None or manoeuvre.duration > bounds[at]:
-                continue
-            # After closing, a drive may be too short for its change of speed: it would have to come back.
-            if forward_only and not manoeuvre.is_forward():
-                continue
-            if is_clear(manoeuvre, obstacles, robot):
-                return manoeuvre
-            tries -= 1
+        yield screening_points(bounds) if len(which) > 1 else check_points(bounds[0])
+        verdicts, closed = checked(
+            start,
+            candidates.bundle(which),
+            tables.limits,
+            obstacles,
+            robot,
+            bounds,
+            forward_only=forward_only,
+        )
+        first = int(np.append(np.flatnonzero(verdicts == CLEAR), len(which))[0])
+        tries -= int(np.count_nonzero(verdicts[:first] == TOUCHES))
         if tries <= 0:
             break
+        if first < len(which):
+            if len(which) > 1:
+                yield check_points(bounds[first])
+            return closed.manoeuvre(first, start, tables.limits)
     raise ActionError(
         f"expected a free way from ({start.x:.2f}, {start.y:.2f}) m "
         f"to ({goal.x:.2f}, {goal.y:.2f}) m, found none"

@@ -19,17 +19,16 @@ from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of, is_in_goal
 from ator_ros.domains.soccer.planned.holding import HoldingAction, release_sides, run_up_sides
 from ator_ros.domains.soccer.planned.planner import (
-    TOUCHES,
+    CLEAR,
     Obstacles,
     batches,
     check_points,
+    checked,
     fastest,
-    is_clear,
-    screened,
     screening_points,
 )
 from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angles
-from ator_ros.motion.displacements import TurnDriving, displacement_table, speeds_after
+from ator_ros.motion.displacements import displacement_table, speeds_after
 from ator_ros.motion.durations import drive_time, turn_time
 from ator_ros.motion.manoeuvre import Bundle, Manoeuvre, Side, side_table
 from ator_ros.motion.planning import Planning
@@ -64,15 +63,14 @@ def _run_up(
     found = yield from _run_ups(robot, start, mouth, entries, limits)
     obstacles = Obstacles()
     for which in batches(np.arange(len(found)), found.times):
-        touches = np.zeros(len(which), dtype=bool)
-        if len(which) > 1:
-            yield screening_points(found.times[which])
-            touches = screened(start, found.bundle(which), limits, obstacles, robot) == TOUCHES
-        for index in which[~touches]:
-            yield check_points(found.times[index])
-            manoeuvre = found.manoeuvre(int(index))
-            if is_clear(manoeuvre, obstacles, robot):
-                return manoeuvre
+        several = len(which) > 1
+        yield screening_points(found.times[which]) if several else check_points(found.times[which[0]])
+        verdicts, closed = checked(start, found.bundle(which), limits, obstacles, robot)
+        clear = np.flatnonzero(verdicts == CLEAR)
+        if len(clear):
+            if several:
+                yield check_points(found.times[which[clear[0]]])
+            return closed.manoeuvre(clear[0], start, limits)
     return None
 
 
@@ -80,7 +78,6 @@ def _run_up(
 class _RunUps:
     """Run-ups, fastest first."""
 
-    start: Pose
     mouth: Pose
     limits: Limits
     sides: FloatArray  # (5, n): leads and turns, as in `Bundle`
@@ -104,22 +101,6 @@ class _RunUps:
         exits = np.stack((nothing, released, released, nothing, np.full(len(which), self.limits.w)))
         return Bundle(goals, self.sides[:, which], exits, self.turns[which], nothing, distance)
 
-    def manoeuvre(self, index: int) -> Manoeuvre:
-        """Return one of them."""
-        length, outer, *turn = self.sides[:, index].tolist()
-        released, distance = float(self.released[index]), float(self.distances[index])
-        last = Pose(*self.straights[:, index].tolist()).ahead(distance)
-        return Manoeuvre(
-            self.start,
-            self.mouth.compose(last),
-            Side(length, outer, TurnDriving(*turn)),
-            Side(0.0, released, TurnDriving(released, 0.0, self.limits.w)),
-            float(self.turns[index]),
-            0.0,
-            distance,
-            self.limits,
-        )
-
 
 def _run_ups(
     robot: Robot, start: Pose, mouth: Pose, entries: Sequence[Side], limits: Limits
@@ -141,7 +122,7 @@ def _run_ups(
             latest = float(np.partition(columns[-1], _GRID_TRIES - 1)[_GRID_TRIES - 1])
             columns = columns[:, columns[-1] <= latest]
     columns = columns[:, np.argsort(columns[-1], kind="stable")[:_GRID_TRIES]]
-    return _RunUps(start, mouth, limits, columns[:5], columns[5:8], *columns[8:])
+    return _RunUps(mouth, limits, columns[:5], columns[5:8], *columns[8:])
 
 
 def _of_sides(
