@@ -11,7 +11,7 @@ from rclpy.node import Node
 from ator_ros.nodes.diagnosis import bases, motion_cause, node_of, type_name
 from ator_ros.nodes.messages import stamp_of, twist_of
 from ator_ros.nodes.parameters import STAMPED
-from ator_ros.nodes.qos import COMMANDS
+from ator_ros.nodes.qos import NEWEST
 from ator_ros.world.state import Command
 
 _TOPIC = "cmd_vel"
@@ -42,7 +42,7 @@ class CommandPublisher:
 
     def _use(self, stamped: bool) -> None:
         self._stamped, self.changed = stamped, time.monotonic()
-        self._publisher = self._node.create_publisher(self.kind, _TOPIC, COMMANDS)
+        self._publisher = self._node.create_publisher(self.kind, _TOPIC, NEWEST)
 
     @property
     def kind(self) -> Any:

@@ -13,7 +13,6 @@ from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ator_ros.nodes.inputs import Input, TfListener
-from ator_ros.nodes.qos import RESULTS, SENSOR_DATA
 from ator_ros.printable import printable
 from ator_ros.world.messages import FrameError
 
@@ -81,82 +80,42 @@ class Diagnosis:
         self._receptions[name].reject(error, now)
 
     def rate_problem(self, name: str, timeout: float) -> str:
-        """Return that messages of an input come too rarely to drive by; empty if they do not."""
-        return rate_problem(self._inputs[name].topic, self._receptions[name], timeout)
+        """Return that messages of an input come too rarely to drive by, and what to do; else nothing.
+
+        `timeout` is the real s within which messages are expected; after half of it the robot pauses.
+        """
+        gaps = self._receptions[name].gaps
+        if len(gaps) < _GAPS or min(gaps) <= 0.5 * timeout:
+            return ""
+        text = _too_rare(self._inputs[name].topic, min(gaps), timeout)
+        return f"{text}: the robot pauses between them"
 
     def cause(self, name: str, timeout: float) -> str:
         """Return why an input is missing, in one sentence; `timeout` is its longest allowed gap in real s."""
-        item, reception = self._inputs[name], self._receptions[name]
-        if item.frames is not None and reception.error is None and self._node.count_publishers(item.topic):
+        item, reception, node = self._inputs[name], self._receptions[name], self._node
+        topic, kind = item.topic, item.kind
+        if item.frames is not None and reception.error is None and node.count_publishers(topic):
             return self._tf.lacking(*item.frames)
-        return input_cause(
-            self._node,
-            item.topic,
-            item.kind,
-            reception,
-            timeout=timeout,
-            reference=self._receptions["odom"].stamp if name != "odom" else math.nan,
-            qos=SENSOR_DATA if item.frames is None else RESULTS,
-            known=tuple(self.topics),
-        )
-
-
-def input_cause(
-    node: Node,
-    topic: str,
-    kind: type,
-    reception: Reception,
-    *,
-    timeout: float,
-    reference: float = math.nan,
-    qos: QoSProfile = SENSOR_DATA,
-    known: Collection[str] = (),
-) -> str:
-    """Return the most likely cause why no usable messages arrive on a topic, in one sentence.
-
-    Parameters
-    ----------
-    node : Node
-        The node that subscribes with the profile `qos`.
-    topic, kind : str, type
-        The name before remapping, and the type of the messages.
-    reception : Reception
-        The last messages, expected within `timeout` real s.
-    reference : float
-        Last stamp of odometry in s, with which the stamps of objects are compared.
-    known : collection of str
-        Other topics that the node subscribes to: they are no candidates for a remapping.
-    """
-    infos = node.get_publishers_info_by_topic(topic)
-    senders = [info for info in infos if info.topic_type == type_name(kind)]
-    if not senders:
-        return type_mismatch(node, topic, kind) or _unconnected(node, topic, kind, known)
-    sender = node_of(senders[0])
-    reasons = [_incompatibility(info.qos_profile, qos) for info in senders]
-    if all(reasons):
-        return f"{topic}: the quality of service of {sender} does not fit: {reasons[0]}"
-    if reception.error is not None:
-        return _rejected(topic, sender, reception, reference)
-    if reception.repeats >= _REPEATS:
-        return (
-            f"{topic}: the stamps of {sender} stay at {reception.stamp:.2f} s: expected stamps that advance; "
-            "is the simulation paused, or does the driver not set them?"
-        )
-    if math.isinf(reception.last):
-        return f"{topic}: {sender} publishes it, but sends no messages"
-    if reception.gaps and reception.gaps[-1] > 0.5 * timeout:
-        return _too_rare(topic, reception.gaps[-1], timeout)
-    return f"{topic}: {sender} sends no more messages: it is paused, blocked or has ended"
-
-
-def rate_problem(topic: str, reception: Reception, timeout: float) -> str:
-    """Return that messages come too rarely to drive by, and what to do; empty if they do not.
-
-    `timeout` is the real s within which messages are expected; after half of it the robot pauses.
-    """
-    if len(reception.gaps) < _GAPS or min(reception.gaps) <= 0.5 * timeout:
-        return ""
-    return f"{_too_rare(topic, min(reception.gaps), timeout)}: the robot pauses between them"
+        infos = node.get_publishers_info_by_topic(topic)
+        senders = [info for info in infos if info.topic_type == type_name(kind)]
+        if not senders:
+            return type_mismatch(node, topic, kind) or _unconnected(node, topic, kind, tuple(self.topics))
+        sender = node_of(senders[0])
+        reasons = [_incompatibility(info.qos_profile, item.qos) for info in senders]
+        if all(reasons):
+            return f"{topic}: the quality of service of {sender} does not fit: {reasons[0]}"
+        if reception.error is not None:
+            return _rejected(topic, sender, reception, self._receptions["odom"].stamp)
+        if reception.repeats >= _REPEATS:
+            return (
+                f"{topic}: the stamps of {sender} stay at {reception.stamp:.2f} s: expected stamps that "
+                "advance; is the simulation paused, or does the driver not set them?"
+            )
+        if math.isinf(reception.last):
+            return f"{topic}: {sender} publishes it, but sends no messages"
+        if reception.gaps and reception.gaps[-1] > 0.5 * timeout:
+            return _too_rare(topic, reception.gaps[-1], timeout)
+        return f"{topic}: {sender} sends no more messages: it is paused, blocked or has ended"
 
 
 def _too_rare(topic: str, gap: float, timeout: float) -> str:

@@ -13,10 +13,10 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 
 from ator_ros.nodes.parameters import STATE, SetupError
-from ator_ros.nodes.qos import RESULTS, SENSOR_DATA
+from ator_ros.nodes.qos import LATCHED_BY_MANY, RESULTS, SENSOR_DATA
 from ator_ros.robot.description import Robot
 from ator_ros.world.estimation import RobotVelocity
 from ator_ros.world.messages import (
@@ -38,13 +38,6 @@ try:
 except ImportError:  # ROS without tf
     TFMessage = None
 
-_FIXED = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=100,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-"""For /tf_static, on which each of many publishers keeps its last message."""
 _WARNING_PERIOD = 2.0
 _MOST_NAMED = 8
 
@@ -89,8 +82,8 @@ class TfListener:
         if TFMessage is None:
             raise SetupError(f"{child} is to come from tf: expected the package tf2_msgs, got none")
         if not self._followed:
-            self._node.create_subscription(TFMessage, "/tf_static", partial(self._take, fixed=True), _FIXED)
-            self._node.create_subscription(TFMessage, "/tf", partial(self._take, fixed=False), RESULTS)
+            for topic, fixed, qos in (("/tf_static", True, LATCHED_BY_MANY), ("/tf", False, RESULTS)):
+                self._node.create_subscription(TFMessage, topic, partial(self._take, fixed=fixed), qos)
         self._followed.append(_Followed(frame, child, take))
 
     def _take(self, message: Any, *, fixed: bool) -> None:
@@ -113,12 +106,13 @@ class Input:
 
     topic: str
     kind: Any
+    qos: QoSProfile
     frames: tuple[str, str] | None = None
 
     @classmethod
     def of_tf(cls, frame: str, child: str) -> Input:
         """Return the input of the frame `child` in `frame`."""
-        return cls("/tf", TFMessage, (frame, child))
+        return cls("/tf", TFMessage, RESULTS, (frame, child))
 
 
 class RobotSource:
@@ -148,7 +142,7 @@ class RobotSource:
         self._from_tf = settings[STATE.name] == "tf"
         self._reader = OdometryReader(settings["frame"])
         if not self._from_tf:
-            self.input = Input("odom", Odometry)
+            self.input = Input("odom", Odometry, SENSOR_DATA)
             node.create_subscription(Odometry, "odom", partial(self._read, self._reader.read), SENSOR_DATA)
             return
         if len(set(frames)) < 2:
@@ -211,7 +205,7 @@ class ObjectSources:
             else:
                 callback = partial(self._read, source.name, reader.read)
                 kind, topic = TYPES[source.type], source.listened
-                self.inputs[source.name] = Input(topic, kind)
+                self.inputs[source.name] = Input(topic, kind, SENSOR_DATA)
                 node.create_subscription(kind, topic, callback, SENSOR_DATA)
 
     def _read(self, name: str, read: Callable[..., tuple[float, ObjectState]], *message: Any) -> None:

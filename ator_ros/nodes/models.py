@@ -136,8 +136,6 @@ class LearnedSets(Generic[User]):
     load : callable
         Makes what the node works with of a folder of models; called in a thread when a set is new, and may
         not touch what the node uses.
-    taken : callable, optional
-        Called with what was loaded before it is used, in the thread of the node.
 
     Attributes
     ----------
@@ -152,9 +150,8 @@ class LearnedSets(Generic[User]):
         models: str,
         learned: str,
         load: Callable[[Path], Loaded[User]],
-        taken: Callable[[Loaded[User]], None] = lambda _: None,
     ) -> None:
-        self._node, self._load, self._taken = node, load, taken
+        self._node, self._load = node, load
         self._folder = Path(learned).expanduser() if learned else None
         self._threads = ThreadPoolExecutor(1)
         self._loading: Future[tuple[Manifest, Loaded[User]]] | None = None
@@ -174,7 +171,6 @@ class LearnedSets(Generic[User]):
             else:
                 self._source, place = "shipped models", domain.shipped_models
             self.present = load(place)
-        taken(self.present)
         if self._folder is not None:
             node.create_timer(_PERIOD, self._look, clock=STEADY)
 
@@ -205,7 +201,6 @@ class LearnedSets(Generic[User]):
         except Exception as error:  # whatever it is, the node continues with what it has
             self._log_failure(error)
             return
-        self._taken(loaded)
         self.present = loaded
         self._switches += 1
         self._node.get_logger().info(f"switched to the learned set {_described(self._manifest)}")

@@ -1,30 +1,25 @@
-"""The quality of service of our topics."""
+"""The quality of service of our topics; rclpy's defaults are keep-last, reliable and volatile."""
 
 from __future__ import annotations
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-SENSOR_DATA = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+SENSOR_DATA = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 """For sensor topics, and for subscribing to commands: only the newest message counts."""
 
-STATES = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE)
-"""For publishing sensor data: fits best-effort and reliable subscriptions of volatile durability."""
+NEWEST = QoSProfile(depth=1)
+"""For publishing sensor data and commands: fits best-effort and reliable volatile subscriptions."""
 
-COMMANDS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE)
-"""For publishing commands: fits best-effort and reliable subscriptions of volatile durability."""
-
-RESULTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.RELIABLE)
+RESULTS = QoSProfile(depth=100)
 """For records, all of which must arrive."""
 
-LATCHED = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """For state that late subscribers must receive: the last record, the robot's description."""
 
-SERVICES = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=2000, reliability=ReliabilityPolicy.RELIABLE)
+LATCHED_BY_MANY = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""For subscribing to latched topics of many publishers, and to latched records, all of which must arrive."""
+
+SERVICES = QoSProfile(depth=2000)
 """For services and actions, and their clients.
 
 Requests beyond the depth are lost silently, and rclpy's depth of 10 is soon reached. Keep-all would not help:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import time
 import traceback
-from collections.abc import Mapping
-from typing import Any
 
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
@@ -18,7 +17,7 @@ from ator_ros.execution.fence import Fence
 from ator_ros.nodes import messages
 from ator_ros.nodes.diagnostics import Diagnostics, Health
 from ator_ros.nodes.drawing import LazyPublisher, marker_array
-from ator_ros.nodes.models import LEARNED, LearnedSets, Loaded, load_refiners
+from ator_ros.nodes.models import LEARNED, LearnedSets, load_refiners
 from ator_ros.nodes.parameters import (
     DOMAIN,
     FENCE,
@@ -36,7 +35,7 @@ from ator_ros.nodes.plans import PlanService
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.refinement import RefinementError
-from ator_ros.refinement.gate import Gate, OpenGate, opened
+from ator_ros.refinement.gate import OpenGate, opened
 from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.refinement.refiner import Refinement, Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
@@ -85,7 +84,7 @@ class RefinementNode(Node):
 
     def __init__(self) -> None:
         super().__init__("refinement", automatically_declare_parameters_from_overrides=True)
-        self._settings = declare_parameters(self, PARAMETERS, self._change)
+        self._settings = declare_parameters(self, PARAMETERS)
         use_cores(self._settings["cores"])
         robot = robot_of(self._settings)
         self._fence = fence_of(self._settings, robot)
@@ -93,8 +92,7 @@ class RefinementNode(Node):
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         models, learned = self._settings["models"], self._settings["learned"]
         load = functools.partial(load_refiners, self, domain, self._libraries, fence=self._fence)
-        self._gates: dict[str, Gate] = {}
-        self._sets = LearnedSets(self, domain, models, learned, load, self._take)
+        self._sets = LearnedSets(self, domain, models, learned, load)
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
         self._answered, self._refused, self._cut_short = 0, 0, 0
         self._last_refusal, self._last_time = "", 0.0
@@ -110,29 +108,22 @@ class RefinementNode(Node):
 
     def _gate_text(self) -> str:
         """Return what decides on refinements by the default action set."""
-        if DEFAULT_SET not in self._gates:
+        refiner = self._sets.present.by_set.get(DEFAULT_SET)
+        if refiner is None:
             return "chains stay as they are sent"
         if not self._settings["gate"]:
             return "gate is false: a chain is changed whenever a gain is predicted"
-        if isinstance(self._gates[DEFAULT_SET], OpenGate):
+        if isinstance(refiner.gate, OpenGate):
             return "no gate: a chain is changed whenever a gain is predicted; train or gate learns one"
         return "with a gate"
 
-    def _take(self, refiners: Loaded[Refiner]) -> None:
-        """Use the gates of refiners that were just loaded."""
-        self._gates = {name: refiner.gate for name, refiner in refiners.by_set.items()}
-        self._prepare(refiners, self._settings)
-
-    def _prepare(self, refiners: Loaded[Refiner], settings: Mapping[str, Any]) -> None:
-        """Apply the parameters `gate` and `failure_cost` to refiners."""
-        cost = settings["failure_cost"]
-        for name, refiner in refiners.by_set.items():
-            refiner.gate = self._gates[name] if settings["gate"] else opened(self._gates[name])
-            refiner.failure_cost = cost if cost >= 0.0 else self._domain.time_limit
-
-    def _change(self, values: Mapping[str, Any]) -> None:
-        """Apply new values of `gate` and `failure_cost`."""
-        self._prepare(self._sets.present, {**self._settings, **values})
+    def _configured(self, refiner: Refiner) -> Refiner:
+        """Return a refiner with the parameters `gate` and `failure_cost` as they are now."""
+        refiner, cost = copy.copy(refiner), self._settings["failure_cost"]
+        if not self._settings["gate"]:
+            refiner.gate = opened(refiner.gate)
+        refiner.failure_cost = cost if cost >= 0.0 else self._domain.time_limit
+        return refiner
 
     def _serve(self, request: RefineSubgoal.Request, _: RefineSubgoal.Response) -> RefineSubgoal.Response:
         """Answer a request; a defect must not end the node."""
@@ -154,7 +145,7 @@ class RefinementNode(Node):
         action_set = messages.action_set_from(request.chain, allowed=self._libraries)
         if action_set not in present.by_set:
             raise RefinementError(f"action set {action_set}: {present.models[action_set].absent}")
-        library, refiner = self._libraries[action_set], present.by_set[action_set]
+        library, refiner = self._libraries[action_set], self._configured(present.by_set[action_set])
         choice = refine_request(request, refiner, library, frame=frame, fence=self._fence, deadline=deadline)
         self._answered += 1
         self._cut_short += not choice.refinement.complete

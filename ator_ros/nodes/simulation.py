@@ -36,7 +36,7 @@ from ator_ros.nodes.parameters import (
     digest_of,
     robot_of,
 )
-from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA, SERVICES, STATES
+from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.simulated_world import SimulatedRobot, SimulatedWorld
 from ator_ros.printable import quoted
@@ -400,9 +400,9 @@ class RobotTopics:
     def __init__(self, node: Node, robot: SimulatedRobot, *, frame: str, robot_frame: str) -> None:
         self._robot, described = robot, robot.robot
         self.frame, self.robot_frame = self.resolved(frame), self.resolved(robot_frame)
-        self._odom = node.create_publisher(Odometry, self.resolved("odom"), STATES)
+        self._odom = node.create_publisher(Odometry, self.resolved("odom"), NEWEST)
         self._objects = {
-            name: node.create_publisher(Odometry, self.resolved(name), STATES)
+            name: node.create_publisher(Odometry, self.resolved(name), NEWEST)
             for name in described.scene.objects
         }
         self._wheels = Wheels(described)

@@ -20,7 +20,6 @@ from nav_msgs.msg import Path
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
@@ -34,7 +33,7 @@ from ator_ros.nodes.client_node import ClientNode, SimulationClient
 from ator_ros.nodes.inputs import ObjectSources, RobotSource, TfListener
 from ator_ros.nodes.messages import action_set_from, chain_from, chain_of, situation_of, world_from
 from ator_ros.nodes.parameters import STATE
-from ator_ros.nodes.qos import LATCHED, RESULTS, SERVICES
+from ator_ros.nodes.qos import LATCHED, LATCHED_BY_MANY, RESULTS, SERVICES
 from ator_ros.printable import printable
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import SubgoalCurve
@@ -57,7 +56,6 @@ _WARNING_PERIOD = 2.0
 _ROBOT = ""
 _ROBOT_FROM = {STATE.name: "odom", "robot_frame": "base_link"}
 """The source of the robot's state, unless the executor names another."""
-_RECORDS = QoSProfile(depth=100, reliability=LATCHED.reliability, durability=LATCHED.durability)
 _OUTCOMES = {ending.value: ending.name.lower().replace("_", " ") for ending in Ending}
 _LONGEST_NAME, _LONGEST_REASON = 60, 300
 _LEARNING = ("learned set", "learning", "records since the last round", "last switch")
@@ -144,7 +142,7 @@ class GoalMonitor:
         self._active = ("", Run(OTHERS, ended=True))
         self._is_new, self._last_status = True, (0.0, 0.0)
         self._status = node.create_subscription(ChainPerformance, "chain_under_way", self._take, LATCHED)
-        node.create_subscription(ChainPerformance, "performance/chain", self._take_record, _RECORDS)
+        node.create_subscription(ChainPerformance, "performance/chain", self._take_record, LATCHED_BY_MANY)
         node.create_subscription(Path, "planned_path", self._take_path, LATCHED)
 
     def expect(self, chain_id: str, run: Run) -> None:

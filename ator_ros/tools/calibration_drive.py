@@ -12,7 +12,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ator_ros.nodes.commands import CommandPublisher
-from ator_ros.nodes.diagnosis import Reception, input_cause
+from ator_ros.nodes.diagnosis import Diagnosis
+from ator_ros.nodes.inputs import Input, TfListener
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.robot.probe_drive import DriveError, DriveSample, ProbeDrive
@@ -62,7 +63,7 @@ class _Driver:
         self._node, self._drive, self._reader = node, drive, OdometryReader(frame)
         self._commands = CommandPublisher(node, stamped=stamped, frame="base_link", option="--stamped ")
         self._received: float | None = None  # real s
-        self._reception = Reception()
+        self._diagnosis = Diagnosis(node, {"odom": Input("odom", Odometry, SENSOR_DATA)}, TfListener(node))
         self._stamp = -1.0
         self._fault: Exception | None = None
         self._done = False
@@ -100,12 +101,12 @@ class _Driver:
             raise DriveError("cmd_vel: expected no other publisher; end the executor and what else drives")
 
     def _cause(self) -> str:
-        return input_cause(self._node, "odom", Odometry, self._reception, timeout=_FIRST)
+        return self._diagnosis.cause("odom", _FIRST)
 
     def _on_odometry(self, message: Odometry) -> None:
         try:
             stamp, robot = self._reader.read(message)
-            self._reception.read(stamp, time.monotonic())
+            self._diagnosis.read("odom", stamp, time.monotonic())
             if self._reader.remark:
                 self._node.get_logger().warning(self._reader.remark)
             if stamp <= self._stamp or self._done:

@@ -12,7 +12,7 @@ from ros_client import Client
 
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import odometry_of
-from ator_ros.nodes.qos import SENSOR_DATA, STATES
+from ator_ros.nodes.qos import NEWEST, SENSOR_DATA
 from ator_ros.world.state import RobotState
 
 PERIOD = 0.05
@@ -34,7 +34,7 @@ class MovingBase:
     ) -> None:
         self.pose, self.commanded, self.received = Pose(0.0, 0.0, 0.0), Twist(), 0
         self.frame, self.stamps_stand, self._share = frame, False, share
-        self._odom = client.node.create_publisher(Odometry, odom, STATES)
+        self._odom = client.node.create_publisher(Odometry, odom, NEWEST)
         client.node.create_subscription(kind, topic, self._take, qos)
         self.time = 100.0
         self.timer = client.node.create_timer(PERIOD, self._step)

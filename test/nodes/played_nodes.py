@@ -15,7 +15,7 @@ from ator_interfaces.srv import PlaceObject, PlaceRobot, RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.client_node import ClientNode
 from ator_ros.nodes.messages import object_odometry_of, odometry_of
-from ator_ros.nodes.qos import LATCHED, RESULTS, SERVICES, STATES
+from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SERVICES
 from ator_ros.nodes.simulation import transform_of
 from ator_ros.world.state import ObjectState, RobotState
 
@@ -53,8 +53,8 @@ class PlayedNodes:
             node, ExecuteChain, "execute_chain", lambda _: None,
             goal_callback=lambda _: answers[self.accepts], handle_accepted_callback=self._goals.append,
         )  # fmt: skip
-        self._odom = node.create_publisher(Odometry, "odom", STATES)
-        self._balls = node.create_publisher(Odometry, "ball", STATES)
+        self._odom = node.create_publisher(Odometry, "odom", NEWEST)
+        self._balls = node.create_publisher(Odometry, "ball", NEWEST)
         self._tf = node.create_publisher(TFMessage, "/tf", RESULTS)
         self._status = node.create_publisher(ChainPerformance, "chain_under_way", LATCHED)
         node.create_timer(_PERIOD, self._publish)

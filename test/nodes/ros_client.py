@@ -18,7 +18,7 @@ from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.client_node import SpinThread
 from ator_ros.nodes.messages import pose_of
-from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA
+from ator_ros.nodes.qos import NEWEST, SENSOR_DATA
 from ator_ros.nodes.remote_actions import cancel_request_for_unknown_goal
 from ator_ros.world.messages import ObjectReader, ObjectSource, robot_from, seconds_from
 from ator_ros.world.state import ObjectState, RobotState
@@ -54,7 +54,7 @@ class Client:
         if observes:
             self.node.create_subscription(Odometry, "odom", self._hear_robot, SENSOR_DATA)
             self.node.create_subscription(Odometry, "ball", self._hear_ball, SENSOR_DATA)
-        self._commands = self.node.create_publisher(Twist, "cmd_vel", COMMANDS) if steers else None
+        self._commands = self.node.create_publisher(Twist, "cmd_vel", NEWEST) if steers else None
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._spinning = SpinThread(self._executor)

@@ -11,8 +11,9 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from ros_client import Client
 
-from ator_ros.nodes.diagnosis import Reception, input_cause, motion_cause, rate_problem
-from ator_ros.nodes.qos import COMMANDS, SENSOR_DATA, STATES
+from ator_ros.nodes.diagnosis import Diagnosis, motion_cause
+from ator_ros.nodes.inputs import Input, TfListener
+from ator_ros.nodes.qos import NEWEST, SENSOR_DATA
 
 RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -25,58 +26,65 @@ def client(domain: int) -> Iterator[Client]:
     made.close()
 
 
-def received(*stamps: float, every: float = 0.05, error: Exception | None = None) -> Reception:
-    """Return what came: messages with these stamps, and one that was ignored."""
-    reception = Reception()
+def received(
+    client: Client,
+    *stamps: float,
+    every: float = 0.05,
+    error: Exception | None = None,
+    qos: QoSProfile = SENSOR_DATA,
+) -> Diagnosis:
+    """Return the diagnosis of odometry: messages with these stamps came, and one that was ignored."""
+    inputs = {"odom": Input("odom", Odometry, qos)}
+    diagnosis = Diagnosis(client.node, inputs, TfListener(client.node))
     for number, stamp in enumerate(stamps):
-        reception.read(stamp, number * every)
+        diagnosis.read("odom", stamp, number * every)
     if error is not None:
-        reception.reject(error, len(stamps) * every)
-    return reception
+        diagnosis.reject("odom", error, len(stamps) * every)
+    return diagnosis
 
 
 def test_the_cause_of_missing_odometry(client: Client) -> None:
     node = client.node
 
-    def cause(reception: Reception, **given: Any) -> str:
-        return input_cause(node, "odom", Odometry, reception, timeout=0.3, **given)
+    def cause(*stamps: float, **given: Any) -> str:
+        return received(client, *stamps, **given).cause("odom", 0.3)
 
-    assert cause(Reception()).endswith(
+    assert cause().endswith(
         f"no node publishes /odom in ROS domain {client.domain}, and there is no other topic of type "
         "nav_msgs/Odometry: start the base's driver"
     )
     client.within(lambda: node.create_publisher(Odometry, "odom", SENSOR_DATA))
     client.eventually(lambda: node.count_publishers("odom"), "the graph")
-    for reception, expected in (
-        (Reception(), "odom: /test_client publishes it, but sends no messages"),
-        (received(error=ValueError("odom: bad")), "messages of /test_client are ignored: odom: bad"),
+    for came, expected in (
+        (cause(), "odom: /test_client publishes it, but sends no messages"),
+        (cause(error=ValueError("odom: bad")), "messages of /test_client are ignored: odom: bad"),
         (
-            received(*[3.0] * 6),
+            cause(*[3.0] * 6),
             "odom: the stamps of /test_client stay at 3.00 s: expected stamps that advance; is the "
             "simulation paused, or does the driver not set them?",
         ),
         (
-            received(1.0, 1.05, 1.1),
+            cause(1.0, 1.05, 1.1),
             "odom: /test_client sends no more messages: it is paused, blocked or has ended",
         ),
         (
-            received(1.0, 1.4, every=0.4),
+            cause(1.0, 1.4, every=0.4),
             "odom: messages came 0.40 s apart, too rarely for a timeout of 0.3 s; set odom_timeout:=1.6",
         ),
     ):
-        assert cause(reception) == expected
-    unfit = cause(Reception(), qos=RELIABLE)
+        assert came == expected
+    unfit = cause(qos=RELIABLE)
     assert unfit.startswith("odom: the quality of service of /test_client does not fit: ")
     assert "reliable" in unfit
 
 
-def test_odometry_too_rare_to_drive_by_is_named_with_what_to_do() -> None:
-    rare = received(*(0.2 * i for i in range(9)), every=0.2)
-    assert rate_problem("odom", rare, timeout=0.3) == (
+def test_odometry_too_rare_to_drive_by_is_named_with_what_to_do(client: Client) -> None:
+    rare = received(client, *(0.2 * i for i in range(9)), every=0.2)
+    assert rare.rate_problem("odom", timeout=0.3) == (
         "odom: messages came 0.20 s apart, too rarely for a timeout of 0.3 s; set odom_timeout:=0.8: "
         "the robot pauses between them"
     )
-    assert rate_problem("odom", rare, timeout=0.8) == ""
+    assert rare.rate_problem("odom", timeout=0.8) == ""
 
 
 def test_the_cause_of_a_base_that_does_not_follow(client: Client, domain: int) -> None:
@@ -86,12 +94,12 @@ def test_the_cause_of_a_base_that_does_not_follow(client: Client, domain: int) -
         return motion_cause(node, "/cmd_vel", Twist, mismatch)
 
     try:
-        client.within(lambda: node.create_publisher(Twist, "/cmd_vel", COMMANDS))
+        client.within(lambda: node.create_publisher(Twist, "/cmd_vel", NEWEST))
         assert "no node subscribes to /cmd_vel in ROS domain " in cause()
         assert cause("cmd_vel: another type") == "cmd_vel: another type"
         others.listen(Twist, "/cmd_vel", 10)
         client.eventually(lambda: cause() == "/cmd_vel is received only by /base/test_client", "a base")
-        others.within(lambda: others.node.create_publisher(Twist, "/cmd_vel", STATES))
+        others.within(lambda: others.node.create_publisher(Twist, "/cmd_vel", NEWEST))
         client.eventually(
             lambda: cause() == "/cmd_vel: /base/test_client publishes commands as well", "a rival"
         )

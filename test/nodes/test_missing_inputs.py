@@ -15,7 +15,7 @@ from ros_client import Client
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
-from ator_ros.nodes.qos import RESULTS, STATES
+from ator_ros.nodes.qos import NEWEST, RESULTS
 
 pytestmark = pytest.mark.node
 
@@ -38,7 +38,7 @@ def elsewhere(client: Client) -> None:
 
 def another_type(client: Client) -> None:
     """Let something else be published as odom."""
-    client.node.create_publisher(PoseStamped, "odom", STATES)
+    client.node.create_publisher(PoseStamped, "odom", NEWEST)
 
 
 def another_frame(client: Client) -> None:
@@ -48,7 +48,7 @@ def another_frame(client: Client) -> None:
 
 def silent(client: Client) -> None:
     """Let a publisher of odometry send nothing."""
-    client.node.create_publisher(Odometry, "odom", STATES)
+    client.node.create_publisher(Odometry, "odom", NEWEST)
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_odometry_that_never_comes(
 def test_an_object_with_stamps_of_another_clock_is_named(host: Host, client: Client) -> None:
     host("executor", start_timeout=4.0)
     MovingBase(client)
-    ball = client.node.create_publisher(Odometry, "ball", STATES)
+    ball = client.node.create_publisher(Odometry, "ball", NEWEST)
     message = Odometry()
     message.header.stamp = client.node.get_clock().now().to_msg()
     message.pose.pose.position.x, message.pose.pose.orientation.w = 1.0, 1.0

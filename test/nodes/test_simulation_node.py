@@ -27,7 +27,7 @@ from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.network import free_domain
-from ator_ros.nodes.qos import COMMANDS, LATCHED, RESULTS, SENSOR_DATA
+from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SENSOR_DATA
 from ator_ros.robot.description import load_robot
 from ator_ros.world.messages import robot_from
 
@@ -162,7 +162,7 @@ def test_nonsense_on_cmd_vel_is_named_and_moves_nothing(
 ) -> None:
     node, stranger = shared[0], Client(world.domain, "stranger")
     try:
-        words = stranger.node.create_publisher(String, "/cmd_vel", COMMANDS)
+        words = stranger.node.create_publisher(String, "/cmd_vel", NEWEST)
         world.eventually(
             lambda: (
                 words.publish(String(data="go"))
@@ -186,7 +186,7 @@ def test_stamped_commands_must_be_of_that_type_and_in_the_robots_frame(
     told = "cmd_vel: expected geometry_msgs/TwistStamped, /test_client publishes geometry_msgs/Twist"
     client.eventually(lambda: told in node.output, told)
     driver = Client(domain, "driver")  # a topic has one type in a participant
-    commands = driver.node.create_publisher(TwistStamped, "/cmd_vel", COMMANDS)
+    commands = driver.node.create_publisher(TwistStamped, "/cmd_vel", NEWEST)
     message = TwistStamped()
     message.twist.linear.x = 0.5
     message.header.frame_id = "moon"
