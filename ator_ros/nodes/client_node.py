@@ -19,6 +19,7 @@ from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import SERVICES
+from ator_ros.view.backend import NodesError
 from ator_ros.world.state import World
 
 _POLL = 0.002
@@ -53,7 +54,7 @@ class SpinThread(threading.Thread):
 
 
 class ClientNode:
-    """A node with its thread; an error of type `error` is raised where its ROS arguments are invalid.
+    """A node with its thread.
 
     Parameters
     ----------
@@ -65,8 +66,12 @@ class ClientNode:
         Called while waiting; raises to end it.
     timeout : float
         Real time in s for each answer.
-    error : type
-        Of the exception that is raised without an answer in time, or if a service answers that it failed.
+
+    Raises
+    ------
+    NodesError
+        The ROS arguments are invalid. Methods raise it without an answer in time, or if a service answers
+        that it failed.
     """
 
     def __init__(
@@ -77,16 +82,15 @@ class ClientNode:
         arguments: Sequence[str] = (),
         check: Callable[[], None] = lambda: None,
         timeout: float = 10.0,
-        error: type[RuntimeError] = RuntimeError,
     ) -> None:
-        self._check, self.timeout, self._error = check, timeout, error
+        self._check, self.timeout = check, timeout
         self._context = rclpy.Context()
         try:
             self._context.init(args=list(arguments), domain_id=domain)
             self.node = Node(name, context=self._context)
         except RuntimeError as cause:  # of rcl, in several lines
             text = " ".join(str(cause).split())
-            raise error(f"expected arguments of ROS, got {list(arguments)}: {text}") from cause
+            raise NodesError(f"expected arguments of ROS, got {list(arguments)}: {text}") from cause
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._thread = SpinThread(self._executor)
@@ -109,13 +113,13 @@ class ClientNode:
             client.remove_pending_request(future)
         answer = future.result()
         if not getattr(answer, "success", True):
-            raise self._error(f"{client.srv_name}: {answer.message}")
+            raise NodesError(f"{client.srv_name}: {answer.message}")
         return answer
 
     def send(self, client: Any, request: Any) -> Future:
         """Call a service that is there; do not wait for the answer."""
         if not client.service_is_ready():
-            raise self._error(f"expected the service {client.srv_name}, it is not available")
+            raise NodesError(f"expected the service {client.srv_name}, it is not available")
         future: Future = client.call_async(request)
         return future
 
@@ -136,7 +140,7 @@ class ClientNode:
         while not happened():
             self._check()
             if time.monotonic() > last:
-                raise self._error(f"expected {what} within {self.timeout:g} s, it did not come")
+                raise NodesError(f"expected {what} within {self.timeout:g} s, it did not come")
             time.sleep(_POLL)
 
     def close(self) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.node import Node
 
-from ator_ros.nodes.diagnosis import bases, motion_cause, node_of, type_name
+from ator_ros.nodes.diagnosis import bases, incompatibility, node_of, several, type_name, unconnected
 from ator_ros.nodes.messages import stamp_of, twist_of
 from ator_ros.nodes.parameters import STAMPED
 from ator_ros.nodes.qos import NEWEST
@@ -88,8 +88,21 @@ class CommandPublisher:
         return f"{text}; set {self._option}{'false' if self._stamped else 'true'}"
 
     def cause(self) -> str:
-        """Return why a base may not follow the commands, else which nodes receive them."""
-        return motion_cause(self._node, _TOPIC, self.kind, self.mismatch())
+        """Return the most likely cause why a base does not follow, else which nodes receive the commands."""
+        node = self._node
+        if mismatch := self.mismatch():
+            return mismatch
+        receivers = [info for info in bases(node, _TOPIC) if info.topic_type == type_name(self.kind)]
+        if not receivers:
+            return unconnected(node, _TOPIC, self.kind)
+        publishers = {node_of(info): info for info in node.get_publishers_info_by_topic(_TOPIC)}
+        own = publishers.pop(node.get_fully_qualified_name(), None)
+        for info in receivers:
+            if own is not None and (reason := incompatibility(own.qos_profile, info.qos_profile)):
+                return f"{_TOPIC}: the quality of service of {node_of(info)} does not fit: {reason}"
+        if publishers:
+            return f"{_TOPIC}: {several(sorted(publishers))} publishes commands as well"
+        return f"{_TOPIC} is received only by {several(sorted({node_of(info) for info in receivers}))}"
 
     def _bases(self) -> dict[str, str]:
         """Return the types that bases subscribe to, by node."""

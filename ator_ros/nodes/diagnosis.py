@@ -99,9 +99,9 @@ class Diagnosis:
         infos = node.get_publishers_info_by_topic(topic)
         senders = [info for info in infos if info.topic_type == type_name(kind)]
         if not senders:
-            return type_mismatch(node, topic, kind) or _unconnected(node, topic, kind, tuple(self.topics))
+            return type_mismatch(node, topic, kind) or unconnected(node, topic, kind, tuple(self.topics))
         sender = node_of(senders[0])
-        reasons = [_incompatibility(info.qos_profile, item.qos) for info in senders]
+        reasons = [incompatibility(info.qos_profile, item.qos) for info in senders]
         if all(reasons):
             return f"{topic}: the quality of service of {sender} does not fit: {reasons[0]}"
         if reception.error is not None:
@@ -137,35 +137,13 @@ def _rejected(topic: str, sender: str, reception: Reception, reference: float) -
     return f"messages of {sender} are ignored: {reception.error}{advice}"
 
 
-def motion_cause(node: Node, topic: str, kind: type, mismatch: str) -> str:
-    """Return the most likely cause why a base does not follow the commands that `node` publishes on `topic`.
-
-    Without one, return which nodes receive them. `mismatch` is the problem if subscriptions have another
-    type.
-    """
-    if mismatch:
-        return mismatch
-    receivers = [info for info in bases(node, topic) if info.topic_type == type_name(kind)]
-    if not receivers:
-        return _unconnected(node, topic, kind)
-    ours = node.get_fully_qualified_name()
-    publishers = {node_of(info): info for info in node.get_publishers_info_by_topic(topic)}
-    own = publishers.pop(ours, None)
-    for info in receivers:
-        if own is not None and (reason := _incompatibility(own.qos_profile, info.qos_profile)):
-            return f"{topic}: the quality of service of {node_of(info)} does not fit: {reason}"
-    if publishers:
-        return f"{topic}: {_several(sorted(publishers))} publishes commands as well"
-    return f"{topic} is received only by {_several(sorted({node_of(info) for info in receivers}))}"
-
-
 def bases(node: Node, topic: str) -> list[TopicEndpointInfo]:
     """Return the subscriptions that may be those of a base: not of programs that record or print."""
     infos = node.get_subscriptions_info_by_topic(topic)
     return [info for info in infos if not info.node_name.startswith(("_ros2cli", "rosbag2_recorder"))]
 
 
-def _unconnected(node: Node, topic: str, kind: type, known: Collection[str] | None = None) -> str:
+def unconnected(node: Node, topic: str, kind: type, known: Collection[str] | None = None) -> str:
     """Return that no other node publishes, or subscribes to, a topic, and what to do.
 
     `known` are topics that the node subscribes to; None if it publishes.
@@ -183,10 +161,10 @@ def _unconnected(node: Node, topic: str, kind: type, known: Collection[str] | No
     text, short = f"no node {does} {resolved} in ROS domain {domain}", _short(type_name(kind))
     if not elsewhere:
         return f"{text}, and there is no other topic of type {short}: start the base's driver"
-    return f"{text}; of type {short} there is {_several(elsewhere)}: remap with -r {topic}:={elsewhere[0]}"
+    return f"{text}; of type {short} there is {several(elsewhere)}: remap with -r {topic}:={elsewhere[0]}"
 
 
-def _incompatibility(offered: QoSProfile, requested: QoSProfile) -> str:
+def incompatibility(offered: QoSProfile, requested: QoSProfile) -> str:
     """Return the first reason why a subscription does not receive from a publisher; empty if it does."""
     verdict, reason = qos_check_compatible(offered, requested)
     if verdict != QoSCompatibility.ERROR:
@@ -211,7 +189,7 @@ def _short(name: str) -> str:
     return printable(name.replace("/msg/", "/"))
 
 
-def _several(names: Collection[str]) -> str:
+def several(names: Collection[str]) -> str:
     """Return the first names as text, and how many more there are."""
     more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
     return ", ".join(list(names)[:_MOST_NAMED]) + more
@@ -230,7 +208,7 @@ def rival_senders(node: Node, topics: Iterable[str]) -> str:
     """Return the topics with several publishers, which DDS counts for 20 s after they were killed."""
     senders = {topic: [node_of(s) for s in node.get_publishers_info_by_topic(topic)] for topic in topics}
     return "; ".join(
-        f"{topic}: expected one publisher, got {len(names)}: {_several(sorted(names))}"
+        f"{topic}: expected one publisher, got {len(names)}: {several(sorted(names))}"
         for topic, names in senders.items()
         if len(names) > 1
     )

@@ -437,7 +437,8 @@ class ExecutorNode(Node):
         lost = self._objects.missing(known)
         missing = ""
         if stale:
-            missing = f"{self._state.missing()}; {self._diagnosis.cause('odom', self._odom_timeout)}"
+            cause = self._diagnosis.cause("odom", self._odom_timeout)
+            missing = f"{self._state.input.topic.removeprefix('/')} is missing; {cause}"
         elif lost:
             cause = self._diagnosis.cause(lost[0], self._settings[f"{lost[0]}_timeout"])
             missing = f"{', '.join(lost)}: expected recent messages; {cause}"

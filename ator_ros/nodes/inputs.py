@@ -139,9 +139,8 @@ class RobotSource:
     ) -> None:
         self._take, self._reject, self._warn = take, reject, warn
         frames = settings["frame"], settings["robot_frame"]
-        self._from_tf = settings[STATE.name] == "tf"
         self._reader = OdometryReader(settings["frame"])
-        if not self._from_tf:
+        if settings[STATE.name] == "odom":
             self.input = Input("odom", Odometry, SENSOR_DATA)
             node.create_subscription(Odometry, "odom", partial(self._read, self._reader.read), SENSOR_DATA)
             return
@@ -160,10 +159,6 @@ class RobotSource:
         if self._reader.remark:
             self._warn(self._reader.remark)
         self._take(time, robot)
-
-    def missing(self) -> str:
-        """Return the problem while there is no usable state."""
-        return "tf is missing" if self._from_tf else "odom is missing"
 
 
 TYPES: dict[str, Any] = {

@@ -159,20 +159,15 @@ def alternatives_from(
 ) -> list[TopChain | str]:
     """Read the alternatives of a chain: each as a chain, or why it cannot be used."""
     checks.count(chains, "alternatives", least=0, most=MOST_ALTERNATIVES)
-    return [
-        _alternative_from(chain, library, frame, f"alternatives[{number}]", fence)
-        for number, chain in enumerate(chains)
-    ]
-
-
-def _alternative_from(
-    chain: msg.TopChain, library: TopLibrary, frame: str, where: str, fence: Fence | None
-) -> TopChain | str:
-    try:
-        action_set_from(chain, allowed=(library.action_set,), where=where)
-        return chain_from(chain, library, frame=frame, where=where, fence=fence)
-    except MessageError as error:
-        return str(error)
+    read: list[TopChain | str] = []
+    for number, chain in enumerate(chains):
+        where = f"alternatives[{number}]"
+        try:
+            action_set_from(chain, allowed=(library.action_set,), where=where)
+            read.append(chain_from(chain, library, frame=frame, where=where, fence=fence))
+        except MessageError as error:
+            read.append(str(error))
+    return read
 
 
 def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -> TopCall:
@@ -232,8 +227,26 @@ def answer_of(
     choice: Selection, request: RefineSubgoal.Request, *, action_set: str, frame: str
 ) -> RefineSubgoal.Response:
     """Write the answer to a request."""
-    curve = request.want_curve
-    response = _response_of(choice.refinement, action_set=action_set, frame=frame, want_curve=curve)
+    refinement = choice.refinement
+    before, after = refinement.before, refinement.after
+    response = RefineSubgoal.Response(
+        accepted=True,
+        refined=refinement.refined,
+        cut_short=not refinement.complete,
+        reason=refinement.reason,
+        chain=chain_of(refinement.chain, action_set=action_set, frame=frame),
+        original=chain_of(refinement.original, action_set=action_set, frame=frame),
+        free=_free_variables(refinement),
+        not_free=[msg.NotFree(subgoal=n.subgoal, name=n.name, reason=n.reason) for n in refinement.not_free],
+        without_model=list(refinement.without_model),
+        before=chain_performance_of(before),
+        after=chain_performance_of(after),
+        before_actions=[performance_of(action) for action in before.actions],
+        after_actions=[performance_of(action) for action in after.actions],
+        cost_before=before.cost,
+        cost_after=after.cost,
+        curves=[_curve(curve) for curve in refinement.curves] if request.want_curve else [],
+    )
     if request.alternatives:
         response.chosen = choice.number
         sent = (request.chain, *request.alternatives)
@@ -256,30 +269,6 @@ def _alternative(judged: Judged, sent: msg.TopChain, *, action_set: str, frame: 
         chain=chain_of(found.chain, action_set=action_set, frame=frame),
         predicted=chain_performance_of(prediction),
         cost=prediction.cost,
-    )
-
-
-def _response_of(
-    refinement: Refinement, *, action_set: str, frame: str, want_curve: bool
-) -> RefineSubgoal.Response:
-    before, after = refinement.before, refinement.after
-    return RefineSubgoal.Response(
-        accepted=True,
-        refined=refinement.refined,
-        cut_short=not refinement.complete,
-        reason=refinement.reason,
-        chain=chain_of(refinement.chain, action_set=action_set, frame=frame),
-        original=chain_of(refinement.original, action_set=action_set, frame=frame),
-        free=_free_variables(refinement),
-        not_free=[msg.NotFree(subgoal=n.subgoal, name=n.name, reason=n.reason) for n in refinement.not_free],
-        without_model=list(refinement.without_model),
-        before=chain_performance_of(before),
-        after=chain_performance_of(after),
-        before_actions=[performance_of(action) for action in before.actions],
-        after_actions=[performance_of(action) for action in after.actions],
-        cost_before=before.cost,
-        cost_after=after.cost,
-        curves=[_curve(curve) for curve in refinement.curves] if want_curve else [],
     )
 
 

@@ -32,14 +32,14 @@ from ator_ros.geometry import FloatArray, Pose
 from ator_ros.nodes.client_node import ClientNode, SimulationClient
 from ator_ros.nodes.inputs import ObjectSources, RobotSource, TfListener
 from ator_ros.nodes.messages import action_set_from, chain_from, chain_of, situation_of, world_from
-from ator_ros.nodes.parameters import STATE
+from ator_ros.nodes.parameters import STATE, SetupError
 from ator_ros.nodes.qos import LATCHED, LATCHED_BY_MANY, RESULTS, SERVICES
 from ator_ros.printable import printable
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
-from ator_ros.view.backend import OTHERS, Answer, BackendError, Candidate, ExternalGoal, Run, UnavailableError
+from ator_ros.view.backend import OTHERS, Answer, Candidate, ExternalGoal, NodesError, Run, UnavailableError
 from ator_ros.view.draft import Draft
 from ator_ros.view.history import ExecutedChain, History
 from ator_ros.world.messages import MessageError, object_from, pose_from
@@ -78,11 +78,14 @@ class WorldMonitor:
         self._sources = ObjectSources(node, sources, self._take_object, self._reject, self._tf, frame=frame)
 
     def follow_robot(self, settings: Mapping[str, Any]) -> None:
-        """Subscribe to the robot's state, with the parameters of its executor; raises SetupError."""
+        """Subscribe to the robot's state, with the parameters of its executor; raises NodesError."""
         settings = {**settings, "frame": self._frame}
-        self._source = RobotSource(
-            self._node, settings, self._robot, self._take_robot, self._reject, self.warn, self._tf
-        )
+        try:
+            self._source = RobotSource(
+                self._node, settings, self._robot, self._take_robot, self._reject, self.warn, self._tf
+            )
+        except SetupError as error:
+            raise NodesError(str(error)) from error
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
         self._newest, self._received_at = (stamp, robot), time.monotonic()
@@ -292,9 +295,8 @@ class RosBackend(GoalMonitor):
         timeout: float = 5.0,
     ) -> None:
         self._client = client = ClientNode(
-            "view", domain=ros_domain, arguments=arguments, check=check,
-            timeout=start_timeout, error=BackendError,
-        )  # fmt: skip
+            "view", domain=ros_domain, arguments=arguments, check=check, timeout=start_timeout
+        )
         libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         node = client.node
         super().__init__(node, WorldMonitor(node, domain, robot, frame=frame), libraries, frame=frame)
@@ -315,7 +317,7 @@ class RosBackend(GoalMonitor):
     def ready(self, *, simulated: bool) -> None:
         """Wait for refinement and executor, and if `simulated` for the simulation.
 
-        BackendError is raised if one did not start in time, SetupError if the robot cannot be observed.
+        NodesError is raised if one did not start in time, or the robot cannot be observed.
         """
         self._client.timeout = self._timeouts[0]
         if simulated:
@@ -341,7 +343,7 @@ class RosBackend(GoalMonitor):
     def close(self) -> None:
         """Resume time if this backend has paused it, and destroy the node."""
         if self._simulation.paused:
-            with contextlib.suppress(BackendError):
+            with contextlib.suppress(NodesError):
                 self.pause(paused=False)
         self._client.close()
 
@@ -380,7 +382,7 @@ class RosBackend(GoalMonitor):
         )
         answer = self._client.call(self._refinement, request)
         if not answer.accepted:
-            raise BackendError(answer.reason)
+            raise NodesError(answer.reason)
         library = self._libraries[draft.action_set]
         return Answer(
             chain_from(answer.original, library, frame=self._frame, where="original"),
@@ -412,7 +414,7 @@ class RosBackend(GoalMonitor):
     def _send(self, name: str, place: Callable[[], Future]) -> None:
         try:
             place().add_done_callback(partial(self._placed, name))
-        except BackendError as error:
+        except NodesError as error:
             self._note_placement(name, str(error))
 
     def _placed(self, name: str, future: Future) -> None:
@@ -462,7 +464,7 @@ class RosBackend(GoalMonitor):
 
     def _start(self, run: Run, draft: Draft, *, refine: bool) -> None:
         if not self._server.server_is_ready():
-            raise BackendError("expected the action execute_chain, it is not there")
+            raise NodesError("expected the action execute_chain, it is not there")
         chain, *others = self._chains(draft)
         goal = ExecuteChain.Goal(
             chain=chain, refine=refine, objective=objective_of(draft.objective), alternatives=others
@@ -474,12 +476,12 @@ class RosBackend(GoalMonitor):
         )
         try:
             self._client.until(lambda: run.started or _is_rejected(future), "the status of execute_chain")
-        except BackendError:
-            with contextlib.suppress(BackendError):  # it may have been accepted, and would not be watched
+        except NodesError:
+            with contextlib.suppress(NodesError):  # it may have been accepted, and would not be watched
                 self._client.send(self._cancel, CancelGoal.Request(goal_info=_goal_info(goal_id.hex)))
             raise
         if _is_rejected(future):
-            raise BackendError("the executor accepts no goal")
+            raise NodesError("the executor accepts no goal")
 
     def stop(self) -> None:
         """Cancel the active goal, of any client, and wait until it has ended."""

@@ -29,6 +29,7 @@ from ator_ros.refinement import RefinementError
 from ator_ros.robot.description import ConfigError
 from ator_ros.robot.probe_drive import DriveError
 from ator_ros.schema import SchemaError
+from ator_ros.view.backend import NodesError
 from ator_ros.world.messages import MessageError, plain_frame
 
 _NAMESPACE = re.compile(r"(?!__)[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
@@ -38,10 +39,6 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C or SIGTERM."""
 RESUMES = "the same command resumes from here"
 _LONGEST_LINE = 1000
-
-
-class NodesError(RuntimeError):
-    """Nodes that a tool needs do not run or respond; the message names what is missing."""
 
 
 EXPECTED_ERRORS: tuple[type[Exception], ...] = (
@@ -57,7 +54,6 @@ def guarded(
     work: Callable[[], object],
     *,
     interrupted: str = "nothing was written",
-    expected: tuple[type[Exception], ...] = EXPECTED_ERRORS,
 ) -> int:
     """Run a command and return its exit code; report an expected error in one line instead of a traceback.
 
@@ -72,8 +68,6 @@ def guarded(
         Does the work.
     interrupted : str
         What to report after Ctrl-C, SIGTERM or the end of the terminal.
-    expected : tuple of type
-        The expected errors.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -85,7 +79,7 @@ def guarded(
     except KeyboardInterrupt:
         print(f"{program}: interrupted; {interrupted}", file=sys.stderr)
         return INTERRUPTED
-    except expected as error:
+    except EXPECTED_ERRORS as error:
         lines = filter(None, (line.strip() for line in str(error).splitlines()))
         print(f"{program}: {printable('; '.join(lines), _LONGEST_LINE)}", file=sys.stderr)
         return 1

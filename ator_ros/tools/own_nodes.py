@@ -39,9 +39,9 @@ from ator_ros.nodes.messages import chain_of, situation_of
 from ator_ros.nodes.network import RANGE, THIS_MACHINE, free_domain, stay_on_this_machine
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.robot.description import Robot
-from ator_ros.tools.command_line import NodesError
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.outcome import top_of
+from ator_ros.view.backend import NodesError
 from ator_ros.world.messages import MessageError, robot_from
 from ator_ros.world.state import World
 
@@ -161,9 +161,6 @@ def all_nodes(
     `simulated` and `executed` are further parameters. NodesError is raised if an executable is not installed.
     """
     of_domain = domain_for(source.domain, source.robot)
-    for server in of_domain.servers:
-        if not server.command:
-            _executable(server.package, server.executable)  # before anything starts
     named = {name: getattr(source, name) for name in ("robot", "domain", "models") if getattr(source, name)}
     whose = {name: value for name, value in named.items() if name != "models"}
     os.environ[RANGE] = THIS_MACHINE
@@ -188,9 +185,7 @@ class Client:
 
     def __init__(self, nodes: NodeProcesses, objects: Sequence[str]) -> None:
         self._domain = nodes.domain
-        self._own = ClientNode(
-            "client", domain=nodes.domain, check=nodes.check, timeout=_ANSWER_TIMEOUT, error=NodesError
-        )
+        self._own = ClientNode("client", domain=nodes.domain, check=nodes.check, timeout=_ANSWER_TIMEOUT)
         self.path: list[tuple[float, float]] = []
         self._pose = Pose(math.inf, math.inf, 0.0)
         node = self._own.node

@@ -13,14 +13,12 @@ from pathlib import Path
 from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.nodes.network import stay_on_this_machine
-from ator_ros.nodes.parameters import SetupError
 from ator_ros.nodes.view_backend import RosBackend
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import ModelFileError, load_models
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.tools.command_line import (
-    EXPECTED_ERRORS,
     add_factor,
     add_models,
     add_setting,
@@ -30,7 +28,6 @@ from ator_ros.tools.command_line import (
     whole,
 )
 from ator_ros.tools.own_nodes import all_nodes
-from ator_ros.view.backend import BackendError
 from ator_ros.view.editor import Editor
 from ator_ros.view.page import Page
 
@@ -59,7 +56,7 @@ def serve(
 
     Raises
     ------
-    BackendError, SetupError
+    NodesError
         Nodes that are needed did not start in time, or cannot be used.
     DomainError, OSError
         The domain has no chains; the page cannot be served at that host.
@@ -166,7 +163,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         with contextlib.suppress(KeyboardInterrupt):  # its usual end
             serve(**vars(options), words=words[len(own) :])
 
-    return guarded("view", run, expected=(*EXPECTED_ERRORS, BackendError, SetupError))
+    return guarded("view", run)
 
 
 if __name__ == "__main__":

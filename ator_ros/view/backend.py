@@ -18,11 +18,11 @@ OTHERS = "others"
 """The label of an execution that this view did not start."""
 
 
-class BackendError(RuntimeError):
-    """A request to a backend failed; the message says why."""
+class NodesError(RuntimeError):
+    """Nodes that are needed do not run, or a request to them failed; the message says which and why."""
 
 
-class UnavailableError(BackendError):
+class UnavailableError(NodesError):
     """A node that is needed is not running, but may start later."""
 
 
@@ -150,7 +150,7 @@ class ExternalGoal:
 
 
 class Backend(Protocol):
-    """Simulation or robot, refinement and executor; requests may raise BackendError.
+    """Simulation or robot, refinement and executor; requests may raise NodesError.
 
     Attributes
     ----------

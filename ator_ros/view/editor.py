@@ -10,7 +10,7 @@ from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
 from ator_ros.refinement import RefinementError
 from ator_ros.tops.library import TopLibrary
-from ator_ros.view.backend import OTHERS, Answer, Backend, BackendError, ExternalGoal, Run, UnavailableError
+from ator_ros.view.backend import OTHERS, Answer, Backend, ExternalGoal, NodesError, Run, UnavailableError
 from ator_ros.view.draft import Draft, first_draft, situation_draft
 from ator_ros.world.state import World
 
@@ -225,7 +225,7 @@ class Editor:
             return
         except LookupError:  # another client has changed the chain
             self.problem = "expected a step, variable, chain or action set that exists"
-        except (BackendError, RefinementError, ValueError) as error:
+        except (NodesError, RefinementError, ValueError) as error:
             self.problem = str(error)
         self.edition += 1
         self._waiting.clear()
@@ -258,7 +258,7 @@ class Editor:
             self._external_answer = self.backend.refine(draft, as_given=goal.driven and not goal.refined)
         except UnavailableError:
             self._external_question = ()  # ask again
-        except BackendError:
+        except NodesError:
             return  # it is drawn without predictions
 
     def _follow(self, world: World) -> None:
@@ -273,7 +273,7 @@ class Editor:
     def _refine(self) -> None:
         try:
             self.answer, self.problem = self.backend.refine(self.draft), ""
-        except BackendError as error:
+        except NodesError as error:
             self.answer, self.problem = None, str(error)
             self._retry = _RETRY_STEPS if isinstance(error, UnavailableError) else 0
         self.edition += 1
@@ -281,7 +281,7 @@ class Editor:
     def _start(self) -> None:
         """Execute the first chain that waits."""
         if self.answer is None:
-            raise BackendError(self.problem or "expected a chain that can be executed")
+            raise NodesError(self.problem or "expected a chain that can be executed")
         run = self._waiting.pop(0)
         if self.backend.can_place and not self._follows:
             self.backend.place(self.draft.world)
@@ -291,6 +291,6 @@ class Editor:
         naive = dataclasses.replace(self.draft, chain=self.answer.naive, alternatives=())
         try:
             self.backend.execute(run, self.draft if refine else naive, refine=refine)
-        except BackendError:
+        except NodesError:
             run.ended, run.status = True, "could not start"
             raise

@@ -18,7 +18,7 @@ from ator_ros.evaluation.trials import random_trial
 from ator_ros.geometry import Pose
 from ator_ros.nodes.view_backend import RosBackend, objective_of
 from ator_ros.refinement.objective import expected_time
-from ator_ros.view.backend import BackendError, Run
+from ator_ros.view.backend import NodesError, Run
 from ator_ros.view.draft import Draft
 from ator_ros.view.editor import NAIVE, REFINED, Editor
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -90,10 +90,10 @@ def test_an_object_that_is_observed_with_noise_is_not_waited_for(played: Played)
 def test_time_is_resumed_if_a_start_fails_and_at_the_end(played: Played) -> None:
     backend, nodes = played
     backend.place(PLACES)
-    with pytest.raises(BackendError, match="accepts no goal"):
+    with pytest.raises(NodesError, match="accepts no goal"):
         backend.execute(Run(NAIVE), DRAFT, refine=False)
     until(lambda: not nodes.paused, "time to go on after a refused goal")
-    with pytest.raises(BackendError, match="off the floor"):
+    with pytest.raises(NodesError, match="off the floor"):
         backend.place(World(0.0, RobotState(Pose(9.0, 0.0, 0.0))))
     until(lambda: not nodes.paused, "time to go on after a refused start")
     backend.pause(paused=True)

@@ -13,9 +13,9 @@ from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.robot.description import load_robot
-from ator_ros.tools.command_line import NodesError
 from ator_ros.tools.demo import DemoRun, DemoSituation, table
 from ator_ros.tools.own_nodes import NodeProcesses
+from ator_ros.view.backend import NodesError
 
 ROBOT = load_robot()
 TRIAL = random_trial(SOCCER, "shoot", SOCCER.library(ROBOT), seed=401, index=0)

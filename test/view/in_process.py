@@ -14,7 +14,7 @@ from ator_ros.refinement import RefinementError
 from ator_ros.refinement.refiner import Refiner, choose
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
-from ator_ros.view.backend import Answer, BackendError, Candidate, ExternalGoal, Run
+from ator_ros.view.backend import Answer, Candidate, ExternalGoal, NodesError, Run
 from ator_ros.view.draft import Draft
 from ator_ros.view.editor import Editor
 from ator_ros.view.history import History
@@ -34,7 +34,7 @@ class InProcessBackend:
         self.asked: list[Draft] = []
         self.as_given: list[bool] = []
         self.calls: list[str] = []
-        self.fails: BackendError | None = None
+        self.fails: NodesError | None = None
         self.history, self.learned, self.refused = History(), "", ""
         self.executed: list[TopChain] = []
         self.external: ExternalGoal | None = None
@@ -70,12 +70,12 @@ class InProcessBackend:
         self.asked.append(draft)
         violations = draft.chain.violations(draft.world, self.robot)
         if violations:
-            raise BackendError(violations[0])
+            raise NodesError(violations[0])
         chains = (draft.chain, *draft.alternatives)
         try:
             selection = choose(self.refiner, draft.world, chains, draft.objective, placeholders=not as_given)
         except RefinementError as error:
-            raise BackendError(str(error)) from error
+            raise NodesError(str(error)) from error
         found = selection.refinement
         predictions = [each.prediction for each in selection.judged if draft.alternatives]
         return Answer(

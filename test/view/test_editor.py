@@ -12,7 +12,7 @@ from view.in_process import InProcessBackend
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
-from ator_ros.view.backend import OTHERS, BackendError, ExternalGoal, Run, UnavailableError
+from ator_ros.view.backend import OTHERS, ExternalGoal, NodesError, Run, UnavailableError
 from ator_ros.view.draft import Draft, situation_draft
 from ator_ros.view.editor import NAIVE, REFINED, Editor
 from ator_ros.world.state import World
@@ -173,7 +173,7 @@ def test_a_start_that_is_refused_is_reported_and_tried_once(backend: InProcessBa
     class Refusing(InProcessBackend):
         def place(self, world: World) -> None:
             super().place(world)
-            raise BackendError("place_robot: off the floor")
+            raise NodesError("place_robot: off the floor")
 
     backend = Refusing()
     editor = backend.editor()
@@ -332,7 +332,7 @@ def test_without_refinement_it_is_shown_without_predictions(
     _, answer = running.shown
     assert answer is not None
     assert math.isfinite(sum(answer.before))  # asked again
-    backend.fails = BackendError("no plan")
+    backend.fails = NodesError("no plan")
     backend.external = dataclasses.replace(goal, chain_id="b" * 32, run=Run(OTHERS))
     running.step()
     assert running.problem == ""
