@@ -40,20 +40,19 @@ def request() -> RefineSubgoal.Request:
     return RefineSubgoal.Request(situation=start, chain=TopChain(calls=[fetch, bring]))
 
 
-def refined(node: Node) -> RefineSubgoal.Response:
-    """Ask the refinement node."""
-    client = node.create_client(RefineSubgoal, "refine_subgoal")
+def answered(node: Node, kind: Any, service: str, request: Any) -> Any:
+    """Return the answer of a service of the refinement node."""
+    client = node.create_client(kind, service)
     if not client.wait_for_service(timeout_sec=_PATIENCE):
-        raise TimeoutError("refine_subgoal: expected the service, found none")
-    return _waited(node, client.call_async(request()), "refine_subgoal")
+        raise TimeoutError(f"{service}: expected the service, found none")
+    return _waited(node, client.call_async(request), service)
 
 
-def executed(node: Node, chain: TopChain) -> ExecuteChain.Result:
-    """Have the executor execute a chain to its end."""
+def executed(node: Node, goal: ExecuteChain.Goal) -> ExecuteChain.Result:
+    """Have the executor execute a goal to its end."""
     client = ActionClient(node, ExecuteChain, "execute_chain")
     if not client.wait_for_server(timeout_sec=_PATIENCE):
         raise TimeoutError("execute_chain: expected the action, found none")
-    goal = ExecuteChain.Goal(chain=chain)  # refine=True would refine it again, from where the robot is then
     handle = _waited(node, client.send_goal_async(goal, feedback_callback=_print_feedback), "execute_chain")
     return _waited(node, handle.get_result_async(), "the end of the chain").result
 
@@ -92,7 +91,7 @@ def main() -> int:
     rclpy.init()
     node = rclpy.create_node("refine_and_execute")
     try:
-        answer = refined(node)
+        answer = answered(node, RefineSubgoal, "refine_subgoal", request())
         print(f"refined: {answer.refined}, {answer.reason}")
         becomes = "becomes" if answer.refined else "stays; best would be"
         for free in answer.free:
@@ -100,7 +99,8 @@ def main() -> int:
         if not answer.accepted:
             return 1
         print(f"predicted: {answer.before.duration:.2f} s before, {answer.after.duration:.2f} s after")
-        result = executed(node, answer.chain)
+        # refine=True would refine it again, from where the robot is then
+        result = executed(node, ExecuteChain.Goal(chain=answer.chain))
         print(report(result.record, refined=answer.refined))
         return 0 if result.outcome.code == Outcome.SUCCEEDED else 1
     except TimeoutError as error:

@@ -13,8 +13,6 @@ class ExperienceError(ValueError):
 
 LARGEST = 1e9
 """Greatest number in a table: thirty years in s, and beyond `world.messages.FARTHEST` in m."""
-MOST_OBJECTS = 16
-"""Objects that a situation or a table may hold."""
 STATE_COLUMNS = ("t", "x", "y", "yaw", "v", "w")
 """Time and the robot's state, in the order of a sample: s since the start, m, m, rad, m/s, rad/s."""
 

@@ -12,15 +12,15 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.situation import Situation
-from ator_ros.experience.columns import LARGEST, MOST_OBJECTS
+from ator_ros.experience.columns import LARGEST
 from ator_ros.experience.episode import Episode, sample_of
 from ator_ros.files import is_name
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import held_first, held_last
-from ator_ros.world.messages import MessageError, ObjectSource, object_from, pose_from, velocity
-from ator_ros.world.state import RobotState, World
+from ator_ros.world.messages import MessageError, ObjectSource, pose_from, velocity, world_from
+from ator_ros.world.state import World
 
 
 class Vocabulary(Protocol):
@@ -87,15 +87,8 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
         A value cannot be used, the TOP does not call the action, or the robot cannot have driven so far.
     """
     top = _called_top(message, domain)
-    start, call = message.start, message.call
-    objects = {
-        item.name: object_from(item.position, item.velocity, "start.objects") for item in start.objects
-    }
-    state = RobotState(
-        pose_from(start.robot, "start.robot"),
-        velocity(start.v, "start.v"),
-        velocity(start.w, "start.w", "rad/s"),
-    )
+    start, call = world_from(message.start, where="start"), message.call
+    state, objects = start.robot, start.objects
     pose, speed = pose_from(call.goal.pose, "call.goal.pose"), velocity(call.speed, "call.speed")
     given = {item.name: item.value for item in call.values}
     values = {name: given[name] for name in domain.goal_variables if name in given}
@@ -131,9 +124,7 @@ def _called_top(message: Any, domain: Vocabulary) -> Top | None:
 
 def _fault(episode: Episode, top: Top | None, robot: Robot) -> str:
     """Return why an episode of a TOP cannot be used; an empty text if it can."""
-    goal, objects = episode.situation.goal, episode.situation.objects
-    if len(objects) > MOST_OBJECTS or not all(map(is_name, objects)):
-        return f"start.objects: expected at most {MOST_OBJECTS}, with names of letters, digits and _"
+    goal = episode.situation.goal
     errors = (episode.position_error, episode.heading_error)  # may be NaN
     finite = all(abs(number) <= LARGEST for number in (episode.duration, *goal.values.values()))
     if not finite or min(episode.duration, goal.speed, *errors) < 0.0 or math.inf in errors:

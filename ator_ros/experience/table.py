@@ -18,7 +18,6 @@ from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import MOST_GOAL_VARIABLES, direct_name
 from ator_ros.experience.columns import (
     LARGEST,
-    MOST_OBJECTS,
     STATE_COLUMNS,
     ExperienceError,
     columns,
@@ -31,6 +30,7 @@ from ator_ros.files import atomic_write, content_of, header, is_name, limited_me
 from ator_ros.geometry import FloatArray
 from ator_ros.printable import printable, quoted
 from ator_ros.schema import SchemaError, structured
+from ator_ros.world.messages import MOST_OBJECTS
 
 _BOUNDS: dict[str, tuple[float, float]] = {
     "episode": (0.0, 1e7),

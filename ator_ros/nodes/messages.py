@@ -20,9 +20,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, goal_values, wrong_values
 from ator_ros.execution.fence import Fence
-from ator_ros.files import is_name
 from ator_ros.geometry import Pose, quaternion_from_yaw
-from ator_ros.printable import quoted
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.refinement.objective import Objective
@@ -37,11 +35,9 @@ from ator_ros.refinement.refiner import (
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.library import LeftOutError, TopLibrary
 from ator_ros.world import messages as checks
-from ator_ros.world.messages import MessageError, pose_from, seconds_from
+from ator_ros.world.messages import MessageError, pose_from
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
-MOST_OBJECTS = 16
-"""Objects that a situation may hold."""
 _FASTEST_GOAL = 3.0
 """Greatest speed of a goal in multiples of the robot's limit: limits are estimates, units in km/h are 3.6."""
 
@@ -90,29 +86,6 @@ def object_odometry_of(time: float, there: ObjectState, *, frame: str, height: f
     position.x, position.y, position.z = float(there.x), float(there.y), height
     linear.x, linear.y = float(there.vx), float(there.vy)
     return message
-
-
-def world_from(situation: msg.Situation, *, frame: str, where: str = "situation") -> World:
-    """Read a situation."""
-    checks.frame(situation.header.frame_id, f"{where}.header.frame_id", expected=frame)
-    robot = RobotState(
-        pose_from(situation.robot, f"{where}.robot"),
-        checks.velocity(situation.v, f"{where}.v"),
-        checks.velocity(situation.w, f"{where}.w", "rad/s"),
-    )
-    checks.count(situation.objects, f"{where}.objects", least=0, most=MOST_OBJECTS)
-    objects = dict(
-        _named_object(item, f"{where}.objects[{number}]") for number, item in enumerate(situation.objects)
-    )
-    if len(objects) != len(situation.objects):
-        raise MessageError(f"{where}.objects: expected each name once, got one twice")
-    return World(seconds_from(situation.header.stamp, f"{where}.header.stamp"), robot, objects)
-
-
-def _named_object(item: msg.ObjectState, where: str) -> tuple[str, ObjectState]:
-    if not is_name(item.name):
-        raise MessageError(f"{where}.name: expected a name of letters, digits and _, got {quoted(item.name)}")
-    return item.name, checks.object_from(item.position, item.velocity, where)
 
 
 def situation_of(world: World, *, frame: str) -> msg.Situation:

@@ -62,7 +62,7 @@ class PlanService:
         try:
             name = checks.name(request.action_set or DEFAULT_SET, "action_set", allowed=self._libraries)
             goal = statements_from(request.goal, self._goals, self._variables)
-            world = messages.world_from(request.situation, frame=self._frame)
+            world = checks.world_from(request.situation, frame=self._frame)
             library, objects = self._libraries[name], self._domain.objects
             chains = chains_for(goal, world, library, objects, self._fence)
         except (MessageError, PlanningError) as error:

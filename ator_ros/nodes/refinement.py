@@ -41,7 +41,7 @@ from ator_ros.refinement.refiner import Refinement, Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
 from ator_ros.tops.library import TopLibrary
 from ator_ros.view.shapes import refinement_shapes
-from ator_ros.world.messages import MessageError, pose_from
+from ator_ros.world.messages import MessageError, pose_from, world_from
 
 PARAMETERS = (
     FRAME,
@@ -190,7 +190,7 @@ def refine_request(
     Raises MessageError or RefinementError if the request cannot be read, its chain leads out of the fence, or
     none of its chains is a valid plan from its situation.
     """
-    world = messages.world_from(request.situation, frame=frame)
+    world = world_from(request.situation, frame=frame)
     chain = messages.chain_from(request.chain, library, frame=frame, fence=fence)
     others = messages.alternatives_from(request.alternatives, library, frame=frame, fence=fence)
     objective = messages.objective_from(request.objective, refiner.failure_cost)

@@ -31,7 +31,7 @@ from ator_ros.execution.chain_executor import Ending
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.nodes.client_node import ClientNode, SimulationClient
 from ator_ros.nodes.inputs import ObjectSources, RobotSource, TfListener
-from ator_ros.nodes.messages import action_set_from, chain_from, chain_of, situation_of, world_from
+from ator_ros.nodes.messages import action_set_from, chain_from, chain_of, situation_of
 from ator_ros.nodes.parameters import STATE, SetupError
 from ator_ros.nodes.qos import LATCHED, LATCHED_BY_MANY, RESULTS, SERVICES
 from ator_ros.printable import printable
@@ -42,7 +42,7 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.view.backend import OTHERS, Answer, Candidate, ExternalGoal, NodesError, Run, UnavailableError
 from ator_ros.view.draft import Draft
 from ator_ros.view.history import ExecutedChain, History
-from ator_ros.world.messages import MessageError, object_from, pose_from
+from ator_ros.world.messages import MessageError, object_from, pose_from, world_from
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _DISCOVERY = 2.0  # real s after which a simulation, or a service of the executor, counts as missing

@@ -155,7 +155,3 @@ def main(argv: Sequence[str] | None = None) -> int:
         own = remove_ros_args(["calibrate", *words])[1:]
     options = arguments().parse_args(own)
     return guarded("calibrate", lambda: calibrate(**vars(options), words=words))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -168,7 +167,3 @@ def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     return run_tool(arguments(), _run, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

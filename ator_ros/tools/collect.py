@@ -168,7 +168,3 @@ def main(argv: Sequence[str] | None = None) -> int:
     return run_tool(
         arguments(), _run, argv, interrupted=RESUMES, actions=lambda domain: domain.actions(action_set)
     )
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -6,7 +6,6 @@ import argparse
 import dataclasses
 import itertools
 import math
-import sys
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -306,7 +305,3 @@ def main(argv: Sequence[str] | None = None) -> int:
         )  # fmt: skip
 
     return guarded("demo", run, interrupted="what was played is shown")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -130,7 +130,3 @@ def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     return run_tool(arguments(), _run, argv, interrupted=RESUMES, chain=lambda domain: domain.chains)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -8,7 +8,6 @@ object.x=hold.x:-0.1:0.1.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -121,7 +120,3 @@ def _run(options: argparse.Namespace, domain: Domain, _: str) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; the exit code is 1 where there is no plan."""
     return run_tool(arguments(), _run, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -231,7 +231,3 @@ def main(argv: Sequence[str] | None = None) -> int:
     return run_tool(
         arguments(), _run, argv, interrupted=RESUMES, needed=False, chain=lambda domain: domain.chains
     )
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -287,7 +287,3 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     unfinished = "models whose lines were printed are written, no others"
     return run_tool(arguments(), _run, argv, interrupted=unfinished)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

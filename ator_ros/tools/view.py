@@ -164,7 +164,3 @@ def main(argv: Sequence[str] | None = None) -> int:
             serve(**vars(options), words=words[len(own) :])
 
     return guarded("view", run)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -18,7 +18,7 @@ from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.printable import quoted
 from ator_ros.schema import require
 from ator_ros.world.estimation import RobotVelocity, TwistCheck, VelocityEstimate
-from ator_ros.world.state import Command, ObjectState, RobotState
+from ator_ros.world.state import Command, ObjectState, RobotState, World
 from ator_ros.world.transforms import Placement, Quaternion
 
 Kind = Literal["Odometry", "PoseStamped", "PoseWithCovarianceStamped", "tf"]
@@ -75,6 +75,8 @@ FARTHEST = 1e8
 15 nm that a float64 resolves begin to matter to motions of one control tick."""
 FASTEST = 100.0
 """Greatest velocity in m/s or rad/s: far above wheeled robots and what they push; more is a wrong unit."""
+MOST_OBJECTS = 16
+"""Objects that a situation may hold."""
 LONGEST_NAME = 200
 """Greatest number of characters in a name: ROS limits topics to 255, and names are quoted in answers."""
 _ROUNDING = 1e-3
@@ -346,6 +348,28 @@ def object_from(position_of: Any, velocity_of: Any, where: str) -> ObjectState:
         velocity(velocity_of.x, f"{where}.velocity: x"),
         velocity(velocity_of.y, f"{where}.velocity: y"),
     )
+
+
+def world_from(situation: Any, *, frame: str = "", where: str = "situation") -> World:
+    """Read an ator_interfaces/Situation, which must be in the frame `frame`; empty: in any."""
+    _expect_frame(situation.header.frame_id, f"{where}.header.frame_id", frame)
+    robot = RobotState(
+        pose_from(situation.robot, f"{where}.robot"),
+        velocity(situation.v, f"{where}.v"),
+        velocity(situation.w, f"{where}.w", "rad/s"),
+    )
+    count(situation.objects, f"{where}.objects", least=0, most=MOST_OBJECTS)
+    objects: dict[str, ObjectState] = {}
+    for index, item in enumerate(situation.objects):
+        place = f"{where}.objects[{index}]"
+        if not is_name(item.name):
+            raise MessageError(
+                f"{place}.name: expected a name of letters, digits and _, got {quoted(item.name)}"
+            )
+        objects[item.name] = object_from(item.position, item.velocity, place)
+    if len(objects) != len(situation.objects):
+        raise MessageError(f"{where}.objects: expected each name once, got one twice")
+    return World(seconds_from(situation.header.stamp, f"{where}.header.stamp"), robot, objects)
 
 
 def _expect_frame(given: str, where: str, expected: str) -> None:

@@ -29,6 +29,7 @@ from ator_ros.world.messages import (
     ObjectSource,
     command_from,
     robot_from,
+    world_from,
 )
 from ator_ros.world.state import ObjectState, RobotState, World
 
@@ -57,7 +58,7 @@ def near(first: Pose, second: Pose) -> bool:
 
 @given(worlds)
 def test_a_world_survives_the_way_through_a_message(world: World) -> None:
-    back = messages.world_from(messages.situation_of(world, frame=FRAME), frame=FRAME)
+    back = world_from(messages.situation_of(world, frame=FRAME), frame=FRAME)
     assert back.time == pytest.approx(world.time, abs=1e-8)
     assert near(back.robot.pose, world.robot.pose)
     assert (back.robot.v, back.robot.w, ball_of(back)) == (world.robot.v, world.robot.w, ball_of(world))
@@ -149,7 +150,7 @@ def test_whatever_comes_in_is_read_or_refused(data: st.DataObject) -> None:
     readers = [
         lambda: robot_from(scrambled(Odometry(), data.draw), frame=FRAME),
         lambda: BALL.read(scrambled(Odometry(), data.draw)),
-        lambda: messages.world_from(
+        lambda: world_from(
             scrambled(Situation(objects=[scrambled(ball, data.draw)]), data.draw), frame=FRAME
         ),
         lambda: command_from(scrambled(Twist(), data.draw), "cmd_vel"),

@@ -6,12 +6,12 @@ import os
 import re
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from ament_index_python.packages import get_package_prefix
 from nav_msgs.msg import Odometry
 from view.chromium import Chromium, need_browser
 from view.view_camera import canvas_of, red_around, seen_at
@@ -57,7 +57,7 @@ def browser_is_there(request: pytest.FixtureRequest) -> None:
 @pytest.fixture
 def view() -> Iterator[tuple[str, int]]:
     """Yield the page's address and the nodes' ROS domain."""
-    command = [sys.executable, "-m", "ator_ros.tools.view", "--port", "18231"]
+    command = [str(Path(get_package_prefix("ator_ros"), "lib", "ator_ros", "view")), "--port", "18231"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env={**os.environ})
     assert process.stdout is not None
     try:
