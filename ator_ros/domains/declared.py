@@ -24,7 +24,7 @@ from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.schema import Name, Within, require
 from ator_ros.tops.chain import Top, TopCall, TopChain
-from ator_ros.tops.conditions import Condition, Statement
+from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.ranges import USUAL_RANGES, Range
 from ator_ros.world.messages import FARTHEST, ObjectSource
@@ -287,8 +287,8 @@ class DeclaredTop:
 
     name: Annotated[str, Name()]
     action: str
-    pre: tuple[Statement, ...] = ()
-    post: tuple[Statement, ...] = ()
+    pre: tuple[Term | Region, ...] = ()
+    post: tuple[Term | Region, ...] = ()
     point: Literal["axle", "hold"] = "axle"
     # A robot that has stopped oscillates for seconds; a longer wait is an action of its own.
     settles: Annotated[float, Within(0.0, 60.0)] = 0.0

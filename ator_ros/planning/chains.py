@@ -17,7 +17,6 @@ from ator_ros.geometry import FloatArray, Pose
 from ator_ros.planning.facts import Fact, placed_thing, resolved
 from ator_ros.planning.goals import PlanningError
 from ator_ros.planning.problem import PlannedStep
-from ator_ros.refinement.free_variables import clearance
 from ator_ros.tops.chain import Top, TopCall, TopChain, projected
 from ator_ros.tops.conditions import State, state_of
 from ator_ros.tops.library import TopLibrary
@@ -95,7 +94,7 @@ def _place_in(
     goal = resolved(dict(region[0].binding), state)
     places = _candidates(edges, goal)
     there = {**state, f"{thing}.x": places[:, 0], f"{thing}.y": places[:, 1]}
-    margins = [clearance(fact.clause, there, resolved(dict(fact.binding), state)) for fact in region]
+    margins = [fact.clause.clearance(there, resolved(dict(fact.binding), state)) for fact in region]
     least = np.min([-np.inf if margin is None else margin for margin in margins], axis=0)
     for margin in (top.place_tolerance, 0.0):
         good = places[np.broadcast_to(least >= margin - 1e-9, len(places))]

@@ -6,6 +6,7 @@ TOP), or a place that is chosen later. Variables with the same symbol have the s
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 from ator_ros.actions.base import Point
 from ator_ros.geometry import wrap_angle
 from ator_ros.tops.chain import Top
-from ator_ros.tops.conditions import Condition, Relation, State, Statement, Term, violation_of
+from ator_ros.tops.conditions import Condition, Relation, State, Statement
 
 Symbol = float | str
 Binding = Mapping[str, Symbol]
@@ -171,10 +172,7 @@ class Fact:
 
     def violation(self, state: State) -> str | None:
         """Return why it does not hold in a state; None if it holds."""
-        goal = resolved(dict(self.binding), state)
-        if isinstance(self.clause, Statement):
-            return self.clause.violation(state, goal)
-        return violation_of(self.clause, state, goal)
+        return self.clause.violation(state, resolved(dict(self.binding), state))
 
     def __str__(self) -> str:
         """Return it as text, with numbers for known goal variables."""
@@ -186,10 +184,7 @@ class Fact:
             symbol = dict(self.binding).get(target.removeprefix("goal."), target)
             target = target if is_chosen(symbol) else symbol
         about = target if isinstance(target, str) else f"{target:g}"
-        if isinstance(clause, Term):
-            return f"{clause.variable} within {clause.tolerance:g} of {about}"
-        outward = " outward" if clause.outward else ""
-        return f"{clause.variable} {clause.low:g} to {clause.high:g}{outward} of {about}"
+        return str(dataclasses.replace(clause, target=about))
 
 
 def resolved(binding: Binding, state: State) -> dict[str, float]:

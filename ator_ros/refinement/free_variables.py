@@ -21,7 +21,7 @@ import numpy as np
 
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, direct_name, goal_values
-from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angle, wrap_angles
+from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angle
 from ator_ros.refinement.chain_prediction import (
     PredictsPerformance,
     chain_situations,
@@ -31,7 +31,7 @@ from ator_ros.refinement.search import Allowed, spread_points
 from ator_ros.robot.description import Robot
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopCall, TopChain, projected
-from ator_ros.tops.conditions import Condition, Distance, Region, Relation, Statement, Term, lookup, state_of
+from ator_ros.tops.conditions import Condition, Distance, Region, Relation, Statement, state_of
 from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
 from ator_ros.world.state import World
 
@@ -236,7 +236,7 @@ class Regions:
 
     def limits(self, index: int) -> tuple[str, ...]:
         """Return a description of each bound of a subgoal's candidates."""
-        return tuple(f"{rule.source}: {_described(rule.bound)}" for rule in self._bounds[index])
+        return tuple(f"{rule.source}: {rule.bound}" for rule in self._bounds[index])
 
     def bounds(self, index: int) -> bool:
         """Return whether anything bounds the candidates of a subgoal."""
@@ -253,7 +253,7 @@ class Regions:
 
     def _clearance(self, rule: _Rule, index: int, after: Mapping[str, Any], own: Mapping[str, Any]) -> Any:
         state = self._states[index] if rule.before else after
-        margin = clearance(rule.bound, state, own if rule.goal is None else rule.goal)
+        margin = rule.bound.clearance(state, own if rule.goal is None else rule.goal)
         return math.inf if margin is None else margin
 
     def _bounds_of(self, index: int) -> list[_Rule]:
@@ -308,7 +308,7 @@ class Regions:
         for term in call.top.post.terms:
             if call.top.arrives and term.variable.partition(".")[0] in ("robot", "hold"):
                 continue
-            target: Any = lookup(term.target, state, goal) if isinstance(term.target, str) else term.target
+            target = term.target_in(state, goal)
             if target is not None:
                 state[term.variable] = _placed(term, target)
         if not call.top.arrives and any(term.variable.startswith("robot.") for term in call.top.post.terms):
@@ -340,7 +340,7 @@ def _may_bound(chain: TopChain, names: Sequence[tuple[str, ...]]) -> bool:
     )
 
 
-def _placed(term: Term | Region, target: Any) -> Any:
+def _placed(term: Statement, target: Any) -> Any:
     """Return a value of a term's variable for which the term holds."""
     offset = term.offset(math.inf)
     if offset and isinstance(term, Region) and term.outward:
@@ -351,28 +351,6 @@ def _placed(term: Term | Region, target: Any) -> Any:
 def _bounds_in(condition: Condition) -> list[Bound]:
     ranges = [term for term in condition.terms if isinstance(term, Region) and term.bounds]
     return [*condition.relations, *ranges]
-
-
-def clearance(clause: Statement | Relation, state: Mapping[str, Any], goal: Mapping[str, Any]) -> Any:
-    """Return the margin by which a clause holds, negative if it does not; None for unknown variables."""
-    if not isinstance(clause, Statement):
-        return clause.clearance(state, goal)
-    value: Any = state.get(clause.variable)
-    target: Any = lookup(clause.target, state, goal) if isinstance(clause.target, str) else clause.target
-    if value is None or target is None:
-        return None
-    difference = value - target
-    if clause.variable.endswith("yaw"):
-        difference = wrap_angles(difference)
-    low, high = clause.reach(float(target))
-    return np.minimum(difference - low, high - difference)
-
-
-def _described(bound: Bound) -> str:
-    if not isinstance(bound, Region):
-        return str(bound)
-    beyond = " outward" if bound.outward else ""
-    return f"{bound.variable} {bound.low:g} to {bound.high:g}{beyond} of {bound.target}"
 
 
 # Experience

@@ -69,7 +69,7 @@ def _placed(term: Statement, target: _Value) -> _Value:
     """Return the value of a term's variable when the term holds."""
     if term.offset(1.0) == 0.0:
         return target
-    return target._replace(text=f"{target.text} with {term}")
+    return target._replace(text=f"{target.text} with {term!r}")
 
 
 def _arrival(point: Point, step: int) -> _State:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -56,15 +57,48 @@ def arrived(world: World, goal: Goal, robot: Robot) -> World:
     return dataclasses.replace(world, robot=RobotState(goal.robot_pose(robot), goal.speed, 0.0))
 
 
-# Relations between places
+# Clauses
 
 
 Values = Mapping[str, Any]
 """Variables by name, each a number or an array of shape (n,)."""
 
 
+class Clause(ABC):
+    """One requirement of a condition: a statement on a variable, or a relation between places."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def clearance(self, state: Values, goal: Values) -> Any:
+        """Return the margin by which this holds, negative where it does not; None if a variable is unknown.
+
+        It is in m for places, else in the variable's unit; an array of shape (n,) if a variable is one.
+        """
+
+    def excess(self, state: State, goal: State) -> float:
+        """Return by how much this is violated, 0 if it holds; infinite if a variable is unknown."""
+        clearance = self.clearance(state, goal)
+        return math.inf if clearance is None else max(0.0, -float(clearance))
+
+    def violation(self, state: State, goal: State) -> str | None:
+        """Return in words why this does not hold; None where it holds."""
+        excess = self.excess(state, goal)
+        if excess == 0.0:
+            return None
+        found = self._found(state, goal, excess) if excess < math.inf else "but one of them is unknown"
+        return f"expected {self}, {found}"
+
+    def _found(self, state: State, goal: State, excess: float) -> str:  # noqa: ARG002
+        """Return what was found where this is violated by `excess`."""
+        return f"it is {excess:.3g} m beyond"
+
+
+# Relations between places
+
+
 @dataclass(frozen=True, slots=True)
-class Distance:
+class Distance(Clause):
     """The distance between two places lies in a range.
 
     Attributes
@@ -99,10 +133,7 @@ class Distance:
         return self.place, self.other
 
     def clearance(self, state: Values, goal: Values) -> Any:
-        """Return how far in m the place may move until this is violated; negative if it is violated.
-
-        None if a place is unknown. An array of shape (n,) if a variable is one.
-        """
+        """Return how far in m the place may move until this is violated; see `Clause.clearance`."""
         offset = _offset(self.other, self.place, state, goal)
         if offset is None:
             return None
@@ -116,7 +147,7 @@ class Distance:
 
 
 @dataclass(frozen=True, slots=True)
-class Bearing:
+class Bearing(Clause):
     """The direction from one place to another lies within an angle of an axis.
 
     Attributes
@@ -159,7 +190,7 @@ class Bearing:
         return self.place, self.origin
 
     def clearance(self, state: Values, goal: Values) -> Any:
-        """Return how far in m the place may move until this is violated, as `Distance.clearance` does."""
+        """Return how far in m the place may move until this is violated; see `Clause.clearance`."""
         offset = _offset(self.origin, self.place, state, goal)
         if offset is None:
             return None
@@ -176,21 +207,7 @@ class Bearing:
 
 
 Relation = Distance | Bearing
-"""One statement on two places."""
-
-
-def violation_of(relation: Relation, state: Values, goal: Values) -> str | None:
-    """Return why a relation does not hold; None if it holds."""
-    clearance = relation.clearance(state, goal)
-    if clearance is None:
-        return f"expected {relation}, but one of them is unknown"
-    return None if clearance >= 0.0 else f"expected {relation}, it is {-float(clearance):.3g} m beyond"
-
-
-def excess_of(relation: Relation, state: Values, goal: Values) -> float:
-    """Return how far in m the place is outside the region, 0 if inside; infinite if a place is unknown."""
-    clearance = relation.clearance(state, goal)
-    return math.inf if clearance is None else max(0.0, -float(clearance))
+"""One clause on two places."""
 
 
 def _offset(origin: str, place: str, state: Values, goal: Values) -> tuple[Any, Any] | None:
@@ -207,15 +224,15 @@ def _position(place: str, state: Values, goal: Values) -> tuple[Any, Any]:
     return state.get(f"{place}.x"), state.get(f"{place}.y")
 
 
-# Conditions
+# Statements on variables
 
 
 _NO_OBJECTS = frozenset({"robot", "hold", "goal"})
 
 
 @dataclass(frozen=True, slots=True)
-class Term:
-    """One statement of a condition: a variable is near a target.
+class Statement(Clause):
+    """A variable lies in a range about a target.
 
     Attributes
     ----------
@@ -223,35 +240,65 @@ class Term:
         A state variable, such as "hold.x" or "robot.yaw".
     target : str or float
         A goal variable ("goal.x"), a state variable ("robot.x"), or a number.
-    tolerance : float
-        Greatest difference, in the variable's unit.
     """
 
     variable: str
     target: str | float
+
+    @property
+    @abstractmethod
+    def places(self) -> bool:
+        """Whether the variable lies at its target."""
+
+    @abstractmethod
+    def reach(self, target: float) -> tuple[float, float]:
+        """Return the least and the greatest difference of the variable from `target`."""
+
+    @abstractmethod
+    def offset(self, target: float) -> float:
+        """Return the difference from `target` that the variable has once this holds: the least possible."""
+
+    def target_in(self, state: Values, goal: Values) -> Any:
+        """Return the value of the target; None if it is unknown."""
+        if not isinstance(self.target, str):
+            return self.target
+        name = self.target.removeprefix("goal.")
+        return state.get(name) if name == self.target else goal.get(name)
+
+    def difference(self, state: Values, goal: Values) -> Any:
+        """Return the variable minus its target, an angle wrapped; None where one of the two is unknown."""
+        value, target = state.get(self.variable), self.target_in(state, goal)
+        if value is None or target is None:
+            return None
+        return wrap_angle(value - target) if self.variable.endswith("yaw") else value - target
+
+    def clearance(self, state: Values, goal: Values) -> Any:
+        """Return how far the variable may move until this is violated; see `Clause.clearance`."""
+        difference = self.difference(state, goal)
+        if difference is None:
+            return None
+        low, high = self.reach(self.target_in(state, goal))
+        return np.minimum(difference - low, high - difference)
+
+
+@dataclass(frozen=True, slots=True)
+class Term(Statement):
+    """One statement of a condition: a variable is near a target.
+
+    Attributes
+    ----------
+    variable, target
+        As for `Statement`.
+    tolerance : float
+        Greatest difference, in the variable's unit.
+    """
+
     tolerance: Annotated[float, Within(0.0)]
 
     @property
     def places(self) -> bool:
         """Whether the variable lies at its target."""
         return True
-
-    def excess(self, state: State, goal: Mapping[str, float]) -> float | None:
-        """Return how far the variable exceeds the tolerance, 0 if it does not; None if a value is unknown."""
-        difference = _difference(self, state, goal)
-        return None if difference is None else max(0.0, abs(difference) - self.tolerance)
-
-    def violation(self, state: State, goal: Mapping[str, float]) -> str | None:
-        """Return in words why the term does not hold; None where it holds."""
-        difference = _difference(self, state, goal)
-        if difference is None:
-            return f"expected {self.variable} near {self.target}, but one of them is unknown"
-        if abs(difference) <= self.tolerance:
-            return None
-        return (
-            f"expected {self.variable} within {self.tolerance:g} of {self.target}, "
-            f"it is {abs(difference):.3g} off"
-        )
 
     def reach(self, target: float) -> tuple[float, float]:  # noqa: ARG002
         """Return the least and the greatest difference of the variable from `target`."""
@@ -261,17 +308,22 @@ class Term:
         """Return the difference from `target` that the variable has once this holds: none."""
         return 0.0
 
+    def _found(self, state: State, goal: State, excess: float) -> str:  # noqa: ARG002
+        return f"it is {abs(self.difference(state, goal)):.3g} off"
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        return f"{self.variable} within {self.tolerance:g} of {self.target}"
+
 
 @dataclass(frozen=True, slots=True)
-class Region:
+class Region(Statement):
     """One statement of a condition: a variable lies in a range about a target.
 
     Attributes
     ----------
-    variable : str
-        A state variable, such as "robot.x".
-    target : str or float
-        A goal variable ("goal.x"), a state variable ("robot.x"), or a number.
+    variable, target
+        As for `Statement`.
     low, high : float
         Least and greatest difference of the variable from the target, in the variable's unit; either may be
         infinite.
@@ -287,8 +339,6 @@ class Region:
         `low` is not a number less than or equal to `high`.
     """
 
-    variable: str
-    target: str | float
     low: float = -math.inf
     high: float = math.inf
     outward: bool = False
@@ -311,43 +361,29 @@ class Region:
         """Whether it bounds the variable by numbers alone."""
         return not isinstance(self.target, str)
 
-    def excess(self, state: State, goal: Mapping[str, float]) -> float | None:
-        """Return how far the variable is outside the range, 0 if inside; None if a value is unknown."""
-        difference = self._outward(_difference(self, state, goal), state, goal)
-        return None if difference is None else max(0.0, self.low - difference, difference - self.high)
-
-    def violation(self, state: State, goal: Mapping[str, float]) -> str | None:
-        """Return in words why the term does not hold; None where it holds."""
-        difference = self._outward(_difference(self, state, goal), state, goal)
-        if difference is None:
-            return f"expected {self.variable} about {self.target}, but one of them is unknown"
-        if self.low <= difference <= self.high:
-            return None
-        beyond = " outward" if self.outward else ""
-        return (
-            f"expected {self.variable} {self.low:g} to {self.high:g}{beyond} of {self.target}, "
-            f"it is {difference:.3g}"
-        )
-
     def reach(self, target: float) -> tuple[float, float]:
         """Return the least and the greatest difference of the variable from `target`."""
-        return (-self.high, -self.low) if self.outward and target < self.centre else (self.low, self.high)
+        return (self.low, self.high) if self._sign(target) > 0.0 else (-self.high, -self.low)
 
     def offset(self, target: float) -> float:
         """Return the difference from `target` that the variable has once this holds: the least possible."""
-        least = min(max(0.0, self.low), self.high)
-        return math.copysign(1.0, target - self.centre) * least if self.outward else least
+        return self._sign(target) * min(max(0.0, self.low), self.high)
 
-    def _outward(self, difference: float | None, state: State, goal: Mapping[str, float]) -> float | None:
-        """Return the difference, with its sign turned outward if `outward` is set."""
-        target = _target(self, state, goal)
-        if difference is None or target is None or not self.outward:
-            return difference
-        return math.copysign(1.0, target - self.centre) * difference
+    def _sign(self, target: float) -> float:
+        """Return 1 where differences from `target` count upward, -1 where they count downward."""
+        return math.copysign(1.0, target - self.centre) if self.outward else 1.0
+
+    def _found(self, state: State, goal: State, excess: float) -> str:  # noqa: ARG002
+        difference = self._sign(self.target_in(state, goal)) * self.difference(state, goal)
+        return f"it is {difference:.3g}"
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        beyond = " outward" if self.outward else ""
+        return f"{self.variable} {self.low:g} to {self.high:g}{beyond} of {self.target}"
 
 
-Statement = Term | Region
-"""One statement of a condition."""
+# Conditions
 
 
 @dataclass(frozen=True, slots=True)
@@ -372,42 +408,20 @@ class Condition:
 
     def violations(self, state: State, goal: Mapping[str, float]) -> list[str]:
         """Return why the condition does not hold, a text for each violated term; empty if it holds."""
-        violations = [term.violation(state, goal) for term in self.terms]
-        violations += [violation_of(relation, state, goal) for relation in self.relations]
+        violations = (clause.violation(state, goal) for clause in (*self.terms, *self.relations))
         return [violation for violation in violations if violation is not None]
 
     def shortfall(self, state: State, goal: Mapping[str, float]) -> float:
         """Return the greatest excess over all terms, 0 if all hold; infinite if a variable is unknown."""
-        excesses = [term.excess(state, goal) for term in self.terms]
-        excesses += [excess_of(relation, state, goal) for relation in self.relations]
-        return max((math.inf if excess is None else excess for excess in excesses), default=0.0)
+        excesses = (clause.excess(state, goal) for clause in (*self.terms, *self.relations))
+        return max(excesses, default=0.0)
 
     def apply(self, state: State, goal: Mapping[str, float]) -> dict[str, float]:
         """Return the state with every variable at its target, or as near to it as its range allows."""
         result = dict(state)
         for term in self.terms:
-            target = _target(term, state, goal)
+            target = term.target_in(state, goal)
             if target is not None:
                 offset = term.offset(target)
                 result[term.variable] = target + offset if offset else target
         return result
-
-
-def _difference(term: Statement, state: State, goal: Mapping[str, float]) -> float | None:
-    """Return the variable minus its target, an angle wrapped; None where one of the two is unknown."""
-    value, target = state.get(term.variable), _target(term, state, goal)
-    if value is None or target is None:
-        return None
-    difference = value - target
-    return wrap_angle(difference) if term.variable.endswith("yaw") else difference
-
-
-def _target(term: Statement, state: State, goal: Mapping[str, float]) -> float | None:
-    return lookup(term.target, state, goal) if isinstance(term.target, str) else term.target
-
-
-def lookup(name: str, state: State, goal: Mapping[str, float]) -> float | None:
-    """Return the value of a goal variable ("goal.x") or state variable ("robot.x"), None if unknown."""
-    if name.startswith("goal."):
-        return goal.get(name.removeprefix("goal."))
-    return state.get(name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable
 
 from ator_ros.actions.base import Goal
@@ -91,7 +92,7 @@ def has_left(world: World, call: TopCall, robot: Robot) -> bool:
         return False
     state, goal, pairs = state_of(world, robot), goal_values(call.goal), _position_pairs(name, "goal")
     terms = (term for term in call.top.pre.terms if _pair(term) in pairs)
-    return any((term.excess(state, goal) or 0.0) > 0.0 for term in terms)
+    return any(0.0 < term.excess(state, goal) < math.inf for term in terms)
 
 
 def at_object(goal: Goal, world: World, name: str) -> Goal:
