@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 
@@ -17,11 +18,10 @@ from ator_ros.domains.soccer.tops import GO_TO_POSE
 from ator_ros.performance.features import OBSERVED, names_of
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot
-from ator_ros.tops.chain import Top, TopChain
+from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition, Term
-from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
-from ator_ros.world.state import CONTROL_PERIOD, World
+from ator_ros.world.state import CONTROL_PERIOD
 
 TIME_LIMIT = 120.0
 """Time in s that a drive or a chain may take: at 0.05 m/s a robot drives 6 m."""
@@ -53,11 +53,6 @@ def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
     return dataclasses.replace(situation, goal=dataclasses.replace(situation.goal, speed=speed))
 
 
-def passing(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
-    """Draw a place to pass, with any heading, on the way to a pose."""
-    return chains.drive(robot, library, rng, time_limit=TIME_LIMIT)
-
-
 def tops_for(robot: Robot) -> tuple[Top, ...]:
     """Return the TOPs; a place that is passed at a speed is judged once per control tick."""
     tolerance = max(_TOLERANCE, arrival_limit(robot) * CONTROL_PERIOD + _OFF_THE_WAY)
@@ -72,7 +67,7 @@ DRIVE = Domain(
     "drive",
     (GO_TO_POSE,),
     {DEFAULT_SET: (ActionSpec("goToPose", GoToPose, go_to_pose, names_of(OBSERVED)),)},
-    chains={"passing": passing},
+    chains={"passing": partial(chains.drive, time_limit=TIME_LIMIT)},
     variables=RANGES,
     description=resource_path("config", "turtlebot4.yaml"),
     time_limit=TIME_LIMIT,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.refinement.calibration import Calibration, chosen_headings
@@ -35,27 +35,29 @@ class Predictor:
         self._models = models
         self._calibration = (calibration or Calibration()).matching(models)
 
-    def chain(self, world: World, chain: TopChain) -> ChainPrediction | None:
-        """Predict `chain` from the state `world`; None where an action has no model."""
+    def chain(
+        self, world: World, chain: TopChain, *, chosen: Sequence[bool] | None = None
+    ) -> ChainPrediction | None:
+        """Predict `chain` from the state `world`; None where an action has no model.
+
+        `chosen` is as for `Calibration.corrected`.
+        """
         if any(call.top.action not in self._models for call in chain.calls):
             return None
         prediction = predict_chain(world, chain, self._models, self._robot)
-        return self._calibration.corrected([(chain, prediction)], world, self._models, self._robot)[0]
+        (corrected,) = self._calibration.corrected(
+            [(chain, prediction)], world, self._models, self._robot, chosen=chosen
+        )
+        return corrected
 
     def action(self, world: World, chain: TopChain, step: int) -> Mapping[str, float] | None:
         """Predict one step (from 0) of `chain` from the state `world`; None where it has no model.
 
         The whole chain decides whether the step's heading is free: other steps may bind it.
         """
-        part = TopChain((chain.calls[step],))
-        if part.calls[0].top.action not in self._models:
-            return None
-        prediction = predict_chain(world, part, self._models, self._robot)
         chosen = chosen_headings(chain, self._models, self._robot)[step : step + 1]
-        (corrected,) = self._calibration.corrected(
-            [(part, prediction)], world, self._models, self._robot, chosen=chosen
-        )
-        return corrected.actions[0]
+        predicted = self.chain(world, TopChain((chain.calls[step],)), chosen=chosen)
+        return None if predicted is None else predicted.actions[0]
 
 
 class Forecast:

@@ -52,23 +52,11 @@ def _chains(library: TopLibrary) -> Iterator[tuple[World, TopChain]]:
 
 
 def warm_up_actions(library: TopLibrary, predictor: Predictor) -> None:
-    """Plan and predict each TOP of `library` in the open and beside a bay, where the search is long."""
-    robot = library.robot
-    area, bays = robot.scene.area, robot.scene.bays
-    end = area.at(area.length / 2.0, 0.0)
-    x, y, width = (bays[-1].x, bays[-1].y, bays[-1].width) if bays else (end.x, end.y, 0.0)
-    corner = Pose(x - 0.3, y + width / 2.0 + 0.2, 0.5)
-    for top in library.usable():
-        if held_first(top) is not None:
-            starts = (_world(robot, top, Pose(x - 2.0, y, 0.2)), _world(robot, top, corner))
-            goals = (Pose(x, y, 0.0), Pose(x, y, 0.0))
-        else:
-            starts = (_world(robot, top),) * 2
-            goals = (area.at(0.0, 0.0), corner._replace(yaw=2.5))
-        for world, goal in zip(starts, goals, strict=True):
-            call = TopCall(top, library.goal(top, goal))
-            if _planned(library, top, world, call.goal):
-                predictor.chain(world, TopChain((call,)))
+    """Plan and predict each TOP of `library`."""
+    for world, chain in _chains(library):
+        first = chain.calls[0]
+        if _planned(library, first.top, world, first.goal):
+            predictor.chain(world, TopChain((first,)))
 
 
 def _world(robot: Robot, top: Top, pose: Pose | None = None) -> World:

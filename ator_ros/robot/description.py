@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import hashlib
 import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any
 
 from ator_ros.files import FileError, content_with_optional_header, read_yaml
 from ator_ros.geometry import Pose
@@ -140,8 +139,8 @@ class Build:
 
 
 @dataclass(frozen=True, slots=True)
-class Robot:
-    """A differential-drive robot, perhaps with a holder, and the scene that it is in.
+class Base:
+    """A differential-drive robot, perhaps with a holder: the section `robot` of a description.
 
     Lengths in m from the middle of the axle, mass in kg, torque in N m, time in s. `limits` holds for the
     base. `grip` is the centripetal acceleration in m/s^2 beyond which its wheels may slide: rubber on a hard
@@ -160,11 +159,17 @@ class Robot:
     wheel_torque: Annotated[float, Within(0.001, 10_000.0)]
     motor_time_constant: Annotated[float, Within(0.0001, 10.0)]
     limits: Limits
-    scene: Scene
     holder: Holder | None = None
     stop: StopBraking = StopBraking()
     grip: Annotated[float, Within(0.01, 100.0)] = 4.0
     build: Build = Build()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Robot(Base):
+    """A robot and the scene that it is in; see `Base`."""
+
+    scene: Scene
 
     def __post_init__(self) -> None:
         """Refuse what no body can be; raises ConfigError."""
@@ -267,6 +272,14 @@ def _digest_of(content: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 
+@dataclass(frozen=True, slots=True)
+class Description:
+    """What a file contains."""
+
+    robot: Base
+    scene: Scene
+
+
 def load_robot(path: Path | str | None = None) -> Robot:
     """Read the description of a robot and of the scene around it.
 
@@ -283,7 +296,7 @@ def load_robot(path: Path | str | None = None) -> Robot:
     file = Path(path) if path is not None else resource_path(*SHIPPED)
     try:
         data = content_with_optional_header(read_yaml(file, largest=_LARGEST), KIND)
-        read = structured(data, _schema(), closed=True)
+        read = structured(data, Description, closed=True)
     except FileError as error:
         raise ConfigError(str(error)) from error
     except SchemaError as error:
@@ -295,20 +308,6 @@ def load_robot(path: Path | str | None = None) -> Robot:
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from error
     return robot
-
-
-@functools.cache
-def _schema() -> Any:
-    """Return the schema of a file: the section `robot` has the fields of `Robot` without its scene."""
-    types = get_type_hints(Robot, include_extras=True)
-    own = [
-        (item.name, types[item.name], dataclasses.field(default=item.default))
-        for item in dataclasses.fields(Robot)
-        if item.name != "scene"
-    ]
-    return dataclasses.make_dataclass(
-        "DescriptionFile", [("robot", dataclasses.make_dataclass("RobotSection", own)), ("scene", Scene)]
-    )
 
 
 _MOST_WHEEL = 0.49

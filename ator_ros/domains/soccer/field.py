@@ -3,29 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
+from ator_ros.actions.situation import Situation
 from ator_ros.compiled import elementwise
 from ator_ros.domains.domain import Line
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.world.scene import WALL_THICKNESS, Bay, Scene
-from ator_ros.world.state import ObjectState
+from ator_ros.world.state import ObjectState, World
 
 BALL = "ball"
 """Name of the ball among the objects of a world and in conditions."""
 
 
-class _WithObjects(Protocol):
-    @property
-    def objects(self) -> Mapping[str, ObjectState]: ...
-
-
-def ball_of(world: _WithObjects) -> ObjectState | None:
+def ball_of(world: World | Situation) -> ObjectState | None:
     """Return the ball of a world or of a situation; None if there is none."""
     return world.objects.get(BALL)
 
