@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray, Pose
@@ -108,6 +109,10 @@ class Bundle(NamedTuple):
     first: FloatArray
     last: FloatArray
     distance: FloatArray
+
+    def part(self, which: NDArray[np.intp]) -> Bundle:
+        """Return the manoeuvres of the indices `which`."""
+        return Bundle(*(column[..., which] for column in self))
 
     def manoeuvre(self, index: int, start: Pose, limits: Limits) -> Manoeuvre:
         """Return one of the manoeuvres, from `start` with the speeds and accelerations of `limits`."""

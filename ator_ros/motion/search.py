@@ -110,47 +110,21 @@ _CANDIDATES_A_POINT = 800
 _ROUNDING = 1e-9  # s
 
 
-@dataclass(frozen=True, slots=True)
-class Candidates:
-    """Manoeuvres found to a goal, fastest first.
-
-    Attributes
-    ----------
-    entries, exits : ndarray of int, shape (n,)
-        Which sides they combine.
-    first, last, distance, times : ndarray, shape (n,)
-        Turns in rad, straight drive in m, durations in s (to the grid's accuracy).
-    """
-
-    goal: Pose
-    tables: SearchTables
-    entries: NDArray[np.intp]
-    exits: NDArray[np.intp]
-    first: FloatArray
-    last: FloatArray
-    distance: FloatArray
-    times: FloatArray
-
-    def bundle(self, which: NDArray[np.intp]) -> Bundle:
-        """Return the manoeuvres of the indices `which`, shape (n,)."""
-        return Bundle(
-            np.repeat(np.array(self.goal)[:, None], len(which), axis=1),
-            self.tables.entries.table[:, self.entries[which]],
-            self.tables.exits.table[:, self.exits[which]],
-            self.first[which],
-            self.last[which],
-            self.distance[which],
-        )
-
-
 def find_candidates(
     start: Pose, goal: Pose, tables: SearchTables, least_slack: float = -math.inf, longest: float = math.inf
-) -> Planning[Candidates]:
-    """Find all manoeuvres from `start` to `goal` with the sides of `tables`.
+) -> Planning[tuple[Bundle, FloatArray]]:
+    """Find all manoeuvres from `start` to `goal` with the sides of `tables`, fastest first.
 
     For each pair of sides the heading of the straight drive is the only unknown: the drive must meet the
     last turn. Its roots are bracketed on a grid of first turns, where the parts of both sides just add.
     Manoeuvres with less slack than `least_slack` (m) are left out, and most that take more than `longest` s.
+
+    Returns
+    -------
+    found : Bundle
+        The manoeuvres.
+    times : ndarray, shape (n,)
+        Their durations in s, to the grid's accuracy.
     """
     offset = start.relative(goal)
     lanes = np.stack((offset.x * np.cos(GRID) + offset.y * np.sin(GRID),
@@ -269,7 +243,9 @@ def _roots(
     return entries, exits, first, turn - first, distance
 
 
-def _ranked(goal: Pose, tables: SearchTables, least_slack: float, found: list[NDArray[Any]]) -> Candidates:
+def _ranked(
+    goal: Pose, tables: SearchTables, least_slack: float, found: list[NDArray[Any]]
+) -> tuple[Bundle, FloatArray]:
     limits, ends = tables.limits, (tables.entries, tables.exits)
     times, speeds = [], []
     for side, end in enumerate(ends):
@@ -285,4 +261,6 @@ def _ranked(goal: Pose, tables: SearchTables, least_slack: float, found: list[ND
     durations += drive_time(found[4], speeds[0][kept], speeds[1][kept], limits)
     order = np.argsort(durations, kind="stable")
     entries, exits, first, last, distance = (column[order] for column in found)
-    return Candidates(goal, tables, entries, exits, first, last, distance, durations[order])
+    goals = np.repeat(np.array(goal)[:, None], len(order), axis=1)
+    sides = tables.entries.table[:, entries], tables.exits.table[:, exits]
+    return Bundle(goals, *sides, first, last, distance), durations[order]

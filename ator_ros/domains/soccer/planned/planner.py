@@ -409,14 +409,14 @@ def fastest(
         )
     least_slack = _SLACK if forward_only else -math.inf
     most = longest + _GRID_ERROR
-    candidates = yield from find_candidates(start, goal, tables, least_slack, most)
-    short = np.searchsorted(candidates.times, most, side="right")
-    for which in batches(np.arange(short), candidates.times):
-        bounds = candidates.times[which] + _SURPRISE
+    candidates, times = yield from find_candidates(start, goal, tables, least_slack, most)
+    short = np.searchsorted(times, most, side="right")
+    for which in batches(np.arange(short), times):
+        bounds = times[which] + _SURPRISE
         yield screening_points(bounds) if len(which) > 1 else check_points(bounds[0])
         verdicts, closed = checked(
             start,
-            candidates.bundle(which),
+            candidates.part(which),
             tables.limits,
             obstacles,
             robot,

@@ -9,11 +9,9 @@ import itertools
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of, is_in_goal
@@ -60,52 +58,24 @@ def _run_up(
     `mouth` is the middle of the goal's mouth, heading out of the field. The leads of the entries are also
     tried longer.
     """
-    found = yield from _run_ups(robot, start, mouth, entries, limits)
+    found, times = yield from _run_ups(robot, start, mouth, entries, limits)
     obstacles = Obstacles()
-    for which in batches(np.arange(len(found)), found.times):
+    for which in batches(np.arange(len(times)), times):
         several = len(which) > 1
-        yield screening_points(found.times[which]) if several else check_points(found.times[which[0]])
-        verdicts, closed = checked(start, found.bundle(which), limits, obstacles, robot)
+        yield screening_points(times[which]) if several else check_points(times[which[0]])
+        verdicts, closed = checked(start, found.part(which), limits, obstacles, robot)
         clear = np.flatnonzero(verdicts == CLEAR)
         if len(clear):
             if several:
-                yield check_points(found.times[which[clear[0]]])
+                yield check_points(times[which[clear[0]]])
             return closed.manoeuvre(clear[0], start, limits)
     return None
 
 
-@dataclass(frozen=True, slots=True)
-class _RunUps:
-    """Run-ups, fastest first."""
-
-    mouth: Pose
-    limits: Limits
-    sides: FloatArray  # (5, n): leads and turns, as in `Bundle`
-    straights: FloatArray  # (3, n): where the last straights begin, seen from the mouth, in m and rad
-    turns: FloatArray  # rad
-    distances: FloatArray  # of the last straights, m
-    released: FloatArray  # speed at their end, m/s
-    times: FloatArray  # until the ball is in the goal, s
-
-    def __len__(self) -> int:
-        return len(self.times)
-
-    def bundle(self, which: NDArray[np.intp]) -> Bundle:
-        """Return the manoeuvres of the indices `which`, shape (n,)."""
-        released, distance, mouth = self.released[which], self.distances[which], self.mouth
-        x, y, heading = self.straights[:, which]
-        x, y = x + distance * np.cos(heading), y + distance * np.sin(heading)
-        c, s = math.cos(mouth.yaw), math.sin(mouth.yaw)
-        goals = np.stack((mouth.x + c * x - s * y, mouth.y + s * x + c * y, mouth.yaw + heading))
-        nothing = np.zeros(len(which))
-        exits = np.stack((nothing, released, released, nothing, np.full(len(which), self.limits.w)))
-        return Bundle(goals, self.sides[:, which], exits, self.turns[which], nothing, distance)
-
-
 def _run_ups(
     robot: Robot, start: Pose, mouth: Pose, entries: Sequence[Side], limits: Limits
-) -> Planning[_RunUps]:
-    """Find the `_GRID_TRIES` fastest run-ups on the grid."""
+) -> Planning[tuple[Bundle, FloatArray]]:
+    """Find the `_GRID_TRIES` fastest run-ups on the grid, and the times in s until the ball is in."""
     yield _TABLE_POINTS
     seen = mouth.relative(start)
     kept = np.flatnonzero(np.abs(wrap_angles(seen.yaw + _TURNS)) <= SLANT)
@@ -122,7 +92,13 @@ def _run_ups(
             latest = float(np.partition(columns[-1], _GRID_TRIES - 1)[_GRID_TRIES - 1])
             columns = columns[:, columns[-1] <= latest]
     columns = columns[:, np.argsort(columns[-1], kind="stable")[:_GRID_TRIES]]
-    return _RunUps(mouth, limits, columns[:5], columns[5:8], *columns[8:])
+    x, y, heading, turns, distance, released, times = columns[5:]
+    x, y = x + distance * np.cos(heading), y + distance * np.sin(heading)
+    c, s = math.cos(mouth.yaw), math.sin(mouth.yaw)
+    goals = np.stack((mouth.x + c * x - s * y, mouth.y + s * x + c * y, mouth.yaw + heading))
+    nothing = np.zeros(len(times))
+    exits = np.stack((nothing, released, released, nothing, np.full(len(times), limits.w)))
+    return Bundle(goals, columns[:5], exits, turns, nothing, distance), times
 
 
 def _of_sides(
@@ -134,7 +110,11 @@ def _of_sides(
     limits: Limits,
     latest: float,
 ) -> FloatArray:
-    """Find run-ups of up to `latest` s with some of the sides, shape (12, n), in the order of `_RunUps`."""
+    """Find run-ups of up to `latest` s with some of the sides, shape (12, n).
+
+    Rows: the sides as in `Bundle`; where the last straights begin, seen from the mouth (m, m, rad); turns in
+    rad; lengths of the last straights in m; speed at their end in m/s; times in s until the ball is in.
+    """
     headings = wrap_angles(seen.yaw + turns)
     length, outer, speed, acceleration, rate = sides[:, :, None]
     leads = length + _LEADS
