@@ -42,7 +42,7 @@ class Reception:
     _advanced: float = math.nan
 
     def read(self, stamp: float, now: float) -> None:
-        """Record a message that could be read."""
+        """Record a message that could be read, with its stamp in s, at `now` in real s."""
         self.last, self.error = now, None
         if stamp == self.stamp:
             self.repeats += 1
@@ -60,31 +60,28 @@ class Diagnosis:
     """Records which messages a node receives, and names the most likely cause if an input is missing.
 
     `inputs` are the node's, by name; "odom" is the robot.
+
+    Attributes
+    ----------
+    receptions : dict of str to Reception
+        The last messages of each input, by its name.
     """
 
     def __init__(self, node: Node, inputs: Mapping[str, Input], tf: TfListener) -> None:
         self._node, self._inputs, self._tf = node, inputs, tf
-        self._receptions = {name: Reception() for name in inputs}
+        self.receptions = {name: Reception() for name in inputs}
 
     @property
     def topics(self) -> dict[str, Any]:
         """The types of the topics that are subscribed to, tf excepted."""
         return {item.topic: item.kind for item in self._inputs.values() if item.frames is None}
 
-    def read(self, name: str, stamp: float, now: float) -> None:
-        """Record a message of an input with its stamp in s, at `now` in real s."""
-        self._receptions[name].read(stamp, now)
-
-    def reject(self, name: str, error: Exception, now: float) -> None:
-        """Record a message of an input that was ignored."""
-        self._receptions[name].reject(error, now)
-
     def rate_problem(self, name: str, timeout: float) -> str:
         """Return that messages of an input come too rarely to drive by, and what to do; else nothing.
 
         `timeout` is the real s within which messages are expected; after half of it the robot pauses.
         """
-        gaps = self._receptions[name].gaps
+        gaps = self.receptions[name].gaps
         if len(gaps) < _GAPS or min(gaps) <= 0.5 * timeout:
             return ""
         text = _too_rare(self._inputs[name].topic, min(gaps), timeout)
@@ -92,7 +89,7 @@ class Diagnosis:
 
     def cause(self, name: str, timeout: float) -> str:
         """Return why an input is missing, in one sentence; `timeout` is its longest allowed gap in real s."""
-        item, reception, node = self._inputs[name], self._receptions[name], self._node
+        item, reception, node = self._inputs[name], self.receptions[name], self._node
         topic, kind = item.topic, item.kind
         if item.frames is not None and reception.error is None and node.count_publishers(topic):
             return self._tf.lacking(*item.frames)
@@ -105,7 +102,7 @@ class Diagnosis:
         if all(reasons):
             return f"{topic}: the quality of service of {sender} does not fit: {reasons[0]}"
         if reception.error is not None:
-            return _rejected(topic, sender, reception, self._receptions["odom"].stamp)
+            return _rejected(topic, sender, reception, self.receptions["odom"].stamp)
         if reception.repeats >= _REPEATS:
             return (
                 f"{topic}: the stamps of {sender} stay at {reception.stamp:.2f} s: expected stamps that "

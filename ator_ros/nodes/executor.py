@@ -206,7 +206,7 @@ class ExecutorNode(Node):
 
     def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:
         now = time.monotonic()
-        self._diagnosis.read(name, stamp, now)
+        self._diagnosis.receptions[name].read(stamp, now)
         try:
             warning = self._inputs.object(name, stamp, there, now)
         except StampError as error:
@@ -217,7 +217,7 @@ class ExecutorNode(Node):
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
         now = time.monotonic()
-        self._diagnosis.read("odom", stamp, now)
+        self._diagnosis.receptions["odom"].read(stamp, now)
         try:
             world = self._inputs.robot(stamp, robot, now)
         except StampError as error:
@@ -411,7 +411,7 @@ class ExecutorNode(Node):
             self._commands.publish(command, self._inputs.time or 0.0)
 
     def _ignore(self, name: str, error: Exception) -> None:
-        self._diagnosis.reject(name, error, time.monotonic())
+        self._diagnosis.receptions[name].reject(error, time.monotonic())
         self._note(f"ignored: {error}")
 
     def _note(self, error: str) -> None:

@@ -303,21 +303,20 @@ def _period_at(factor: float) -> float:
 
 def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
     """Return the parameters of the node, among them five for each of the `objects`."""
-    return (*_COMMON, *(item for place, name in enumerate(objects) for item in _parameters_of(name, place)))
-
-
-def _parameters_of(name: str, place: int) -> tuple[Parameter, ...]:
-    start = [0.0, _ASIDE * place]
-    # With noise of 1 m or 1 m/s, a delay of 5 s or 99 % dropouts no chain succeeds.
-    return (
-        Parameter(
-            f"{name}_start", start, f"position of the {name} after a reset: x, y in m from the area's centre"
-        ),
-        Parameter(f"{name}_noise", 0.0, f"error of the {name}'s coordinates in m", 0.0, 1.0),
-        Parameter(f"{name}_velocity_noise", 0.0, f"error of the {name}'s velocity in m/s", 0.0, 1.0),
-        Parameter(f"{name}_delay", 0.0, f"age of what is known of the {name} in simulated s", 0.0, 5.0),
-        Parameter(f"{name}_dropouts", 0.0, f"probability that the {name} is not seen in a tick", 0.0, 0.99),
-    )
+    parameters = list(_COMMON)
+    for place, name in enumerate(objects):
+        start = f"position of the {name} after a reset: x, y in m from the area's centre"
+        # With noise of 1 m or 1 m/s, a delay of 5 s or 99 % dropouts no chain succeeds.
+        parameters += [
+            Parameter(f"{name}_start", [0.0, _ASIDE * place], start),
+            Parameter(f"{name}_noise", 0.0, f"error of the {name}'s coordinates in m", 0.0, 1.0),
+            Parameter(f"{name}_velocity_noise", 0.0, f"error of the {name}'s velocity in m/s", 0.0, 1.0),
+            Parameter(f"{name}_delay", 0.0, f"age of what is known of the {name} in simulated s", 0.0, 5.0),
+            Parameter(
+                f"{name}_dropouts", 0.0, f"probability that the {name} is not seen in a tick", 0.0, 0.99
+            ),
+        ]
+    return tuple(parameters)
 
 
 def robots_of(settings: Mapping[str, Any]) -> dict[str, Robot]:

@@ -106,7 +106,7 @@ class _Driver:
     def _on_odometry(self, message: Odometry) -> None:
         try:
             stamp, robot = self._reader.read(message)
-            self._diagnosis.read("odom", stamp, time.monotonic())
+            self._diagnosis.receptions["odom"].read(stamp, time.monotonic())
             if self._reader.remark:
                 self._node.get_logger().warning(self._reader.remark)
             if stamp <= self._stamp or self._done:

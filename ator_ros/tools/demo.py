@@ -15,10 +15,11 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from ator_interfaces.msg import ChainPerformance
-from ator_ros.domains.domain import find_domain
+from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.files import atomic_write
@@ -30,13 +31,13 @@ from ator_ros.tools.command_line import (
     add_models,
     add_setting,
     destination,
-    guarded,
-    parse,
+    run_tool,
     source_of,
     whole,
 )
 from ator_ros.tools.own_nodes import FRAME, Client, all_nodes
 from ator_ros.tops.chain import TopChain
+from ator_ros.view.shapes import surroundings
 from ator_ros.world.state import World
 
 PICTURE = (
@@ -69,9 +70,8 @@ def new_figure(width: float, height: float) -> Any:
 def draw_robot(axes: Any, robot: Robot, pose: Pose, colour: str, *, alpha: float = 0.85) -> None:
     """Draw the robot's outline at `pose`, with a line that shows its front."""
     front, rear, half = robot.front, -robot.rear, robot.half_width
-    corners = np.array([[front, half], [front, -half], [rear, -half], [rear, half]])
-    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-    outline = corners @ np.array([[c, s], [-s, c]]) + [pose.x, pose.y]
+    corners = ((front, half), (front, -half), (rear, -half), (rear, half))
+    outline = np.array([pose.compose(Pose(x, y, 0.0))[:2] for x, y in corners])
     axes.fill(outline[:, 0], outline[:, 1], facecolor=colour, edgecolor="none", alpha=0.25 * alpha)
     axes.plot(*np.append(outline, outline[:1], axis=0).T, color=colour, lw=1.0, alpha=alpha)
     tip = pose.ahead(robot.front)
@@ -187,26 +187,21 @@ def summary(situations: Sequence[DemoSituation]) -> str:
     return "\n".join(lines + [f"left alone: {reason}" for reason in sorted(alone)])
 
 
-def save_picture(file: Path, robot: Robot, situations: Sequence[DemoSituation]) -> None:
+def save_picture(file: Path, domain: Domain, robot: Robot, situations: Sequence[DemoSituation]) -> None:
     """Write the paths in the scene, a panel for each situation, as a PNG file."""
     rows = math.ceil(len(situations) / _COLUMNS)
     figure = new_figure(4.6 * _COLUMNS, 3.4 * rows)
     for number, situation in enumerate(situations, start=1):
         axes = figure.add_subplot(rows, _COLUMNS, number)
-        _panel(axes, robot, situation)
+        _panel(axes, domain, robot, situation)
         axes.set_title(f"{number}", fontsize=9, loc="left")
     with atomic_write(file) as temporary:
         figure.savefig(temporary, format="png", dpi=130)
 
 
-def _panel(axes: Any, robot: Robot, situation: DemoSituation) -> None:
-    x_min, y_min, x_max, y_max = robot.scene.area.lines
-    axes.plot([x_min, x_max, x_max, x_min, x_min], [y_min, y_min, y_max, y_max, y_min], color=GREY, lw=0.8)
-    for bay in robot.scene.bays:
-        across = np.array([-math.sin(bay.yaw), math.cos(bay.yaw)]) * bay.width / 2.0
-        middle = np.array([bay.x, bay.y])
-        ends = np.stack([middle + across, middle - across])
-        axes.plot(*ends.T, color="black", lw=3.0)
+def _panel(axes: Any, domain: Domain, robot: Robot, situation: DemoSituation) -> None:
+    for lines in surroundings(domain, robot):
+        axes.add_collection(LineCollection(list(lines.points), colors=GREY, linewidths=0.8))
     draw_robot(axes, robot, situation.start.robot.pose, "#333333")
     for there in situation.start.objects.values():
         axes.plot(there.x, there.y, "o", color="black", ms=4)
@@ -248,7 +243,7 @@ def demo(
     finally:
         if played:
             print(f"\n{table(played)}")
-            save_picture(out, robot, played)
+            save_picture(out, domain, robot, played)
             print(f"\n{out.resolve()}: {PICTURE}\nmake view shows it live, in the browser")
 
 
@@ -294,14 +289,17 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
+def _run(options: argparse.Namespace, _: Domain, __: str) -> None:
+    source, factor = source_of(options), options.real_time_factor
+    demo(options.situations, options.seed, options.chain, options.out, source, factor)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    options, _ = parse(arguments(), argv, chain=lambda domain: reversed(list(domain.chains)))
-
-    def run() -> None:
-        demo(
-            options.situations, options.seed, options.chain, options.out, source_of(options),
-            options.real_time_factor,
-        )  # fmt: skip
-
-    return guarded("demo", run, interrupted="what was played is shown")
+    return run_tool(
+        arguments(),
+        _run,
+        argv,
+        interrupted="what was played is shown",
+        chain=lambda domain: reversed(list(domain.chains)),
+    )

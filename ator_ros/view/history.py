@@ -76,11 +76,6 @@ class History:
             gain = next((other.actual - chain.actual for other in naive if chain.repeats(other)), math.nan)
         self._chains.append((chain, gain))
 
-    @property
-    def chains(self) -> tuple[ExecutedChain, ...]:
-        """The chains, the oldest first."""
-        return tuple(chain for chain, _ in tuple(self._chains))
-
     def report(self, learned: str = "") -> str:
         """Return, in Markdown, the mean error and gain, the learned models, and the newest chains."""
         rows = tuple(self._chains)

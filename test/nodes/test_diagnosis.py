@@ -38,9 +38,9 @@ def received(
     inputs = {"odom": Input("odom", Odometry, qos)}
     diagnosis = Diagnosis(client.node, inputs, TfListener(client.node))
     for number, stamp in enumerate(stamps):
-        diagnosis.read("odom", stamp, number * every)
+        diagnosis.receptions["odom"].read(stamp, number * every)
     if error is not None:
-        diagnosis.reject("odom", error, len(stamps) * every)
+        diagnosis.receptions["odom"].reject(error, len(stamps) * every)
     return diagnosis
 
 
