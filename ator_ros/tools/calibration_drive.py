@@ -65,7 +65,6 @@ class _Driver:
         self._received: float | None = None  # real s
         self._diagnosis = Diagnosis(node, {"odom": Input("odom", Odometry, SENSOR_DATA)}, TfListener(node))
         self._stamp = -1.0
-        self._fault: Exception | None = None
         self._done = False
         node.create_subscription(Odometry, "odom", self._on_odometry, SENSOR_DATA)
 
@@ -75,7 +74,7 @@ class _Driver:
         Raises
         ------
         DriveError
-            Odometry is missing, or another program commands the base.
+            Odometry is missing or malformed, another program commands the base, or it does not move.
         """
         began = time.monotonic()
         try:
@@ -91,8 +90,6 @@ class _Driver:
         self._commands.adapt()
         if not self._commands.connected and (mismatch := self._commands.mismatch()):
             raise DriveError(mismatch)
-        if self._fault is not None:
-            raise self._fault
         if self._received is None and now - began > _FIRST:
             raise DriveError(f"odom: expected a message within {_FIRST:g} s, got none; {self._cause()}")
         if self._received is not None and now - self._received > _SILENCE:
@@ -106,21 +103,18 @@ class _Driver:
     def _on_odometry(self, message: Odometry) -> None:
         try:
             stamp, robot = self._reader.read(message)
-            self._diagnosis.receptions["odom"].read(stamp, time.monotonic())
-            if self._reader.remark:
-                self._node.get_logger().warning(self._reader.remark)
-            if stamp <= self._stamp or self._done:
-                return
-            self._stamp, self._received = stamp, time.monotonic()
-            command = self._drive.command(stamp, robot)
         except FrameError as error:
-            self._fault = DriveError(f"{error}; --frame sets what is expected")
+            raise DriveError(f"{error}; --frame sets what is expected") from error
+        now = time.monotonic()
+        self._diagnosis.receptions["odom"].read(stamp, now)
+        if self._reader.remark:
+            self._node.get_logger().warning(self._reader.remark)
+        if stamp <= self._stamp or self._done:
             return
+        self._stamp, self._received = stamp, now
+        try:
+            command = self._drive.command(stamp, robot)
         except DriveError as error:
-            self._fault = DriveError("; ".join(filter(None, (str(error), self._commands.cause()))))
-            return
-        except ValueError as error:  # in the message
-            self._fault = error
-            return
+            raise DriveError("; ".join(filter(None, (str(error), self._commands.cause())))) from error
         self._done = command is None
         self._commands.publish(command or STOP, stamp)
