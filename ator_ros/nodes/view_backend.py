@@ -42,7 +42,7 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.view.backend import OTHERS, Answer, Candidate, ExternalGoal, NodesError, Run, UnavailableError
 from ator_ros.view.draft import Draft
 from ator_ros.view.history import ExecutedChain, History
-from ator_ros.world.messages import MessageError, object_from, pose_from, world_from
+from ator_ros.world.messages import MessageError, pose_from, world_from
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _DISCOVERY = 2.0  # real s after which a simulation, or a service of the executor, counts as missing
@@ -252,10 +252,8 @@ def _update(run: Run, message: ChainPerformance) -> None:
 
 def _executed_chain(message: ChainPerformance) -> ExecutedChain:
     """Read a record; raises MessageError."""
-    code, places = message.outcome.code, [pose_from(message.start.robot, "start.robot")]
-    for there in message.start.objects:
-        at = object_from(there.position, there.velocity, f"start.{printable(there.name)}")
-        places.append(Pose(at.x, at.y, 0.0))
+    code, start = message.outcome.code, world_from(message.start, where="start")
+    places = [start.robot.pose, *(Pose(there.x, there.y, 0.0) for there in start.objects.values())]
     places += [pose_from(call.goal.pose, "chain") for call in message.chain.calls[-1:]]
     return ExecutedChain(
         tuple(printable(call.top, _LONGEST_NAME) for call in message.chain.calls),
