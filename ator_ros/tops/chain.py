@@ -50,10 +50,7 @@ class Top:
     @property
     def needs_holder(self) -> bool:
         """Whether its goal or its conditions refer to the robot's hold."""
-        terms = (*self.pre.terms, *self.post.terms)
-        sides = {str(side).partition(".")[0] for term in terms for side in (term.variable, term.target)}
-        places = {place for item in (*self.pre.relations, *self.post.relations) for place in item.places}
-        return self.point is Point.HOLD or "hold" in sides | places
+        return self.point is Point.HOLD or "hold" in self.pre.things() | self.post.things()
 
     def lacks(self, robot: Robot) -> str | None:
         """Return a message if the robot lacks the holder that the TOP needs; else None."""

@@ -245,18 +245,20 @@ class Statement(Clause):
     variable: str
     target: str | float
 
-    @property
-    @abstractmethod
-    def places(self) -> bool:
-        """Whether the variable lies at its target."""
-
     @abstractmethod
     def reach(self, target: float) -> tuple[float, float]:
         """Return the least and the greatest difference of the variable from `target`."""
 
-    @abstractmethod
+    @property
+    def places(self) -> bool:
+        """Whether the variable lies at its target: the range is finite and contains it."""
+        low, high = self.reach(0.0)
+        return -math.inf < low <= 0.0 <= high < math.inf
+
     def offset(self, target: float) -> float:
         """Return the difference from `target` that the variable has once this holds: the least possible."""
+        low, high = self.reach(target)
+        return min(max(0.0, low), high)
 
     def target_in(self, state: Values, goal: Values) -> Any:
         """Return the value of the target; None if it is unknown."""
@@ -295,18 +297,9 @@ class Term(Statement):
 
     tolerance: Annotated[float, Within(0.0)]
 
-    @property
-    def places(self) -> bool:
-        """Whether the variable lies at its target."""
-        return True
-
     def reach(self, target: float) -> tuple[float, float]:  # noqa: ARG002
         """Return the least and the greatest difference of the variable from `target`."""
         return -self.tolerance, self.tolerance
-
-    def offset(self, target: float) -> float:  # noqa: ARG002
-        """Return the difference from `target` that the variable has once this holds: none."""
-        return 0.0
 
     def _found(self, state: State, goal: State, excess: float) -> str:  # noqa: ARG002
         return f"it is {abs(self.difference(state, goal)):.3g} off"
@@ -352,11 +345,6 @@ class Region(Statement):
             )
 
     @property
-    def places(self) -> bool:
-        """Whether the variable lies at its target: the range is finite and contains it."""
-        return -math.inf < self.low <= 0.0 <= self.high < math.inf
-
-    @property
     def bounds(self) -> bool:
         """Whether it bounds the variable by numbers alone."""
         return not isinstance(self.target, str)
@@ -364,10 +352,6 @@ class Region(Statement):
     def reach(self, target: float) -> tuple[float, float]:
         """Return the least and the greatest difference of the variable from `target`."""
         return (self.low, self.high) if self._sign(target) > 0.0 else (-self.high, -self.low)
-
-    def offset(self, target: float) -> float:
-        """Return the difference from `target` that the variable has once this holds: the least possible."""
-        return self._sign(target) * min(max(0.0, self.low), self.high)
 
     def _sign(self, target: float) -> float:
         """Return 1 where differences from `target` count upward, -1 where they count downward."""
@@ -398,13 +382,17 @@ class Condition:
         targets = (term.target for term in self.terms if isinstance(term.target, str))
         return frozenset(target.removeprefix("goal.") for target in targets if target.startswith("goal."))
 
-    def objects(self) -> frozenset[str]:
-        """Return the names of the objects whose variables this condition names."""
+    def things(self) -> frozenset[str]:
+        """Return what this condition is about: the names of objects, and perhaps robot, hold and goal."""
         names = (
             name for term in self.terms for name in (term.variable, term.target) if isinstance(name, str)
         )
         places = (place for relation in self.relations for place in relation.places)
-        return frozenset((*(name.partition(".")[0] for name in names), *places)) - _NO_OBJECTS
+        return frozenset((*(name.partition(".")[0] for name in names), *places))
+
+    def objects(self) -> frozenset[str]:
+        """Return the names of the objects whose variables this condition names."""
+        return self.things() - _NO_OBJECTS
 
     def violations(self, state: State, goal: Mapping[str, float]) -> list[str]:
         """Return why the condition does not hold, a text for each violated term; empty if it holds."""
