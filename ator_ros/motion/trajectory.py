@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.robot.description import Limits
@@ -117,6 +118,68 @@ DT = 0.01
 """Time in s between two samples."""
 
 
+@compiled
+def most_states(duration: float) -> int:
+    """Return how many states of a motion of `duration` s there are at most."""
+    return int(duration / DT) + 3
+
+
+@compiled
+def write_states(
+    states: FloatArray, speeds: FloatArray, turns: FloatArray, duration: float, start: Pose, goal: Pose
+) -> int:
+    """Write x, y (m), yaw (rad), v (m/s) and w (rad/s) every `DT` s and at the end; return their number.
+
+    Parameters
+    ----------
+    states : ndarray, shape (most_states(duration), 5)
+        Becomes the states. What integration still leaves at the goal is spread over the motion.
+    speeds, turns : ndarray, shape (pieces, 3)
+        See `write_pieces`.
+    """
+    piece = turn = index = 0
+    piece_end, turn_end = speeds[0, 0], turns[0, 0]
+    x, y, yaw, v, w, time = start.x, start.y, start.yaw, speeds[0, 1], turns[0, 1], 0.0
+    c, s, heading = math.cos(yaw), math.sin(yaw), yaw
+    states[0] = x, y, yaw, v, w
+    while time < duration:
+        index += 1
+        after = min(DT * index, duration)
+        step, time = after - time, after
+        while time > piece_end and piece < len(speeds) - 1:
+            piece += 1
+            piece_end += speeds[piece, 0]
+        while time > turn_end and turn < len(turns) - 1:
+            turn += 1
+            turn_end += turns[turn, 0]
+        next_v, next_w = _value(speeds, piece, piece_end, time), _value(turns, turn, turn_end, time)
+        turned = 0.5 * (w + next_w) * step
+        middle = yaw + 0.5 * turned
+        if middle != heading:
+            c, s, heading = math.cos(middle), math.sin(middle), middle
+        way = 0.5 * (v + next_v) * step
+        x, y, yaw, v, w = x + way * c, y + way * s, yaw + turned, next_v, next_w
+        states[index] = x, y, yaw, v, w
+    span = max(duration, DT)
+    off_x, off_y = (goal.x - x) / span, (goal.y - y) / span
+    off_yaw = ((goal.yaw - yaw + math.pi) % math.tau - math.pi) / span
+    for at in range(index + 1):
+        time = min(DT * at, duration)
+        states[at, 0] += time * off_x
+        states[at, 1] += time * off_y
+        states[at, 2] += time * off_yaw
+    return index + 1
+
+
+@compiled
+def _value(pieces: FloatArray, piece: int, end: float, time: float) -> float:
+    """Return the velocity at `time` (s), in a piece that ends at `end`."""
+    duration = pieces[piece, 0]
+    if duration <= 0.0 or time >= end:
+        return float(pieces[piece, 2])
+    return float(pieces[piece, 2] + (pieces[piece, 1] - pieces[piece, 2]) * ((end - time) / duration))
+
+
 class Trajectory:
     """A manoeuvre, after its opening if there is one, sampled every 10 ms.
 
@@ -141,20 +204,10 @@ class Trajectory:
             speeds = np.vstack(((opening.duration, before.v, before.v), speeds))
             turns = np.vstack(((opening.duration, before.w, 0.0), turns))
             self.duration = sum(speeds[:, 0].tolist())
-        times = np.append(np.arange(0.0, self.duration, DT), self.duration)
-        self._v, self._w = _sample(speeds, times), _sample(turns, times)
-        steps = np.diff(times)
-        yaw = start.yaw + _integral(self._w, steps)
-        middle = 0.5 * (yaw[:-1] + yaw[1:])
-        travelled = 0.5 * (self._v[:-1] + self._v[1:]) * steps
-        x = start.x + np.concatenate(([0.0], np.cumsum(travelled * np.cos(middle))))
-        y = start.y + np.concatenate(([0.0], np.cumsum(travelled * np.sin(middle))))
-        share = times / max(self.duration, DT)
-        self._times = times
-        self._x = x + share * (goal.x - x[-1])
-        self._y = y + share * (goal.y - y[-1])
-        error = (goal.yaw - yaw[-1] + np.pi) % (2.0 * np.pi) - np.pi
-        self._yaw = yaw + share * error
+        states = np.empty((most_states(self.duration), 5))
+        states = states[: write_states(states, speeds, turns, self.duration, start, goal)]
+        self._times = np.minimum(DT * np.arange(len(states)), self.duration)
+        self._x, self._y, self._yaw, self._v, self._w = np.ascontiguousarray(states.T)
 
     def at(self, time: float) -> RobotState:
         """Return the planned state at `time` s after the start; it stays at the last one afterwards."""
@@ -200,9 +253,3 @@ class Trajectory:
 
 def _integral(values: FloatArray, steps: FloatArray) -> FloatArray:
     return np.concatenate(([0.0], np.cumsum(0.5 * (values[:-1] + values[1:]) * steps)))
-
-
-def _sample(pieces: FloatArray, times: FloatArray) -> FloatArray:
-    ends = np.cumsum(pieces[:, 0])
-    knots = np.stack((ends - pieces[:, 0], ends), axis=1).ravel()
-    return np.asarray(np.interp(times, knots, pieces[:, 1:].ravel()))

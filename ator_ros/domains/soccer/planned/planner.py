@@ -33,7 +33,7 @@ from ator_ros.motion.manoeuvre import (
 )
 from ator_ros.motion.planning import Planning
 from ator_ros.motion.search import SearchTables, find_candidates, search_tables
-from ator_ros.motion.trajectory import DT
+from ator_ros.motion.trajectory import DT, most_states, write_states
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import ObjectState
 
@@ -207,7 +207,7 @@ def _judge(
 ) -> NDArray[np.int8]:
     verdicts = np.full(len(longest), IMPOSSIBLE, dtype=np.int8)
     speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
-    poses, times = np.empty((0, 3)), np.empty(0)
+    states = np.empty((0, 5))
     for row in range(len(longest)):
         entry, leaving = many.entries[:, row].copy(), many.exits[:, row].copy()
         goal = Pose(many.goals[0, row], many.goals[1, row], many.goals[2, row])
@@ -221,101 +221,36 @@ def _judge(
         # After closing, a drive may be too short for its change of speed: the robot would have to come back.
         if duration > longest[row] or (forward and not is_forward(speeds, distance, bounds)):
             continue
-        most = int(duration / DT) + 3
-        if most > len(times):
-            poses, times = np.empty((2 * most, 3)), np.empty(2 * most)
-        touches = _touches(poses, times, speeds, turns, duration, start, goal, shape, ball)
-        verdicts[row] = TOUCHES if touches else CLEAR
+        if most_states(duration) > len(states):
+            states = np.empty((2 * most_states(duration), 5))
+        count = write_states(states, speeds, turns, duration, start, goal)
+        verdicts[row] = TOUCHES if _touches(states[:count], goal, shape, ball) else CLEAR
     return verdicts
 
 
 @compiled
-def _touches(
-    poses: FloatArray,
-    times: FloatArray,
-    pieces: FloatArray,
-    turns: FloatArray,
-    duration: float,
-    start: Pose,
-    goal: Pose,
-    shape: _Outline,
-    ball: _BallObstacle,
-) -> bool:
-    """Return whether the robot touches a wall or the ball."""
-    count = _sample(poses, times, pieces, turns, duration, start)
-    end = count - 1
-    span = max(times[end], DT)
-    off_x, off_y = (goal.x - poses[end, 0]) / span, (goal.y - poses[end, 1]) / span
-    off_yaw = ((goal.yaw - poses[end, 2] + np.pi) % (2.0 * np.pi) - np.pi) / span
-    for index in range(count):
-        poses[index, 0] += times[index] * off_x
-        poses[index, 1] += times[index] * off_y
-    for index in range(0, count, _STRIDE):
-        x, y = abs(poses[index, 0]), abs(poses[index, 1])
+def _touches(states: FloatArray, goal: Pose, shape: _Outline, ball: _BallObstacle) -> bool:
+    """Return whether the robot touches a wall or the ball in any of the states; see `write_states`."""
+    for index in range(0, len(states), _STRIDE):
+        x, y = abs(states[index, 0]), abs(states[index, 1])
         if x > shape.line - shape.reach:
             distance = wall_distance(x, y, shape.line, shape.half, shape.depth)
             if distance < shape.reach:
                 return True
     if math.isnan(ball.x):
         return False
+    end = len(states) - 1
     if ball.run > 0.0:  # in the run the ball lies straight ahead
-        while end >= 0 and math.hypot(poses[end, 0] - goal.x, poses[end, 1] - goal.y) <= ball.run:
+        while end >= 0 and math.hypot(states[end, 0] - goal.x, states[end, 1] - goal.y) <= ball.run:
             end -= 1
     near = max(shape.reach, math.hypot(max(shape.front, shape.rear), shape.half_width))
     near += ball.radius + ball.margin
     for index in range(0, end + 1, _STRIDE):
-        dx, dy = ball.x - poses[index, 0], ball.y - poses[index, 1]
-        if abs(dx) < near and abs(dy) < near:
-            yaw = poses[index, 2] + times[index] * off_yaw
-            if _outline_distance(dx, dy, yaw, shape) - ball.radius < ball.margin:
-                return True
+        dx, dy = ball.x - states[index, 0], ball.y - states[index, 1]
+        is_near = abs(dx) < near and abs(dy) < near
+        if is_near and _outline_distance(dx, dy, states[index, 2], shape) - ball.radius < ball.margin:
+            return True
     return False
-
-
-@compiled
-def _sample(
-    poses: FloatArray,
-    times: FloatArray,
-    pieces: FloatArray,
-    turns: FloatArray,
-    duration: float,
-    start: Pose,
-) -> int:
-    """Write the samples of a `Trajectory` before its correction; return how many there are."""
-    poses[0, 0], poses[0, 1], poses[0, 2], times[0] = start.x, start.y, start.yaw, 0.0
-    piece = turn = 0
-    piece_end, turn_end = pieces[0, 0], turns[0, 0]
-    v, w = pieces[0, 1], turns[0, 1]
-    c, s, heading = math.cos(start.yaw), math.sin(start.yaw), start.yaw
-    x, y, yaw, time, index = start.x, start.y, start.yaw, 0.0, 0
-    while time < duration:
-        index += 1
-        after = min(DT * index, duration)
-        step, time = after - time, after
-        while time > piece_end and piece < SPEED_PIECES - 1:
-            piece += 1
-            piece_end += pieces[piece, 0]
-        while time > turn_end and turn < len(turns) - 1:
-            turn += 1
-            turn_end += turns[turn, 0]
-        next_v, next_w = _value(pieces, piece, piece_end, time), _value(turns, turn, turn_end, time)
-        turned = 0.5 * (w + next_w) * step
-        middle = yaw + 0.5 * turned
-        if middle != heading:
-            c, s, heading = math.cos(middle), math.sin(middle), middle
-        way = 0.5 * (v + next_v) * step
-        x, y, yaw, v, w = x + way * c, y + way * s, yaw + turned, next_v, next_w
-        poses[index, 0], poses[index, 1], poses[index, 2], times[index] = x, y, yaw, time
-    return index + 1
-
-
-@compiled
-def _value(pieces: FloatArray, piece: int, end: float, time: float) -> float:
-    """Return the velocity at `time` (s), in a piece that ends at `end`."""
-    duration = pieces[piece, 0]
-    if duration <= 0.0 or time >= end:
-        return float(pieces[piece, 2])
-    return float(pieces[piece, 2] + (pieces[piece, 1] - pieces[piece, 2]) * ((end - time) / duration))
 
 
 _SAMPLES = 32_000  # of trajectories, in a batch of work
