@@ -56,6 +56,27 @@ def test_a_ball_that_rolls_is_followed() -> None:
     assert math.hypot(hold.x - ball_of(world).x, hold.y - ball_of(world).y) < 0.06
 
 
+@pytest.mark.parametrize("angle", [30.0, -120.0])
+def test_a_turn_on_the_spot_takes_no_longer_where_odometry_of_a_standing_robot_is_noisy(angle: float) -> None:
+    goal, times = Goal(Pose(0.0, 0.0, math.radians(angle)), 0.0, Point.AXLE), []
+    for start in (RobotState(Pose(0.0, 0.0, 0.0)), RobotState(Pose(0.005, 0.002, 0.0), 2e-3)):
+        action = GoToPose(ROBOT)
+        with Simulation(ROBOT) as simulation:
+            simulation.place_robot(start.pose)
+            action.start(World(0.0, start), goal)
+            while True:
+                world = simulation.world()
+                noisy = RobotState(world.robot.pose, world.robot.v + start.v, world.robot.w)
+                step = action.step(World(world.time, noisy))
+                if step.status is not Status.RUNNING:
+                    break
+                simulation.command(step.command)
+                simulation.tick()
+            assert step.status is Status.SUCCEEDED
+            times.append(simulation.time)
+    assert times[1] <= times[0] + TICK
+
+
 def test_a_ball_taken_away_while_dribbling_is_reported() -> None:
     action = DribbleBall(ROBOT)
     with Simulation(ROBOT) as simulation:

@@ -88,8 +88,8 @@ class GoToPose(PlannedAction):
         exits = (run_sides if run else free_sides)(self.plan_limits, speed, run)
         obstacles = Obstacles(rest, _BALL_MARGIN, run)
         start, goal = world.robot, self.target()
-        if start.v == speed == 0.0 and not run and start.pose.distance(goal) < _TURNS_WITHIN:
-            goal = start.pose._replace(yaw=goal.yaw)
+        if start.is_still and speed == 0.0 and not run and start.pose.distance(goal) < _TURNS_WITHIN:
+            start, goal = RobotState(start.pose), start.pose._replace(yaw=goal.yaw)
         away = distance_to_clear(start.pose, goal, obstacles, self.robot)
         if away == 0.0:
             entries = free_sides(self.plan_limits, start.v, 0.0)
