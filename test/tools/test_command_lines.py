@@ -56,6 +56,8 @@ def test_what_makes_no_sense_is_refused_before_the_work(
     (tmp_path / "file").touch()
     (tmp_path / "bare.yaml").write_text(BARE)
     command, *words = line.split()
+    if command in ("demo", "view"):  # they start nodes
+        pytest.importorskip("rclpy")
     with pytest.raises(SystemExit) as ended:
         importlib.import_module(f"ator_ros.tools.{command}").main(words)
     assert ended.value.code == 2
