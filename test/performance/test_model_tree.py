@@ -57,14 +57,6 @@ def test_finds_the_kinks_better_than_a_tree_of_constants():
     assert tree.tree_.n_leaves < constants.get_n_leaves() / 2
 
 
-def test_a_row_of_weight_two_counts_as_two_rows_and_of_weight_zero_as_none():
-    X, y = kinked(1500, 10)
-    weight = np.random.default_rng(11).integers(0, 3, len(X))
-    weighted = ModelTreeRegressor().fit(X, y, sample_weight=weight)
-    repeated = ModelTreeRegressor().fit(X.repeat(weight, axis=0), y.repeat(weight))
-    np.testing.assert_allclose(weighted.predict(X), repeated.predict(X), atol=1e-6)
-
-
 def test_groups_keep_the_tree_from_memorising_episodes():
     X, y, groups = episodes(150, 12)
     fresh_X, fresh_y, _ = episodes(150, 13)

@@ -36,11 +36,11 @@ class Standardised:
     scale: FloatArray
 
     @classmethod
-    def from_rows(cls, X: FloatArray, y: FloatArray, weight: FloatArray) -> Standardised:
-        """Standardise features of shape (n, n_features) and targets of shape (n,), weighted."""
+    def from_rows(cls, X: FloatArray, y: FloatArray) -> Standardised:
+        """Standardise features of shape (n, n_features) and targets of shape (n,)."""
         table = np.column_stack([X, y])
-        mean = np.average(table, axis=0, weights=weight)
-        deviation = np.sqrt(np.average((table - mean) ** 2, axis=0, weights=weight))
+        mean = table.mean(axis=0)
+        deviation = np.sqrt(((table - mean) ** 2).mean(axis=0))
         # A column that varies by rounding only is a constant.
         scale = np.where(deviation > 1e-12 * np.abs(mean), deviation, 0.0)
         scale[scale == 0] = 1.0
@@ -52,12 +52,6 @@ class Standardised:
         slopes = models[:, 1:] * self.scale[-1] / self.scale[:-1]
         intercepts = models[:, 0] * self.scale[-1] + self.mean[-1] - slopes @ self.mean[:-1]
         return intercepts, slopes
-
-
-def normal_equations(rows: FloatArray, weight: FloatArray) -> FloatArray:
-    """Return the weighted sums of products of all columns of `rows`, shape (n_columns, n_columns)."""
-    moments: FloatArray = (rows * weight[:, None]).T @ rows
-    return moments
 
 
 def solve(moments: FloatArray) -> FloatArray:
@@ -114,7 +108,7 @@ def corrected_error(
     squared : array of float, shape (n_nodes,)
         Sum of squared residuals on the learning rows.
     weight : array of float, shape (n_nodes,)
-        Total weight of these rows.
+        Number of these rows.
     samples : array of float, shape (n_nodes,)
         n: how many of them are independent.
     terms : array of float, shape (n_nodes,)

@@ -39,7 +39,7 @@ def prune(children: Children, error: FloatArray, weight: FloatArray) -> BoolArra
     error : array of float, shape (n_nodes,)
         Corrected error of each node's own linear model.
     weight : array of float, shape (n_nodes,)
-        Total weight of each node's rows.
+        Number of each node's rows.
 
     Returns
     -------
@@ -129,8 +129,7 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     Parameters
     ----------
     min_samples_leaf : float, default=25
-        Least weight (rows, without weights) at a leaf; with groups their number, estimated from the mean
-        number of rows per group at the node above.
+        Least number of groups at a leaf, estimated from the mean number of rows per group at the node above.
     max_leaves : int, default=500
         How far to grow before pruning, best split first.
     smoothing : float, default=15.0
@@ -161,36 +160,25 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.smoothing = smoothing
         self.extrapolation = extrapolation
 
-    def fit(
-        self,
-        X: ArrayLike,
-        y: ArrayLike,
-        sample_weight: ArrayLike | None = None,
-        groups: ArrayLike | None = None,
-    ) -> Self:
+    def fit(self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None) -> Self:
         """Learn the tree.
 
         Parameters
         ----------
         X : array of float, shape (n, n_features)
         y : array of float, shape (n,)
-        sample_weight : array of float, shape (n,), optional
-            A row of weight 2 counts as two rows, one of weight 0 as none.
         groups : array, shape (n,), optional
-            Label of the group of each row, for instance its episode.
+            Label of the group of each row, for instance its episode; by default each row is one.
         """
         self._check_parameters()
         checked = validate_data(self, X, y, dtype=np.float64, y_numeric=True, order="C")
         features, target = (np.asarray(part, dtype=np.float64) for part in checked)
-        weight = _weights(sample_weight, features)
-        codes = _group_codes(groups, features)
-        counts = weight > 0
-        if not counts.all():
-            features, target, weight = features[counts], target[counts], weight[counts]
-            codes = None if codes is None else codes[counts]
-        standard = Standardised.from_rows(features, target, weight)
+        labels = np.arange(len(features)) if groups is None else column_or_1d(groups)
+        check_consistent_length(features, labels)
+        codes: IntArray = np.unique(labels, return_inverse=True)[1]
+        standard = Standardised.from_rows(features, target)
         nodes = Partition(
-            features, standard.rows, weight, codes, float(self.min_samples_leaf), self.max_leaves
+            features, standard.rows, codes, float(self.min_samples_leaf), self.max_leaves
         ).grow()
         names = getattr(self, "feature_names_in_", [f"x{column}" for column in range(features.shape[1])])
         self.tree_ = self._finish(nodes, standard, tuple(str(name) for name in names))
@@ -247,30 +235,6 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             spread=np.where(leaf, spread[at], 0.0),
             samples=samples[at],
         )
-
-
-def _weights(sample_weight: ArrayLike | None, X: FloatArray) -> FloatArray:
-    """Return the weights of the rows, shape (n,); 1 if there are none."""
-    if sample_weight is None:
-        return np.ones(len(X))
-    weight = np.asarray(sample_weight, dtype=np.float64)
-    weight = np.full(len(X), weight) if weight.ndim == 0 else column_or_1d(weight)
-    check_consistent_length(X, weight)
-    if not np.isfinite(weight).all() or (weight < 0).any():
-        raise ValueError("expected sample_weight to be finite and not negative")
-    if not weight.any():
-        raise ValueError("Sample weights must contain at least one non-zero number: expected one, got none")
-    return weight
-
-
-def _group_codes(groups: ArrayLike | None, X: FloatArray) -> IntArray | None:
-    """Return the groups as codes from 0, shape (n,), or None if there are none."""
-    if groups is None:
-        return None
-    labels = column_or_1d(groups)
-    check_consistent_length(X, labels)
-    codes: IntArray = np.unique(labels, return_inverse=True)[1]
-    return codes
 
 
 def _preorder(children: list[tuple[int, int] | None], is_leaf: BoolArray) -> tuple[IntArray, IntArray]:

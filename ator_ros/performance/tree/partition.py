@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ator_ros.geometry import BoolArray, FloatArray
-from ator_ros.performance.tree.linear_models import corrected_error, normal_equations, residual_squares, solve
+from ator_ros.performance.tree.linear_models import corrected_error, residual_squares, solve
 from ator_ros.performance.tree.nodes import IntArray
 
 # A node whose root-mean-square residual is this fraction of the target's deviation is exact.
@@ -35,7 +35,7 @@ class GrownNode:
     moments : array of float, shape (n_features + 2, n_features + 2)
         Normal equations of the node's rows.
     samples : float
-        Groups among the rows, or their total weight if there are no groups.
+        Groups among the rows.
     target_range : tuple of float
         Least and greatest standardised target.
     """
@@ -68,16 +68,15 @@ class Partition:
         Features in their own units, from which thresholds are taken.
     rows : array of float, shape (n, n_features + 2)
         Standardised rows: constant, features, target.
-    weight, groups : arrays, shape (n,)
-        As in `ModelTreeRegressor`, groups as consecutive codes from 0.
+    groups : array of int, shape (n,)
+        Group of each row, as consecutive codes from 0.
     nodes : list of GrownNode
         What has grown; a node comes before all nodes below it.
     """
 
     X: FloatArray
     rows: FloatArray
-    weight: FloatArray
-    groups: IntArray | None
+    groups: IntArray
     min_samples_leaf: float
     max_leaves: int
     nodes: list[GrownNode] = field(default_factory=list)
@@ -91,7 +90,6 @@ class Partition:
         self._stretch = len(self.X) * np.arange(len(order))[:, None]
         self._codes = _value_codes(self.X, order) + self._stretch
         self._goes_left = np.zeros(len(self.X), dtype=bool)
-        self._is_weighted = bool((self.weight != 1.0).any())
         queue: list[tuple[float, int, _Split]] = []
         self._add(order, queue)
         leaves = 1
@@ -104,12 +102,12 @@ class Partition:
     def _add(self, order: IntArray, queue: list[tuple[float, int, _Split]]) -> int:
         """Add a node with its normal equations, queue its best split, and return its number."""
         rows = order[0]
-        table, weight = self.rows[rows], self.weight[rows]
+        table = self.rows[rows]
         target = table[:, -1]
         node = GrownNode(
             order=order,
-            moments=normal_equations(table, weight),
-            samples=float(weight.sum()) if self.groups is None else _count_distinct(self.groups[rows]),
+            moments=table.T @ table,
+            samples=np.count_nonzero(np.bincount(self.groups[rows])),
             target_range=(float(target.min()), float(target.max())),
         )
         self.nodes.append(node)
@@ -136,11 +134,11 @@ class Partition:
     def _best_split(self, node: GrownNode, table: FloatArray) -> _Split | None:
         """Return the split with the greatest standard-deviation reduction of the node's rows, if any."""
         total = node.moments[0, 0]
-        minimum = self.min_samples_leaf * (total / node.samples if self.groups is not None else 1.0)
+        minimum = self.min_samples_leaf * (total / node.samples)
         if total < 2 * minimum:
             return None
         residual = table[:, -1] - table[:, :-1] @ solve(node.moments)
-        squared = float(self.weight[node.order[0]] @ residual**2)
+        squared = float(residual @ residual)
         if squared <= _EXACT**2 * total:
             return None
         self._residuals[node.order[0], -1] = residual
@@ -165,14 +163,7 @@ class Partition:
         n_features, n = node.order.shape
         total = node.moments[0, 0]
         targets = total * np.arange(1, count + 1) / (count + 1)
-        if self._is_weighted:
-            # One search for all features: the sums of weights keep rising from feature to feature.
-            shift = 2 * total * np.arange(n_features)[:, None]
-            cumulative = np.cumsum(self.weight.take(node.order), axis=1) + shift
-            at = np.searchsorted(cumulative.ravel(), (targets + shift).ravel()).reshape(n_features, count)
-            at = np.minimum(at - n * np.arange(n_features)[:, None], n - 1)
-        else:
-            at = np.broadcast_to(np.ceil(targets).astype(np.intp) - 1, (n_features, count))
+        at = np.broadcast_to(np.ceil(targets).astype(np.intp) - 1, (n_features, count))
         codes = self._codes.take(node.order + self._stretch)
         after = np.searchsorted(codes.ravel(), np.take_along_axis(codes, at, axis=1).ravel(), side="right")
         positions = after.reshape(n_features, count) - n * np.arange(n_features)[:, None]
@@ -185,19 +176,18 @@ class Partition:
         moments = np.zeros((*ends.shape, columns, columns))
         for order, stops, sums in zip(node.order, ends.tolist(), moments, strict=True):
             table = self._residuals.take(order, axis=0)
-            weighted = table * self.weight.take(order)[:, None] if self._is_weighted else table
             begin = 0
             for number, end in enumerate(stops):
                 if end > begin:
-                    np.matmul(weighted[begin:end].T, table[begin:end], out=sums[number])
+                    np.matmul(table[begin:end].T, table[begin:end], out=sums[number])
                     begin = end
         return moments.cumsum(axis=1, out=moments)
 
-    def _deviation(self, moments: FloatArray, weight_per_sample: float) -> FloatArray:
-        """Return weight × corrected deviation around the linear models of sides, given by their moments."""
+    def _deviation(self, moments: FloatArray, rows_per_sample: float) -> FloatArray:
+        """Return rows × corrected deviation around the linear models of sides, given by their moments."""
         weight = moments[..., 0, 0]
         terms = np.full(weight.shape, moments.shape[-1] - 1.0)
-        samples = weight / weight_per_sample
+        samples = weight / rows_per_sample
         error = corrected_error(residual_squares(moments), weight, samples, terms)
         deviation: FloatArray = weight * np.where(np.isfinite(error), error, _WORST)
         return deviation
@@ -211,7 +201,3 @@ def _value_codes(X: FloatArray, order: IntArray) -> IntArray:
     codes = np.empty(order.shape, dtype=np.intp)
     np.put_along_axis(codes, order, rises.cumsum(axis=1), axis=1)
     return codes
-
-
-def _count_distinct(codes: IntArray) -> int:
-    return int(np.count_nonzero(np.bincount(codes)))
