@@ -128,7 +128,7 @@ def portable_command(name: str, words: Sequence[str]) -> str:
 
 
 class FileError(ValueError):
-    """A file that cannot be used; the message names it."""
+    """A file or folder that cannot be used; the message names it, and the field and what was expected."""
 
 
 def header(kind: str) -> dict[str, Any]:
@@ -164,7 +164,6 @@ def load(
     schema: type[T],
     *,
     largest: int = LARGEST_JSON,
-    error: type[ValueError] = FileError,
 ) -> T:
     """Read a file of this kind.
 
@@ -177,20 +176,17 @@ def load(
         A dataclass; other fields of the file are ignored.
     largest : int
         Bytes that the file may have.
-    error : type
-        Type of the errors.
 
     Raises
     ------
     FileError
-        Or `error`: the file cannot be read, or is of another kind; the message names file and field.
+        The file cannot be read, or is of another kind; the message names file and field.
     """
+    data = read_json(Path(path), largest=largest)
     try:
-        return structured(content_of(read_json(Path(path), largest=largest), kind), schema)
-    except FileError as problem:
-        raise error(str(problem)) from problem
-    except SchemaError as problem:
-        raise error(f"{path}: {problem}") from problem
+        return structured(content_of(data, kind), schema)
+    except SchemaError as error:
+        raise FileError(f"{path}: {error}") from error
 
 
 def content_of(data: object, kind: str) -> dict[str, Any]:

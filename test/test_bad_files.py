@@ -23,9 +23,9 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import Experience, read_experience, write_experience
-from ator_ros.performance.model_file import ModelFileError, load_model, save_model
+from ator_ros.files import FileError
+from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import train
-from ator_ros.refinement import RefinementError
 from ator_ros.refinement.calibration import load_calibration
 from ator_ros.refinement.gate import load_gate
 from ator_ros.resources import resource_path
@@ -34,9 +34,9 @@ from ator_ros.robot.description import ConfigError, load_robot
 ROBOT = load_robot()
 LOADERS: dict[str, tuple[Callable[[Path], Any], type[Exception]]] = {
     "pioneer.yaml": (load_robot, ConfigError),
-    "model.json": (lambda file: load_model(file, ROBOT, SOCCER.known_features), ModelFileError),
-    "gate.json": (load_gate, RefinementError),
-    "calibration.json": (load_calibration, RefinementError),
+    "model.json": (lambda file: load_model(file, ROBOT, SOCCER.known_features), FileError),
+    "gate.json": (load_gate, FileError),
+    "calibration.json": (load_calibration, FileError),
     "table.parquet": (read_experience, ExperienceError),
     "drive.mcap": (lambda file: read_recording(file, ROBOT, SOCCER), ExperienceError),
 }
@@ -186,7 +186,7 @@ def test_robots_that_cannot_be_are_refused_in_one_line(text: str, message: str, 
 def test_the_gate_of_other_actions_is_refused() -> None:
     gate = resource_path("models", "bezier", "gate.json")
     assert load_gate(gate, "bezier")
-    with pytest.raises(RefinementError, match="action_set: expected 'default', got 'bezier'"):
+    with pytest.raises(FileError, match="action_set: expected 'default', got 'bezier'"):
         load_gate(gate)
 
 

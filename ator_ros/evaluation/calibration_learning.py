@@ -72,7 +72,7 @@ def step_examples(
             if len(actual) != len(chosen.calls):
                 continue  # a lost object was fetched again by further actions
             prediction = predict_chain(trial.world, chosen, models, tools.robot)
-            (steps,) = chain_steps([(chosen, prediction)], trial.world, models, tools.robot)
+            steps = chain_steps(prediction, chosen, trial.world, models, tools.robot)
             examples += [
                 StepExample(f"{chain} {policy}", (seed, record["index"]), call.top.action, step, float(took))
                 for call, step, took in zip(chosen.calls, steps, actual, strict=True)

@@ -23,10 +23,11 @@ from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.gate_learning import GateExamples, LearnedGates, fit_threshold, learn_gates
 from ator_ros.evaluation.policies import reopened
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
+from ator_ros.experience.columns import ExperienceError
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.features import OBSERVED, Feature
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.training import LEAST_EPISODES, TrainingError, direct_of, observed_model
+from ator_ros.performance.training import LEAST_EPISODES, direct_of, observed_model
 from ator_ros.refinement.chain_prediction import predict_chain
 from ator_ros.refinement.gate import FEATURES, OpenGate, ThresholdGate
 from ator_ros.refinement.objective import expected_time
@@ -86,7 +87,7 @@ def gate_of_episodes(
 
     Raises
     ------
-    TrainingError
+    ExperienceError
         Too few episodes of an action have succeeded.
     """
     trials = [random_trial(domain, chain, library, seed=seed, index=index) for index in range(situations)]
@@ -95,7 +96,7 @@ def gate_of_episodes(
     for action, table in used.items():
         succeeded = table.loc[table["success"], "episode"].nunique()
         if succeeded < 2 * LEAST_EPISODES:
-            raise TrainingError(
+            raise ExperienceError(
                 f"{action}: expected at least {2 * LEAST_EPISODES} episodes that succeeded, as models of "
                 f"each half judge those of the other, got {succeeded}"
             )

@@ -10,7 +10,6 @@ from typing import Any
 
 from ator_ros.evaluation.situation import Record, Settings, evaluate_trial
 from ator_ros.evaluation.statistics import prediction_errors, summarise
-from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.parallel import HERE, Workers, progress, run_tasks
 from ator_ros.experience.table import library_versions
@@ -60,10 +59,10 @@ def read_result(folder: Path) -> Result:
 
     Raises
     ------
-    EvaluationError
+    FileError
         The file cannot be read, or is no finished evaluation.
     """
-    return load(folder / RESULT, KIND, Result, largest=_LARGEST, error=EvaluationError)
+    return load(folder / RESULT, KIND, Result, largest=_LARGEST)
 
 
 def run_situations(

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ator_ros.geometry import FloatArray
+from ator_ros.performance.accuracy import mean_ci95, resampled_means
 
 EQUAL = 0.02
 """Runs whose durations differ by no more than this share count as equal."""
 _WORTH_SHARING = 0.0005
 """Share of the naive durations that the oracle saves, below which captured shares are not reported."""
-RESAMPLES = 5000
 LABELS = ("Higher", "Equal", "Lower")
 
 
@@ -47,7 +47,7 @@ def summarise(records: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]
         name: np.array([row["best" if name in oracles else "duration"] for row in rows], dtype=float)
         for name, rows in runs.items()
     }
-    means = _resampled_means(np.stack(list(durations.values())))
+    means = resampled_means(np.stack(list(durations.values())))
     resampled = dict(zip(durations, means, strict=True))
     return {
         name: {
@@ -56,14 +56,6 @@ def summarise(records: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]
         }
         for name, rows in runs.items()
     }
-
-
-def _resampled_means(table: FloatArray) -> FloatArray:
-    """Return the means, shape (policies, resamples), over situations drawn with replacement."""
-    rng = np.random.default_rng(0)
-    count = table.shape[1]
-    weights = rng.multinomial(count, np.full(count, 1.0 / count), size=RESAMPLES)
-    return np.asarray(table @ weights.T / count)
 
 
 def _policy_summary(
@@ -112,7 +104,7 @@ def _interval(values: FloatArray) -> list[float]:
 
 def mean_interval(values: FloatArray) -> list[float]:
     """Return the 95 % bootstrap interval of the mean of `values`, shape (n,)."""
-    return _interval(_resampled_means(values[None, :])[0])
+    return [_rounded(bound) for bound in mean_ci95(values)]
 
 
 def prediction_errors(records: Sequence[Mapping[str, Any]], policy: str) -> dict[str, Any]:

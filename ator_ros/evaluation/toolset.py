@@ -13,7 +13,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains import DEFAULT
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.trials import EvaluationError, random_trial
-from ator_ros.performance.model_file import load_model, model_path
+from ator_ros.performance.model_file import load_model, models_folder
 from ator_ros.refinement.calibration import Calibration, load_calibration_if_any, model_digest
 from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain
 from ator_ros.refinement.gate import Gate, gate_in, opened
@@ -66,7 +66,7 @@ class Toolset:
         """Return the prediction of a chain as it is, corrected by the calibration."""
         prediction = predict_chain(world, chain, self.models, self.robot)
         calibration = self.calibration.matching(self.models)
-        return calibration.corrected([(chain, prediction)], world, self.models, self.robot)[0]
+        return calibration.corrected(prediction, chain, world, self.models, self.robot)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +97,7 @@ class ToolsetSource:
     def folder(self) -> Path:
         """Return the folder of the model files."""
         top = Path(self.models) if self.models else find_domain(self.domain).shipped_models
-        return top / model_path("gate", self.action_set).parent
+        return models_folder(top, self.action_set)
 
     def digest(self) -> str:
         """Return a digest of the robot's description and of all files beside the models."""
@@ -111,7 +111,7 @@ class ToolsetSource:
 
         Raises
         ------
-        ModelFileError
+        FileError
             A model cannot be used.
         """
         robot, features = self.described(), find_domain(self.domain).known_features
@@ -143,7 +143,7 @@ def make_toolset(source: ToolsetSource) -> Toolset:
 
     Raises
     ------
-    ModelFileError, RefinementError
+    FileError
         An existing file cannot be used; the message names it.
     """
     domain, robot, folder = find_domain(source.domain), source.described(), source.folder()

@@ -45,10 +45,9 @@ class Predictor:
         if any(call.top.action not in self._models for call in chain.calls):
             return None
         prediction = predict_chain(world, chain, self._models, self._robot)
-        (corrected,) = self._calibration.corrected(
-            [(chain, prediction)], world, self._models, self._robot, chosen=chosen
+        return self._calibration.corrected(
+            prediction, chain, world, self._models, self._robot, chosen=chosen
         )
-        return corrected
 
     def action(self, world: World, chain: TopChain, step: int) -> Mapping[str, float] | None:
         """Predict one step (from 0) of `chain` from the state `world`; None where it has no model.

@@ -37,10 +37,6 @@ _LARGEST_MESSAGE = 100_000  # bytes; odometry and records have about a thousand
 _MOST_BYTES = 4_000_000_000  # of memory
 
 
-class RecordingError(ExperienceError):
-    """A recording without experience; the message names it and says what was expected."""
-
-
 class Wanted(NamedTuple):
     """A topic that is read.
 
@@ -236,11 +232,9 @@ def read_recording(
 
     Raises
     ------
-    RecordingError
-        A package is not installed, or the recording is damaged, lacks a topic, has no drive, or has actions
-        of several sets.
     ExperienceError
-        The name of an action or an action set is invalid.
+        A package is not installed, or the recording is damaged, lacks a topic, has no drive, or has actions
+        of several sets or with an invalid name.
     """
     file = Path(path)
     by_robot, selection, topics = _read(file, domain, robot, names or {})
@@ -248,7 +242,7 @@ def read_recording(
     remarks = selection.skipped + [line for recorded in by_robot.values() for line in recorded.remarks()]
     if not episodes:
         if wrong := next((recorded.wrong for recorded in by_robot.values() if recorded.wrong), ""):
-            raise RecordingError(f"{file}: {RECORDS}: expected a record that can be used, got none: {wrong}")
+            raise ExperienceError(f"{file}: {RECORDS}: expected a record that can be used, got none: {wrong}")
         there = [topic for topic, kind in topics if kind in TYPES[ODOM] | TYPES[CMD_VEL]]
         found = f"topics of these types: {_listed(there)}; name them with --odom and --cmd-vel"
         expected = (
@@ -256,11 +250,11 @@ def read_recording(
             f"namespace, with a drive of at least {SHORTEST} s between two stops"
         )
         found = found if there else "there are no topics of these types"
-        raise RecordingError(f"{file}: {'; '.join([expected, found, *remarks[:3]])}")
+        raise ExperienceError(f"{file}: {'; '.join([expected, found, *remarks[:3]])}")
     objects = tuple(dict.fromkeys([*domain.objects, *(name for each in episodes for name in each.objects)]))
     action_sets = sorted(set().union(*(recorded.action_sets for recorded in by_robot.values())))
     if len(action_sets) > 1:
-        raise RecordingError(f"{file}: expected records of one action set, got {_listed(action_sets)}")
+        raise ExperienceError(f"{file}: expected records of one action set, got {_listed(action_sets)}")
     numbers: dict[str, Iterator[int]] = defaultdict(itertools.count)
     frames = [episode_frame(next(numbers[each.situation.action]), each, objects) for each in episodes]
     metadata = {
@@ -295,12 +289,12 @@ def _read(
                 for space, role in selection.routes[topic]:
                     by_robot[space].take(role, message, domain, robot)
     except ImportError as error:
-        raise RecordingError(
+        raise ExperienceError(
             "recordings need the package mcap-ros2-support: pip install mcap-ros2-support"
         ) from error
     except Exception as error:  # a damaged file raises anything
         why = "it needs too much memory" if isinstance(error, MemoryError) else printable(error, 200)
-        raise RecordingError(f"{file}: expected a recording of ros2 bag record -s mcap: {why}") from error
+        raise ExperienceError(f"{file}: expected a recording of ros2 bag record -s mcap: {why}") from error
     return by_robot, selection, topics
 
 

@@ -23,7 +23,7 @@ from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.json_lines import JsonLines
 from ator_ros.experience.table import Experience, checked_rows, join, library_versions, start_row
-from ator_ros.files import is_name, load, save
+from ator_ros.files import FileError, is_name, load, save
 
 KIND = "record store"
 STORE = "store.json"
@@ -65,7 +65,7 @@ class RecordStore:
 
     Raises
     ------
-    ExperienceError
+    FileError
         The folder is a store of another robot or domain.
     OSError
         It cannot be written.
@@ -76,8 +76,8 @@ class RecordStore:
         folder.mkdir(parents=True, exist_ok=True)
         if not is_store(folder):
             save(folder / STORE, KIND, info)
-        elif (there := load(folder / STORE, KIND, StoreInfo, error=ExperienceError)) != info:
-            raise ExperienceError(f"{folder / STORE}: expected {info}, got {there}: choose another folder")
+        elif (there := load(folder / STORE, KIND, StoreInfo)) != info:
+            raise FileError(f"{folder / STORE}: expected {info}, got {there}: choose another folder")
         self._parts = {name: max(_parts_of(folder / name)) for name in action_sets_in(folder)}
         self._files = {name: self._open(name, number) for name, number in self._parts.items()}
         self._unsynced: set[str] = set()
@@ -162,10 +162,12 @@ def read_store(folder: Path, action_set: str | None = None) -> Experience:
 
     Raises
     ------
+    FileError
+        `folder` is no store.
     ExperienceError
-        `folder` is no store, or holds no episodes of the set.
+        It holds no episodes of the set.
     """
-    info = load(folder / STORE, KIND, StoreInfo, error=ExperienceError)
+    info = load(folder / STORE, KIND, StoreInfo)
     there = action_sets_in(folder)
     if action_set is None and len(there) > 1:
         raise ExperienceError(f"{folder}: expected --action-set, one of {', '.join(there)}")

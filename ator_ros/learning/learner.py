@@ -15,7 +15,6 @@ from ator_ros.files import FileError, read_json, write_text
 from ator_ros.learning.process import RoundProcess
 from ator_ros.learning.sets import (
     RECORDS,
-    LearnedSetError,
     Manifest,
     current_set,
     publish,
@@ -41,7 +40,7 @@ class Learner:
 
     Raises
     ------
-    ExperienceError, OSError
+    FileError, OSError
         The folder is of another robot or domain, or cannot be written.
     """
 
@@ -72,7 +71,7 @@ class Learner:
         if place is not None:
             try:
                 self.manifest = read_manifest(place)
-            except LearnedSetError as error:
+            except FileError as error:
                 self.problem = str(error)
 
     @property
@@ -141,7 +140,7 @@ class Learner:
                 self.manifest = read_manifest(place)
                 remove_old(self._folder)
                 self.problem = ""
-            except (OSError, LearnedSetError) as error:
+            except (OSError, FileError) as error:
                 self.problem = f"a new set could not be published: {error}"
         else:
             self.problem = ""

@@ -19,13 +19,13 @@ from ator_ros.evaluation.gate_from_episodes import usual_widths
 from ator_ros.experience.columns import goal_variables_of_columns
 from ator_ros.experience.store import NUMBER, action_sets_in, read_records
 from ator_ros.experience.table import library_versions
+from ator_ros.files import FileError
 from ator_ros.learning.candidates import TrainingData, constant, training_data
 from ator_ros.learning.judging import RoundVerdict, judge
 from ator_ros.learning.sets import RECORDS, current_set, new_set_folder, read_manifest, seal, sets_in
 from ator_ros.performance.features import OBSERVED, PATHS, Feature, declared_by, kinds_of, with_kinds
 from ator_ros.performance.model import MEASURES, UNOBSERVED, PerformanceModel
 from ator_ros.performance.model_file import (
-    ModelFileError,
     RobotMismatchWarning,
     load_model,
     model_path,
@@ -160,7 +160,7 @@ class Source:
             try:
                 file = place / model_path(action, action_set)
                 return load_model(file, self.robot, self.domain.known_features)
-            except ModelFileError:
+            except FileError:
                 return None  # the nodes report it
 
 

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from ator_ros.files import load, save
+from ator_ros.files import FileError, load, save
 
 KIND = "learned set"
 MANIFEST = "set.manifest"
@@ -24,10 +24,6 @@ RECORDS = "records"
 KEPT = 10
 """Sets that are kept: the newest, and the one in use."""
 _SETS = "sets"
-
-
-class LearnedSetError(ValueError):
-    """A set that cannot be used; the message names it."""
 
 
 @dataclass(frozen=True)
@@ -54,14 +50,14 @@ def digest_of(folder: Path) -> str:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Read the manifest of a set; raises LearnedSetError, also for files of another digest."""
-    manifest = load(folder / MANIFEST, KIND, Manifest, error=LearnedSetError)
+    """Read the manifest of a set; raises FileError, also for files of another digest."""
+    manifest = load(folder / MANIFEST, KIND, Manifest)
     try:
         found = digest_of(folder)
     except OSError as error:
-        raise LearnedSetError(f"{folder}: expected a set of models: {error}") from error
+        raise FileError(f"{folder}: expected a set of models: {error}") from error
     if found != manifest.digest:
-        raise LearnedSetError(f"{folder}: expected files with the digest {manifest.digest}, got {found}")
+        raise FileError(f"{folder}: expected files with the digest {manifest.digest}, got {found}")
     return manifest
 
 
@@ -96,7 +92,7 @@ def seal(
 def publish(folder: Path, made: Path) -> Path:
     """Give a sealed set its final name and let `current` point to it; return its folder.
 
-    Raises LearnedSetError for a damaged set, and OSError if it cannot be written; then `current` is as it
+    Raises FileError for a damaged set, and OSError if it cannot be written; then `current` is as it
     was.
     """
     digest = read_manifest(made).digest

@@ -13,10 +13,9 @@ from std_srvs.srv import SetBool, Trigger
 
 from ator_interfaces.msg import ActionPerformance
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.records import ENDED, episode_of
 from ator_ros.experience.store import StoreInfo
-from ator_ros.files import exclusive_folder
+from ator_ros.files import FileError, exclusive_folder
 from ator_ros.learning.learner import Learner
 from ator_ros.learning.process import RoundProcess
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
@@ -86,7 +85,7 @@ class LearningNode(Node):
                 batch=settings["batch"],
                 most=settings["most_episodes"],
             )
-        except (ExperienceError, OSError) as error:
+        except (FileError, OSError) as error:
             self._open.close()
             raise SetupError(f"parameter learned: {error}") from error
         for topic in topics:

@@ -21,19 +21,18 @@ from ator_ros.domains.domain import Domain
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.warm_up import warm_up_actions, warm_up_predictions, warm_up_refinement
-from ator_ros.learning.sets import LearnedSetError, Manifest, current_set, read_manifest
+from ator_ros.files import FileError
+from ator_ros.learning.sets import Manifest, current_set, read_manifest
 from ator_ros.nodes.diagnostics import STEADY
 from ator_ros.nodes.parameters import Parameter
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import (
-    ModelFileError,
     NoModelsError,
     RobotMismatchWarning,
     load_models,
     model_path,
     models_folder,
 )
-from ator_ros.refinement import RefinementError
 from ator_ros.refinement.calibration import CALIBRATION, Calibration, load_calibration_if_any
 from ator_ros.refinement.gate import Gate, OpenGate, gate_in
 from ator_ros.refinement.refiner import Refiner
@@ -92,7 +91,7 @@ def read_models(node: Node, robot: Robot, action_set: str, place: Path, domain: 
         digest = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
     except NoModelsError as error:
         return ModelSet(absent=str(error))
-    except (ModelFileError, OSError) as error:
+    except (FileError, OSError) as error:
         warn(f"action set {action_set}: no models: {error}")
         return ModelSet(absent=str(error), problem=str(error))
     problem = str(caught[0].message) if caught else ""
@@ -115,7 +114,7 @@ def _calibration(
     warn = node.get_logger().warning
     try:
         read = load_calibration_if_any(folder)
-    except (RefinementError, OSError) as error:
+    except (FileError, OSError) as error:
         warn(f"action set {action_set}: predictions are not corrected: {error}")
         return Calibration()
     matching = read.matching(models)
@@ -162,7 +161,7 @@ class LearnedSets(Generic[User]):
             if self._seen is not None:
                 try:
                     self._manifest = read_manifest(self._seen)
-                except LearnedSetError as error:
+                except FileError as error:
                     self._log_failure(error)
             if self._manifest is not None and self._seen is not None:
                 self._source, place = f"learned set {self._manifest.digest}", self._seen
@@ -301,6 +300,6 @@ def _gate(node: Node, folder: Path, action_set: str) -> Gate:
     """Read the gate of an action set; without one the predicted gain alone decides."""
     try:
         return gate_in(folder, action_set)
-    except RefinementError as error:
+    except FileError as error:
         node.get_logger().warning(f"no gate, refining whenever a gain is predicted: {error}")
         return OpenGate()

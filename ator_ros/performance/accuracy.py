@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,25 +16,29 @@ from ator_ros.performance.training import direct_of
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import AT_REST, CONTROL_PERIOD
 
-RESAMPLES = 2000
+RESAMPLES = 5000
 
 
-def bootstrap_ci95(
-    values: FloatArray, statistic: Callable[[FloatArray], FloatArray], *, seed: int = 0
-) -> list[float]:
-    """Return the 95 % bootstrap interval of a statistic.
+def resampled_means(table: FloatArray) -> FloatArray:
+    """Return means over columns drawn with replacement, the same for all rows.
 
     Parameters
     ----------
-    values : ndarray, shape (n,)
-        Independent values.
-    statistic : callable
-        Maps resamples of shape (k, n) to (k,).
+    table : ndarray, shape (k, n)
+        Independent columns.
+
+    Returns
+    -------
+    ndarray, shape (k, RESAMPLES)
     """
-    rng = np.random.default_rng(seed)
-    picked = rng.integers(0, len(values), (RESAMPLES, len(values)))
-    low, high = np.quantile(statistic(values[picked]), (0.025, 0.975))
-    return [float(low), float(high)]
+    count = table.shape[1]
+    weights = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), size=RESAMPLES)
+    return np.asarray(table @ weights.T / count)
+
+
+def mean_ci95(values: FloatArray) -> FloatArray:
+    """Return the 95 % bootstrap interval, shape (2,), of the mean of independent `values`, shape (n,)."""
+    return np.quantile(resampled_means(values[None, :]), (0.025, 0.975))
 
 
 def accuracy(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dict[str, Any]:
@@ -63,9 +67,9 @@ def accuracy(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dic
     square, size = error * error, np.abs(error)
     return {
         "mae_s": float(size.mean()),
-        "mae_s_ci95": bootstrap_ci95(size, lambda x: x.mean(axis=1)),
+        "mae_s_ci95": mean_ci95(size).tolist(),
         "rmse_s": float(np.sqrt(square.mean())),
-        "rmse_s_ci95": bootstrap_ci95(square, lambda x: np.sqrt(x.mean(axis=1))),
+        "rmse_s_ci95": np.sqrt(mean_ci95(square)).tolist(),
         "bias_s": float(error.mean()),
         "mean_duration_s": float(actual.mean()),
         "relative_error": float(size.mean() / max(actual.mean(), CONTROL_PERIOD)),
@@ -95,7 +99,7 @@ def brier(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dict[s
     return {
         "brier": float(((probability - happened) ** 2).mean()),
         "brier_base_rate": float(((rate - happened) ** 2).mean()),
-        "brier_gain_ci95": bootstrap_ci95(better, lambda x: x.mean(axis=1)),
+        "brier_gain_ci95": mean_ci95(better).tolist(),
         "success_rate": rate,
         "episodes": len(starts),
         "seed": seed,

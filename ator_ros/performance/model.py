@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -259,15 +260,5 @@ def narrowed(tree: ModelTree) -> ModelTree:
     columns = [tree.names.index(name) for name in used]
     number = np.zeros(len(tree.names), dtype=np.intp)
     number[columns] = np.arange(len(columns))
-    return ModelTree(
-        names=used,
-        feature=number[tree.feature],
-        threshold=tree.threshold,
-        children=tree.children,
-        intercept=tree.intercept,
-        coefficients=np.ascontiguousarray(tree.coefficients[:, columns]),
-        lower=tree.lower,
-        upper=tree.upper,
-        spread=tree.spread,
-        samples=tree.samples,
-    )
+    coefficients = np.ascontiguousarray(tree.coefficients[:, columns])
+    return dataclasses.replace(tree, names=used, feature=number[tree.feature], coefficients=coefficients)

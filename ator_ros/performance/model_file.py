@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.files import is_name, load, save
+from ator_ros.files import FileError, is_name, load, save
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import Feature, kinds_of, with_kinds
 from ator_ros.performance.model import MEASURES, AtGoal, PerformanceModel
@@ -56,11 +56,7 @@ class _ModelFile:
             require(_is_finite(value), f"accuracy.{name}", "a finite number", value)
 
 
-class ModelFileError(ValueError):
-    """A model file that cannot be used; the message names the file, the field and what was expected."""
-
-
-class NoModelsError(ModelFileError):
+class NoModelsError(FileError):
     """A folder of models without a single one for an action set."""
 
 
@@ -73,12 +69,12 @@ def model_path(action: str, action_set: str = DEFAULT_SET) -> Path:
 
     Raises
     ------
-    ModelFileError
+    FileError
         A name that is no name, and could lead elsewhere.
     """
     for field, name in (("action", action), ("action_set", action_set)):
         if not is_name(name):
-            raise ModelFileError(f"{field}: expected a name of letters, digits and _, got {name!r}")
+            raise FileError(f"{field}: expected a name of letters, digits and _, got {name!r}")
     return Path(action_set if action_set != DEFAULT_SET else "", f"{action}.json")
 
 
@@ -128,23 +124,21 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
 
     Raises
     ------
-    ModelFileError
+    FileError
         The file is missing, damaged, no model, or of another version.
     """
     if not Path(path).exists():
-        raise ModelFileError(f"{path}: expected a model, there is no such file: run train to make it")
-    file = load(path, KIND, _ModelFile, error=ModelFileError)
+        raise FileError(f"{path}: expected a model, there is no such file: run train to make it")
+    file = load(path, KIND, _ModelFile)
     units = {name: features[name].unit for name in file.features if name in features}
     for name, unit in file.features.items():
         if units.get(name) != unit:
             known = f"in {units[name]!r}" if name in units else f"one of {', '.join(features)}"
-            raise ModelFileError(f"{path}: features.{name}: expected a feature {known}, got unit {unit!r}")
+            raise FileError(f"{path}: features.{name}: expected a feature {known}, got unit {unit!r}")
     for measure, tree in file.trees.items():
         if unknown := set(tree.features) - set(units):
             expected = "features that the file lists"
-            raise ModelFileError(
-                f"{path}: trees.{measure}.features: expected {expected}, got {sorted(unknown)}"
-            )
+            raise FileError(f"{path}: trees.{measure}.features: expected {expected}, got {sorted(unknown)}")
     if file.robot_digest != robot.digest():
         warnings.warn(
             f"{path}: robot_digest: this model of {file.action} was learned with ANOTHER ROBOT "
@@ -169,10 +163,10 @@ def _made(
     try:
         made = {name: each for name, each in with_kinds(features, kinds).items() if each.kinds}
     except ValueError as error:
-        raise ModelFileError(f"{path}: kinds.{error}") from error
+        raise FileError(f"{path}: kinds.{error}") from error
     known = kinds_of(made.values())
     if not known or set(known) != set(kinds):
-        raise ModelFileError(f"{path}: kinds: expected families of motion, got {short(kinds)}")
+        raise FileError(f"{path}: kinds: expected families of motion, got {short(kinds)}")
     return made
 
 
@@ -208,12 +202,12 @@ def load_models(
     ------
     NoModelsError
         There are none.
-    ModelFileError
+    FileError
         One of them cannot be used, or `folder` is none.
     """
     top = folder if folder is not None else resource_path("models")
     if not top.is_dir():
-        raise ModelFileError(f"{top}: expected a folder of models, found none")
+        raise FileError(f"{top}: expected a folder of models, found none")
     place = models_folder(top, action_set)
     files = filter(is_model, sorted(place.glob("*.json")))
     models = {file.stem: load_model(file, robot, features) for file in files}
@@ -222,7 +216,7 @@ def load_models(
     for name, model in models.items():
         for field, expected in (("action", name), ("action_set", action_set)):
             if model.metadata[field] != expected:
-                raise ModelFileError(
+                raise FileError(
                     f"{place / name}.json: {field}: expected {expected!r} in this place, "
                     f"got {model.metadata[field]!r}"
                 )

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.actions.goal_variables import direct_name
-from ator_ros.experience.columns import goal_variables_of_columns
+from ator_ros.experience.columns import ExperienceError, goal_variables_of_columns
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.derived import ANGLE_BETWEEN, Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
@@ -147,10 +147,6 @@ _ALIKE = 0.15
 _ENOUGH, _RARE = 15, 0.05  # episodes that make a deceleration known, or this share of them if that is less
 
 
-class TrainingError(ValueError):
-    """Experience that a model cannot be learned from."""
-
-
 def train(
     action: str,
     rows: pd.DataFrame,
@@ -177,20 +173,20 @@ def train(
 
     Raises
     ------
-    TrainingError
+    ExperienceError
         Too few episodes have succeeded, or rows lack values of a goal variable that a feature derives from.
     """
     for name in declared_by(features):
         missing = rows[name].isna().sum() if name in rows else len(rows)
         if missing:
-            raise TrainingError(
+            raise ExperienceError(
                 f"{action}: {name}: expected a value in each row of experience, "
                 f"{missing} of {len(rows)} have none"
             )
     starts = rows[rows["t"] == 0.0]
     good, good_starts = rows[rows["success"]], starts[starts["success"]]
     if len(good_starts) < LEAST_EPISODES:
-        raise TrainingError(
+        raise ExperienceError(
             f"{action}: expected at least {LEAST_EPISODES} episodes that succeeded, "
             f"got {len(good_starts)} of {len(starts)}"
         )

@@ -10,7 +10,6 @@ unless the gate wants corrected predictions (`Gate.corrected`).
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import math
@@ -25,7 +24,6 @@ import numpy as np
 from ator_ros.files import load, save
 from ator_ros.performance.features import kinds_of
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.refinement import RefinementError
 from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.refinement.free_variables import analyse
 from ator_ros.refinement.objective import Objective
@@ -150,91 +148,74 @@ class Calibration:
 
     def corrected(
         self,
-        predictions: Sequence[tuple[TopChain, ChainPrediction]],
+        prediction: ChainPrediction,
+        chain: TopChain,
         world: World,
         models: Mapping[str, Any],
         robot: Robot,
         objective: Objective | None = None,
         *,
         chosen: Sequence[bool] | None = None,
-    ) -> list[ChainPrediction]:
-        """Return predictions of chains with what they are expected to miss added.
+    ) -> ChainPrediction:
+        """Return the prediction of a chain with what it is expected to miss added.
 
         Parameters
         ----------
-        predictions : sequence of (TopChain, ChainPrediction)
-            Chains of the same TOPs, and what was predicted of each from `world`.
-        world, models, robot
-            The state from which, the models with which, and the robot for which it was predicted.
+        prediction, chain, world, models, robot
+            What was predicted, the chain, the state from which, the models with which, and the robot for
+            which it was predicted.
         objective : Objective, optional
-            What the costs are of; by default the duration.
+            What the cost is of; by default the duration.
         chosen : sequence of bool, optional
-            Whether each step's heading is free, see `chosen_headings`; by default as in the chains alone.
+            Whether each step's heading is free, see `chosen_headings`; by default as in the chain alone.
             Parts of a chain do not show what the rest of it binds.
         """
         if not self.shortfalls:
-            return [prediction for _, prediction in predictions]
+            return prediction
         weight = (objective if objective is not None else Objective()).weights.get("duration", 0.0)
-        steps = chain_steps(predictions, world, models, robot, chosen)
-        found = []
-        for (chain, prediction), of_chain in zip(predictions, steps, strict=True):
-            actions, added = [dict(action) for action in prediction.actions], 0.0
-            for call, step, action in zip(chain.calls, of_chain, actions, strict=True):
-                shortfall = self.shortfalls.get(call.top.action)
-                if shortfall is not None and step is not None:
-                    missing = max(shortfall.of(step), -step.predicted)
-                    action["duration"] = step.predicted + missing
-                    added += missing
-            cost = prediction.cost + weight * added
-            found.append(dataclasses.replace(prediction, actions=tuple(actions), cost=cost))
-        return found
+        steps = chain_steps(prediction, chain, world, models, robot, chosen)
+        actions, added = [dict(action) for action in prediction.actions], 0.0
+        for call, step, action in zip(chain.calls, steps, actions, strict=True):
+            shortfall = self.shortfalls.get(call.top.action)
+            if shortfall is not None and step is not None:
+                missing = max(shortfall.of(step), -step.predicted)
+                action["duration"] = step.predicted + missing
+                added += missing
+        return ChainPrediction(tuple(actions), prediction.cost + weight * added)
 
 
 def chain_steps(
-    predictions: Sequence[tuple[TopChain, ChainPrediction]],
+    prediction: ChainPrediction,
+    chain: TopChain,
     world: World,
     models: Mapping[str, Any],
     robot: Robot,
     chosen: Sequence[bool] | None = None,
-) -> list[list[PredictedStep | None]]:
-    """Return the steps of each predicted chain, all of the same TOPs, as `Calibration.corrected` takes them.
+) -> list[PredictedStep | None]:
+    """Return the steps of a predicted chain; the arguments are as for `Calibration.corrected`.
 
     A step is None where it has no model of ours or no finite prediction.
     """
-    calls = predictions[0][0].calls
-    known = [isinstance(models.get(call.top.action), PerformanceModel) for call in calls]
-    chosen = chosen_headings(predictions[0][0], models, robot) if chosen is None else chosen
-    return [
-        [
-            _step(v, call.goal.speed, action, heading_open=is_chosen) if is_known else None
-            for v, call, action, is_known, is_chosen in zip(
-                [world.robot.v, *(call.goal.speed for call in chain.calls[:-1])],
-                chain.calls,
-                prediction.actions,
-                known,
-                chosen,
-                strict=True,
-            )
-        ]
-        for chain, prediction in predictions
-    ]
+    chosen = chosen_headings(chain, models, robot) if chosen is None else chosen
+    speeds = [world.robot.v, *(call.goal.speed for call in chain.calls)]
+    steps: list[PredictedStep | None] = []
+    for v, call, action, is_chosen in zip(speeds, chain.calls, prediction.actions, chosen, strict=False):
+        predicted, dist = action.get("duration", math.nan), action.get("dist", math.nan)
+        ideal = action.get("ideal", predicted)
+        # Squares of places that are far away overflow.
+        is_finite = all(map(math.isfinite, (predicted, dist, ideal)))
+        if is_finite and isinstance(models.get(call.top.action), PerformanceModel):
+            spread = action.get("spread", 0.0)
+            steps.append(PredictedStep(v, call.goal.speed, predicted, spread, ideal, dist, is_chosen))
+        else:
+            steps.append(None)
+    return steps
 
 
 def chosen_headings(chain: TopChain, models: Mapping[str, Any], robot: Robot) -> list[bool]:
     """Return for each step of a whole chain whether its heading is free."""
     free = {variable.subgoal for variable in analyse(chain, models, robot).free if variable.name == "yaw"}
     return [index in free for index in range(len(chain.calls))]
-
-
-def _step(
-    v: float, speedg: float, action: Mapping[str, float], *, heading_open: bool
-) -> PredictedStep | None:
-    predicted, dist = action.get("duration", math.nan), action.get("dist", math.nan)
-    ideal = action.get("ideal", predicted)
-    # Squares of places that are far away overflow.
-    if not all(map(math.isfinite, (predicted, dist, ideal))):
-        return None
-    return PredictedStep(v, speedg, predicted, action.get("spread", 0.0), ideal, dist, heading_open)
 
 
 def model_digest(model: Any) -> str:
@@ -265,10 +246,10 @@ def load_calibration(path: Path) -> Calibration:
 
     Raises
     ------
-    RefinementError
+    FileError
         The file cannot be read or is no calibration; the message names file and field.
     """
-    return load(path, KIND, Calibration, error=RefinementError)
+    return load(path, KIND, Calibration)
 
 
 def load_calibration_if_any(folder: Path) -> Calibration:
@@ -276,7 +257,7 @@ def load_calibration_if_any(folder: Path) -> Calibration:
 
     Raises
     ------
-    RefinementError
+    FileError
         As in `load_calibration`.
     """
     path = folder / CALIBRATION

@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.files import load, save
+from ator_ros.files import FileError, load, save
 from ator_ros.geometry import wrap_angle
 from ator_ros.printable import short
-from ator_ros.refinement import RefinementError
 from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.refinement.search import Widths
 from ator_ros.schema import OneOf, SchemaError, Within, structured
@@ -256,11 +255,11 @@ def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
 
     Raises
     ------
-    RefinementError
+    FileError
         The file cannot be read, is no gate, or was learned for other actions; the message names file and
         field.
     """
-    file = load(path, KIND, _GateFile, error=RefinementError)
+    file = load(path, KIND, _GateFile)
     try:
         if file.action_set != action_set:
             raise SchemaError(
@@ -270,7 +269,7 @@ def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
         gate = structured(file.gate, _KINDS[file.kind], "gate")
         return dataclasses.replace(gate, **{name: getattr(file, name) for name in _SHARED})
     except SchemaError as error:
-        raise RefinementError(f"{path}: {error}") from error
+        raise FileError(f"{path}: {error}") from error
 
 
 def gate_in(folder: Path, action_set: str) -> Gate:

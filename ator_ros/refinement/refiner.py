@@ -285,18 +285,17 @@ class Refiner:
 
     def _corrected(
         self,
+        prediction: ChainPrediction,
+        chain: TopChain,
         world: World,
-        chains: Sequence[TopChain],
-        predictions: Sequence[ChainPrediction],
         free: Sequence[FreeVariable],
         objective: Objective,
-    ) -> list[ChainPrediction]:
-        """Return the predictions of chains of the same TOPs with their expected errors added."""
-        predicted = list(zip(chains, predictions, strict=True))
+    ) -> ChainPrediction:
+        """Return the prediction of a chain with its expected errors added."""
         turned = {variable.subgoal for variable in free if variable.name == "yaw"}
-        chosen = [index in turned for index in range(len(chains[0].calls))]
+        chosen = [index in turned for index in range(len(chain.calls))]
         return self._calibration.corrected(
-            predicted, world, self.models, self.robot, objective, chosen=chosen
+            prediction, chain, world, self.models, self.robot, objective, chosen=chosen
         )
 
     def _answer(
@@ -314,7 +313,10 @@ class Refiner:
         for index, names in enumerate(model.names):
             if names:
                 best = replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
-        corrected = self._corrected(world, (chain, best), predicted, analysis.free, objective)
+        corrected = [
+            self._corrected(prediction, each, world, analysis.free, objective)
+            for prediction, each in zip(predicted, (chain, best), strict=True)
+        ]
         judged = corrected if self.gate.corrected else predicted
         averaged = math.inf if optimum.given is None else optimum.given - optimum.cost
         features = gate_features(world, chain, best, *judged, averaged=averaged)
@@ -353,7 +355,7 @@ class Refiner:
     ) -> Refinement:
         """Return the answer where nothing is free."""
         prediction = model.predict(model.given)
-        (corrected,) = self._corrected(world, (chain,), (prediction,), (), objective)
+        corrected = self._corrected(prediction, chain, world, (), objective)
         reason = "nothing is open: the plan commits to every goal variable"
         if any(call.open for call in chain.calls):
             reason = f"nothing is free: {_described(chain, analysis.not_free)}"

@@ -101,6 +101,8 @@ class Optimum:
         False if the deadline ended the search.
     given : float or None
         Cost of the given values, where costs are averaged.
+    costs : sequence of float
+        Costs of the steps, where only one set of candidates was searched.
     """
 
     values: Sequence[FloatArray]
@@ -108,6 +110,7 @@ class Optimum:
     curves: Sequence[SearchCurve]
     complete: bool = True
     given: float | None = None
+    costs: Sequence[float] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,23 +194,13 @@ def unsearched(given: Sequence[FloatArray], cost: float) -> Optimum:
 # Dynamic programming
 
 
-@dataclass(frozen=True, slots=True)
-class BestPath(Optimum):
-    """The best path through candidates; its curves hold those that were evaluated.
-
-    `costs` are those of its steps.
-    """
-
-    costs: Sequence[float] = ()
-
-
 def least_path(
     step_cost: StepCost,
     candidates: Sequence[FloatArray],
     given: Sequence[FloatArray],
     averages: Averages | None = None,
     deadline: Deadline = no_deadline,
-) -> BestPath:
+) -> Optimum:
     """Find the best candidate of each subgoal; once time is up, subgoals that follow keep the `given` one."""
     searched: list[FloatArray] = []
     costs: list[FloatArray] = []
@@ -242,7 +235,7 @@ def least_path(
     curves = [SearchCurve(c, f + b) for c, f, b in zip(searched, forward, backward, strict=True)]
     steps = [float(cost[i, j]) for cost, i, j in zip(costs, [0, *path], path, strict=False)]
     as_given = _cost_of(given, searched, costs) if averages is not None and given else None
-    return BestPath(values, total, curves, complete, as_given, steps)
+    return Optimum(values, total, curves, complete, as_given, steps)
 
 
 def _pairwise(
@@ -273,7 +266,7 @@ def _cost_of(
     """Return the cost of a chain whose values (k,) are among the candidates (n, k) of each subgoal."""
     row, total = 0, 0.0
     for values, searched, cost in zip(chain, candidates, costs, strict=True):
-        column = row_of((searched, values)) or 0
+        column = _row_of(searched, values) or 0
         total += float(cost[row, column])
         row = column
     return total
@@ -299,18 +292,9 @@ def averaged(cost: FloatArray, before: FloatArray | None, after: FloatArray | No
     return np.maximum(cost, means)
 
 
-def row_of(*pairs: tuple[FloatArray, FloatArray]) -> int | None:
-    """Return the first row in which each table (n or 1, k) equals its candidate (k,); None if none does.
-
-    It is row 0 where nothing is free.
-    """
-    same: BoolArray | None = None
-    for table, candidate in pairs:
-        for column, value in enumerate(candidate.tolist()):
-            equal: BoolArray = table[:, column] == value
-            same = equal if same is None else same & equal
-    if same is None:
-        return 0
+def _row_of(table: FloatArray, candidate: FloatArray) -> int | None:
+    """Return the first row of a table (n, k) that equals a candidate (k,); None if none does."""
+    same = (table == candidate).all(axis=1)
     row = int(same.argmax())
     return row if same[row] else None
 
@@ -418,7 +402,7 @@ def best_apart(candidates: FloatArray, totals: FloatArray, step: FloatArray) -> 
 
 def _with_candidate(table: FloatArray, candidate: FloatArray) -> FloatArray:
     """Return a table of candidates with another one appended, if it is not in the table."""
-    there = row_of((table, candidate)) is not None
+    there = _row_of(table, candidate) is not None
     return table if there else np.concatenate((table, candidate[None, :]))
 
 

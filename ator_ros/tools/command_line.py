@@ -21,8 +21,6 @@ from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.parallel import BACKENDS, BackendError, Workers
 from ator_ros.files import FileError, portable_command
-from ator_ros.performance.model_file import ModelFileError
-from ator_ros.performance.training import TrainingError
 from ator_ros.planning.goals import PlanningError
 from ator_ros.printable import printable
 from ator_ros.refinement import RefinementError
@@ -43,8 +41,7 @@ _LONGEST_LINE = 1000
 
 EXPECTED_ERRORS: tuple[type[Exception], ...] = (
     *(BackendError, ConfigError, DomainError, DriveError, EvaluationError, ExperienceError, FileError),
-    *(MessageError, ModelFileError, NodesError, OSError, PlanningError, RefinementError, SchemaError),
-    *(TrainingError,),
+    *(MessageError, NodesError, OSError, PlanningError, RefinementError, SchemaError),
 )
 """Errors that are reported in one line instead of a traceback."""
 

@@ -16,16 +16,16 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
 from ator_ros.evaluation.trials import possible_chain
+from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.drives import CMD_VEL, ODOM
 from ator_ros.experience.sources import read_sources
 from ator_ros.experience.table import Experience, library_versions
-from ator_ros.files import is_name
+from ator_ros.files import FileError, is_name
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.features import OBSERVED, Feature, chosen_for
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.model_file import ModelFileError, is_model, load_model, model_path, save_model
+from ator_ros.performance.model_file import is_model, load_model, model_path, save_model
 from ator_ros.performance.training import (
-    TrainingError,
     cross_validated_errors,
     digest,
     observed_starts,
@@ -84,7 +84,7 @@ def train(
         # A recording rarely holds enough episodes of every action. Each model is saved once it is learned.
         try:
             model = train_model(action, examples, robot, features=features)
-        except TrainingError as error:
+        except ExperienceError as error:
             errors.append(str(error))
             continue
         used[action] = features
@@ -116,7 +116,7 @@ def train(
             tested = "" if measured else _cross_validated(examples, robot, features)
         print(f"{file}: {rules}{tested}", flush=True)
     if not used:
-        raise TrainingError("; ".join(errors))
+        raise ExperienceError("; ".join(errors))
     for missing in errors:
         print(f"train: {missing}; the other actions are learned", file=sys.stderr)
     if gate:
@@ -139,10 +139,10 @@ def _learn_gate(
     try:
         chain = possible_chain(domain, library, None, list(rows))
         if chain is None:
-            raise TrainingError(f"domain {domain.name} has no chain with only {', '.join(rows)}")
+            raise ExperienceError(f"domain {domain.name} has no chain with only {', '.join(rows)}")
         print(f"train: learning the gate in {_GATE_SITUATIONS} situations of the chain {chain} …", flush=True)
         gate, learned = gate_of_episodes(domain, library, rows, chain, **sizes, features=features)
-    except (TrainingError, ConfigError) as error:
+    except (ExperienceError, ConfigError) as error:
         result = f"{file} stays as it is" if file.exists() else "refinement accepts every predicted gain"
         print(f"{file.parent}: no gate: {error}; {result}")
         return
@@ -202,13 +202,11 @@ def _rules(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
     file = Path(options.rules)
     if file.suffix != ".json":
         if not is_name(options.rules):
-            raise ModelFileError(
-                f"--rules: expected an action or a model, a .json file, got {options.rules!r}"
-            )
+            raise FileError(f"--rules: expected an action or a model, a .json file, got {options.rules!r}")
         file = folder / model_path(options.rules, options.action_set or DEFAULT_SET)
     if not file.exists():
         there = ", ".join(sorted(other.stem for other in file.parent.glob("*.json") if is_model(other)))
-        raise ModelFileError(f"{file}: expected a model, there is none; in that folder: {there or 'none'}")
+        raise FileError(f"{file}: expected a model, there is none; in that folder: {there or 'none'}")
     return load_model(file, robot, domain.known_features).rules("duration")
 
 
@@ -263,9 +261,9 @@ def _run(options: argparse.Namespace, domain: Domain, command: str) -> None:
         print(_rules(domain, options, robot, folder))
         return
     if not options.experience:
-        raise TrainingError("expected experience to learn from, or --rules")
+        raise ExperienceError("expected experience to learn from, or --rules")
     if options.models is None and not _is_own(robot, domain):
-        raise TrainingError(
+        raise ExperienceError(
             f"--models: expected a folder for models of {robot.name}; those that ship are another robot's"
         )
     topics = {role: name for role in (ODOM, CMD_VEL) if (name := getattr(options, role)) is not None}

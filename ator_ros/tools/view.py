@@ -12,10 +12,11 @@ from pathlib import Path
 
 from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
+from ator_ros.files import FileError
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.view_backend import RosBackend
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.model_file import ModelFileError, load_models
+from ator_ros.performance.model_file import load_models
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.tools.command_line import (
@@ -105,7 +106,7 @@ def _models(folder: str, domain: Domain, robot: Robot) -> Mapping[str, Mapping[s
     """Read the models of all action sets; sets without models are left out."""
     found = {}
     for name in domain.action_sets:
-        with contextlib.suppress(ModelFileError, OSError):
+        with contextlib.suppress(FileError, OSError):
             place = Path(folder) if folder else domain.shipped_models
             found[name] = load_models(robot, domain.known_features, action_set=name, folder=place)
     return found

@@ -14,8 +14,8 @@ from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
 from ator_ros.evaluation.gate_learning import GateExamples, compare_gates, fit_threshold
 from ator_ros.evaluation.running import to_columns, to_records
 from ator_ros.evaluation.statistics import labels, summarise
+from ator_ros.experience.columns import ExperienceError
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.training import TrainingError
 from ator_ros.refinement.gate import FEATURES
 
 
@@ -112,5 +112,5 @@ def test_records_by_columns_give_back_the_records() -> None:
 
 def test_so_few_episodes_that_halves_cannot_judge_each_other_are_refused() -> None:
     rows = pd.DataFrame({"episode": np.arange(39), "success": True})
-    with pytest.raises(TrainingError, match=r"goToPose: expected at least 40 episodes .* got 39"):
+    with pytest.raises(ExperienceError, match=r"goToPose: expected at least 40 episodes .* got 39"):
         gate_of_episodes(SOCCER, LIBRARY, {"goToPose": rows}, "dribble", seed=1, situations=1)

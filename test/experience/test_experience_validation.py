@@ -13,8 +13,9 @@ from experience_rows import made_up_experience
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.table import Experience, read_experience, write_experience
+from ator_ros.files import FileError
 from ator_ros.geometry import Pose
-from ator_ros.performance.model_file import ModelFileError, load_models, save_model
+from ator_ros.performance.model_file import load_models, save_model
 from ator_ros.performance.training import train
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.train import main
@@ -74,12 +75,10 @@ def test_a_table_without_rows_is_refused(tmp_path: Path, capsys: pytest.CaptureF
 def test_models_are_where_their_names_say(tmp_path: Path) -> None:
     model = train("goToPose", made_up_experience("goToPose"), ROBOT)
     save_model(tmp_path / "dribbleBall.json", model)
-    with pytest.raises(
-        ModelFileError, match=r"dribbleBall\.json: action: expected 'dribbleBall' in this place"
-    ):
+    with pytest.raises(FileError, match=r"dribbleBall\.json: action: expected 'dribbleBall' in this place"):
         load_models(ROBOT, SOCCER.known_features, folder=tmp_path)
     save_model(tmp_path / "bezier" / "goToPose.json", model)
-    with pytest.raises(ModelFileError, match=r"goToPose\.json: action_set: expected 'bezier' in this place"):
+    with pytest.raises(FileError, match=r"goToPose\.json: action_set: expected 'bezier' in this place"):
         load_models(ROBOT, SOCCER.known_features, action_set="bezier", folder=tmp_path)
 
 

@@ -15,9 +15,9 @@ import pytest
 from stored import INFO, ROBOT, episodes, stored
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.sources import read_sources
 from ator_ros.experience.store import NUMBER, PART, RecordStore, read_records, read_store
+from ator_ros.files import FileError
 
 
 def durations(folder: Path) -> list[float]:
@@ -92,7 +92,7 @@ def test_garbage_costs_no_other_line(tmp_path: Path, line: bytes) -> None:
 
 def test_a_store_of_another_robot_is_refused(tmp_path: Path) -> None:
     stored(tmp_path)
-    with pytest.raises(ExperienceError, match="choose another folder"):
+    with pytest.raises(FileError, match="choose another folder"):
         RecordStore(tmp_path, dataclasses.replace(INFO, robot_digest="other"), most=100)
 
 

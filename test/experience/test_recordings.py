@@ -13,7 +13,8 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.recordings import RecordingError, read_recording
+from ator_ros.experience.columns import ExperienceError
+from ator_ros.experience.recordings import read_recording
 from ator_ros.geometry import Pose
 from ator_ros.tools import train
 
@@ -60,13 +61,13 @@ def test_definitions_of_services_and_actions_are_skipped(tmp_path: Path) -> None
 
 def test_a_recording_without_the_topics_is_refused(tmp_path: Path) -> None:
     record(tmp_path / "bag", topics=("/robot/odom",))
-    with pytest.raises(RecordingError, match=r"or odom \(Odometry\) and cmd_vel .*: /robot/odom; name them"):
+    with pytest.raises(ExperienceError, match=r"or odom \(Odometry\) and cmd_vel .*: /robot/odom; name them"):
         read_recording(tmp_path / "bag", ROBOT, SOCCER)
 
 
 def test_a_missing_package_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "mcap.reader", None)
-    with pytest.raises(RecordingError, match="pip install mcap-ros2-support"):
+    with pytest.raises(ExperienceError, match="pip install mcap-ros2-support"):
         read_recording(tmp_path, ROBOT, SOCCER)
 
 

@@ -14,9 +14,10 @@ from robots import FIFTH, PIONEER
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.table import Experience, write_experience
+from ator_ros.files import FileError
 from ator_ros.performance.features import chosen_for, feature_table, kinds_of
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.model_file import ModelFileError, load_model, save_model
+from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import direct_of, train
 from ator_ros.resources import resource_path
 from ator_ros.tools import train as tool
@@ -73,7 +74,7 @@ def test_kinds_that_are_none_are_refused(file: Path, kinds: Any, message: str) -
     data = json.loads(file.read_text())
     data["kinds"] = kinds
     file.write_text(json.dumps(data))
-    with pytest.raises(ModelFileError, match=f"goToPose.json: {message}"):
+    with pytest.raises(FileError, match=f"goToPose.json: {message}"):
         load_model(file, FIFTH, SOCCER.known_features)
 
 

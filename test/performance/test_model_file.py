@@ -14,9 +14,9 @@ import pytest
 from experience_rows import made_up_experience
 
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.files import FileError
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import (
-    ModelFileError,
     NoModelsError,
     RobotMismatchWarning,
     load_model,
@@ -101,12 +101,12 @@ def test_damaged_foreign_and_newer_files_are_refused(
     data = json.loads(file.read_text())
     change(data)
     file.write_text(json.dumps(data))
-    with pytest.raises(ModelFileError, match=rf"goToPose\.json: {message}"):
+    with pytest.raises(FileError, match=rf"goToPose\.json: {message}"):
         load_model(file, ROBOT, SOCCER.known_features)
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ModelFileError, match=r"none\.json: .* no such file: run train to make it$"):
+    with pytest.raises(FileError, match=r"none\.json: .* no such file: run train to make it$"):
         load_model(tmp_path / "none.json", ROBOT, SOCCER.known_features)
 
 
@@ -120,6 +120,6 @@ def test_action_sets_lie_in_folders_of_their_own(model: PerformanceModel, tmp_pa
     assert list(bezier) == ["goToPose"]
     with pytest.raises(NoModelsError, match="run train to make them"):
         load_models(ROBOT, SOCCER.known_features, action_set="other", folder=tmp_path)
-    with pytest.raises(ModelFileError, match="expected a folder of models") as caught:
+    with pytest.raises(FileError, match="expected a folder of models") as caught:
         load_models(ROBOT, SOCCER.known_features, folder=tmp_path / "none")
     assert not isinstance(caught.value, NoModelsError)

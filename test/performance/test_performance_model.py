@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from experience_rows import made_up_experience
 
+from ator_ros.experience.columns import ExperienceError
 from ator_ros.performance.accuracy import accuracy, brier
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import (
-    TrainingError,
     direct_of,
     train,
 )
@@ -62,5 +62,5 @@ def test_an_unknown_action_is_learned_with_the_general_features() -> None:
 
 
 def test_too_little_experience_is_refused() -> None:
-    with pytest.raises(TrainingError, match=r"expected at least 20 episodes that succeeded, got \d+ of 10"):
+    with pytest.raises(ExperienceError, match=r"expected at least 20 episodes that succeeded, got \d+ of 10"):
         train("goToPose", ROWS.head(10), ROBOT)

@@ -19,8 +19,8 @@ from ator_ros.evaluation.calibration_learning import (
 )
 from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.execution.predictions import Predictor
+from ator_ros.files import FileError
 from ator_ros.performance.model_file import load_models
-from ator_ros.refinement import RefinementError
 from ator_ros.refinement.calibration import (
     CALIBRATION,
     TERMS,
@@ -60,7 +60,7 @@ def test_a_heading_that_was_chosen_costs_something_of_its_own() -> None:
     assert Shortfall(0.1, slopes, 0.0, 1.0, "").of(chosen) == pytest.approx(0.1 + 0.05 + 0.5 * 0.4)
     chain = two_steps(ANGLE)
     prediction = predict_chain(world(), chain, LEARNED, ROBOT)
-    (steps,) = chain_steps([(chain, prediction)], world(), LEARNED, ROBOT)
+    steps = chain_steps(prediction, chain, world(), LEARNED, ROBOT)
     assert [made is not None and made.heading_open for made in steps] == [True, False]
 
 
@@ -160,7 +160,7 @@ def test_foreign_and_damaged_files_are_refused(change: dict[str, Any], message: 
     path = tmp_path / CALIBRATION
     save_calibration(path, Calibration(), {})
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
-    with pytest.raises(RefinementError, match=message):
+    with pytest.raises(FileError, match=message):
         load_calibration(path)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from ator_ros.refinement import RefinementError
+from ator_ros.files import FileError
 from ator_ros.refinement.gate import (
     FEATURES,
     OpenGate,
@@ -86,7 +86,7 @@ def test_foreign_and_damaged_files_are_refused(change: dict[str, Any], message: 
     path = tmp_path / "gate.json"
     save_gate(path, ThresholdGate(0.1), {})
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
-    with pytest.raises(RefinementError, match=message):
+    with pytest.raises(FileError, match=message):
         load_gate(path)
 
 

@@ -107,7 +107,7 @@ class Partition:
         node = GrownNode(
             order=order,
             moments=table.T @ table,
-            samples=np.count_nonzero(np.bincount(self.groups[rows])),
+            samples=float(np.count_nonzero(np.bincount(self.groups[rows]))),
             target_range=(float(target.min()), float(target.max())),
         )
         self.nodes.append(node)
