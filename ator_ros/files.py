@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import yaml
 
-from ator_ros.printable import printable, short
+from ator_ros.printable import printable, quoted
 from ator_ros.schema import SchemaError, structured, unstructured
 
 if TYPE_CHECKING:
@@ -199,10 +199,10 @@ def content_of(data: object, kind: str) -> dict[str, Any]:
     """
     expected = header(kind)
     if not isinstance(data, dict) or data.get(_FORMAT) != expected[_FORMAT]:
-        got = short(data.get(_FORMAT)) if isinstance(data, dict) else "no table"
+        got = quoted(data.get(_FORMAT)) if isinstance(data, dict) else "no table"
         raise SchemaError(f"{_FORMAT}: expected {expected[_FORMAT]!r}, got {got}")
     if type(data.get(_VERSION)) is not int or data[_VERSION] != VERSION:
-        raise SchemaError(f"{_VERSION}: expected {VERSION}, got {short(data.get(_VERSION))}")
+        raise SchemaError(f"{_VERSION}: expected {VERSION}, got {quoted(data.get(_VERSION))}")
     return {name: value for name, value in data.items() if name not in expected}
 
 

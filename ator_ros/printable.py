@@ -4,8 +4,6 @@ from __future__ import annotations
 
 LONGEST = 60
 """Default number of characters that are shown."""
-_LONGEST_WHOLE = 200
-"""Characters up to which `short` shows a value whole."""
 
 
 def printable(text: object, most: int = LONGEST) -> str:
@@ -26,13 +24,3 @@ def printable(text: object, most: int = LONGEST) -> str:
 def quoted(value: object, most: int = LONGEST) -> str:
     """Return a text as `printable` does, in quotes; for any other value, its repr."""
     return f"'{printable(value, most)}'" if isinstance(value, str) else printable(repr(value), most)
-
-
-def short(value: object) -> str:
-    """Return the repr of `value`; if it is long, its beginning and end."""
-    return short_path(repr(value))
-
-
-def short_path(path: str) -> str:
-    """Return a text such as a path into a file; if it is long, its beginning and end."""
-    return path if len(path) <= _LONGEST_WHOLE else f"{path[:80]} … {path[-80:]}"

@@ -30,12 +30,13 @@ from cattrs import ClassValidationError, Converter, IterableValidationError
 from cattrs.errors import ForbiddenExtraKeysError
 from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, make_mapping_structure_fn, override
 
-from ator_ros.printable import short, short_path
+from ator_ros.printable import printable, quoted
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 T = TypeVar("T")
+_LONGEST = 200  # characters of a path, and of the fields that are missing or unknown
 
 
 class SchemaError(ValueError):
@@ -112,7 +113,7 @@ def structured(data: object, schema: type[T], where: str = "", *, closed: bool =
         return (_CLOSED if closed else _OPEN).structure(data, schema)
     except Exception as error:  # cattrs raises groups, schemas raise ValueError
         path, text = next(_problems(error, where))
-        raise SchemaError(f"{short_path(path)}: {text}" if path else text) from error
+        raise SchemaError(f"{printable(path, _LONGEST)}: {text}" if path else text) from error
 
 
 def unstructured(data: DataclassInstance) -> dict[str, Any]:
@@ -127,7 +128,7 @@ def unstructured(data: DataclassInstance) -> dict[str, Any]:
 def require(holds: bool, name: str, expected: str, value: object) -> None:
     """Raise ValueError about the field `name` unless `holds`; for a schema's ``__post_init__``."""
     if not holds:
-        raise ValueError(f"{name}: expected {expected}; got {short(value)}")
+        raise ValueError(f"{name}: expected {expected}; got {quoted(value)}")
 
 
 def _problems(error: BaseException, path: str) -> Iterator[tuple[str, str]]:
@@ -145,7 +146,8 @@ def _problems(error: BaseException, path: str) -> Iterator[tuple[str, str]]:
         if missing or unknown:
             found = [f"missing {', '.join(sorted(missing))}"] if missing else []
             found += [f"unknown {', '.join(sorted(unknown))}"] if unknown else []
-            yield path, f"expected the fields {_names_of_fields(error.cl)}; {short_path(' and '.join(found))}"
+            text = printable(" and ".join(found), _LONGEST)
+            yield path, f"expected the fields {_names_of_fields(error.cl)}; {text}"
     elif isinstance(error, IterableValidationError):
         for inner, item in error.group_exceptions()[0]:
             place = f"[{item.index}]" if isinstance(item.index, int) else f".{item.index}"
@@ -156,7 +158,7 @@ def _problems(error: BaseException, path: str) -> Iterator[tuple[str, str]]:
 
 def _wrong(expected: str, value: object) -> ValueError:
     """Return the error for an unexpected value."""
-    return ValueError(f"expected {expected}; got {short(value)}")
+    return ValueError(f"expected {expected}; got {quoted(value)}")
 
 
 def _names_of_fields(schema: Any) -> str:

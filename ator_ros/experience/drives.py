@@ -15,10 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import Situation
 from ator_ros.experience.episode import Episode, sample_of
-from ator_ros.experience.records import Vocabulary, drive_between
+from ator_ros.experience.records import ENDED, Vocabulary, drive_between, episode_of
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import is_held
@@ -26,7 +27,6 @@ from ator_ros.world.estimation import JUMP
 from ator_ros.world.messages import (
     MessageError,
     ObjectReader,
-    ObjectSource,
     OdometryReader,
     command_from,
     transform_from,
@@ -76,22 +76,36 @@ class Segment:
     objects: dict[str, Rows] = field(default_factory=lambda: defaultdict(lambda: Rows(3)))
 
 
-class SegmentReader:
-    """Sorts the messages of one robot into segments; a new one begins after a reset or a long silence.
+class RobotReader:
+    """Sorts the messages of one robot: its segments, and the executor's records.
+
+    A new segment begins after a reset or a long silence.
 
     Parameters
     ----------
-    sources : sequence of ObjectSource
-        The objects, and the types of their messages.
+    robot : Robot
+        The recorded robot.
+    domain : Vocabulary
+        Sources of the objects, and the TOPs of drives and records.
 
     Attributes
     ----------
     segments : list of Segment
         In the order of time; messages are added to the last one.
+    records : list of Episode
+        The records of actions that ended.
+    action_sets : set of str
+        The action sets of the records.
+    left_out, errors : mapping
+        By role: how many messages cannot be used, and why the first of them cannot.
     """
 
-    def __init__(self, sources: Sequence[ObjectSource]) -> None:
+    def __init__(self, robot: Robot, domain: Vocabulary) -> None:
+        sources = [domain.source(name) for name in domain.objects]
+        self._robot, self._domain = robot, domain
         self.segments = [Segment()]
+        self.records: list[Episode] = []
+        self.action_sets: set[str] = set()
         self._remarks: list[str] = []
         self._odometry = OdometryReader()
         self._objects = {source.name: ObjectReader(source) for source in sources}
@@ -99,11 +113,13 @@ class SegmentReader:
         self._transforms = Transforms()
         self._is_older = False
         self._taken: Counter[str] = Counter()
-        self._left_out: Counter[str] = Counter()
-        self._errors: dict[str, str] = {}
+        self.left_out: Counter[str] = Counter()
+        self.errors: dict[str, str] = {}
 
     def take(self, role: str, message: Any) -> None:
-        """Add a message of odometry, commands, tf or an object; count it if it cannot be used."""
+        """Add a record, or a message of odometry, commands, tf or an object; count it if it is unusable."""
+        if role == RECORDS and message.outcome.code not in ENDED:
+            return
         self._taken[role] += 1
         newest = self.segments[-1]
         try:
@@ -113,6 +129,9 @@ class SegmentReader:
                 command = command_from(message, CMD_VEL)
                 if newest.odom:  # a Twist has no stamp: it gets that of the last odometry message
                     newest.cmd_vel.append((newest.odom.last_time, command.v, command.w))
+            elif role == RECORDS:
+                self.records.append(episode_of(message, self._domain, self._robot))
+                self.action_sets.add(message.action_set or DEFAULT_SET)
             elif role in TF:
                 self._take_transforms(message, fixed=role == "tf_static")
             else:
@@ -120,8 +139,14 @@ class SegmentReader:
                 reader.frame = self._odometry.frame
                 self._add_object(role, *reader.read(message))
         except MessageError as error:
-            self._left_out[role] += 1
-            self._errors.setdefault(role, str(error))
+            self.left_out[role] += 1
+            self.errors.setdefault(role, str(error))
+
+    def episodes(self) -> list[Episode]:
+        """Return the executor's records or, without any, the drives."""
+        return self.records or [
+            episode for segment in self.segments for episode in drives(segment, self._robot, self._domain)
+        ]
 
     def remarks(self) -> list[str]:
         """Return doubts about messages, and a line for each role of which messages were left out."""
@@ -131,8 +156,9 @@ class SegmentReader:
             got = f"got {times[0]:.2f} s in all {len(times)} messages"
             timing.append(f"odom.header.stamp: expected stamps that advance, {got}")
         left_out = (
-            f"left out {count} of {self._taken[role]} messages: {self._errors[role]}"
-            for role, count in self._left_out.items()
+            f"left out {count} of {self._taken[role]} {'records' if role == RECORDS else 'messages'}: "
+            f"{self.errors[role]}"
+            for role, count in self.left_out.items()
         )
         return [*self._remarks, *timing, *left_out]
 

@@ -10,23 +10,23 @@ import contextlib
 import itertools
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.columns import ExperienceError
-from ator_ros.experience.drives import CMD_VEL, ODOM, RECORDS, SHORTEST, TF, SegmentReader, drives
-from ator_ros.experience.episode import Episode
-from ator_ros.experience.records import ENDED, Vocabulary, episode_of
+from ator_ros.experience.drives import CMD_VEL, ODOM, RECORDS, SHORTEST, TF, RobotReader
+from ator_ros.experience.records import Vocabulary
 from ator_ros.experience.table import Experience, checked_rows, episode_frame, join, library_versions
 from ator_ros.files import limited_memory
 from ator_ros.printable import printable
 from ator_ros.robot.description import Robot
-from ator_ros.world.messages import MessageError, ObjectSource
+from ator_ros.world.messages import ObjectSource
 
 Topic = tuple[str, str]
 """Name of a topic, and type of its messages as in nav_msgs/msg/Odometry."""
+Routes = dict[Topic, list[tuple[str, str]]]
+"""The robots, by their namespaces, and the roles that each topic is read for."""
 ABSOLUTE = ""
 """The namespace of topics that are selected by absolute names."""
 TYPES = {
@@ -61,25 +61,6 @@ class Wanted(NamedTuple):
         return topic.removesuffix(self.name) if topic.endswith(f"/{self.name}") else None
 
 
-@dataclass
-class Selection:
-    """Which topics of a recording are read.
-
-    Attributes
-    ----------
-    routes : dict of Topic to list of (str, str)
-        Robots, by their namespaces, and roles that each topic is read for.
-    robots : list of str
-        The robots.
-    skipped : list of str
-        A line for each topic that has a wanted name but another type.
-    """
-
-    routes: dict[Topic, list[tuple[str, str]]] = field(default_factory=lambda: defaultdict(list))
-    robots: list[str] = field(default_factory=list)
-    skipped: list[str] = field(default_factory=list)
-
-
 def objects_wanted(sources: Sequence[ObjectSource]) -> list[Wanted]:
     """Return the topics of objects; for objects of tf, those of tf."""
     packages = {"Odometry": "nav_msgs"}
@@ -93,7 +74,9 @@ def objects_wanted(sources: Sequence[ObjectSource]) -> list[Wanted]:
     return wanted
 
 
-def select(topics: Iterable[Topic], wanted: Sequence[Wanted], names: Mapping[str, str]) -> Selection:
+def select(
+    topics: Iterable[Topic], wanted: Sequence[Wanted], names: Mapping[str, str]
+) -> tuple[Routes, list[str], list[str]]:
     """Select topics by name and type.
 
     A robot reads the topics in its namespace. Objects and records that are in another namespace belong to the
@@ -108,8 +91,15 @@ def select(topics: Iterable[Topic], wanted: Sequence[Wanted], names: Mapping[str
     names : mapping
         Absolute names of odometry or commands, if they are given: then all topics are one robot's, in
         whatever namespaces.
+
+    Returns
+    -------
+    routes, robots, skipped
+        Which topics are read; the namespaces of the robots; a line for each topic that has a wanted name but
+        another type.
     """
-    selection = Selection()
+    routes: Routes = defaultdict(list)
+    skipped: list[str] = []
     found: dict[str, dict[str, list[Topic]]] = defaultdict(lambda: defaultdict(list))
     for (topic, kind), item in itertools.product(topics, wanted):
         space = item.namespace(topic)
@@ -117,13 +107,11 @@ def select(topics: Iterable[Topic], wanted: Sequence[Wanted], names: Mapping[str
             found[item.role][space].append((topic, kind))
         elif space is not None:
             expected = " or ".join(sorted(item.types))
-            selection.skipped.append(
-                f"skipped {printable(topic)}: expected {expected}, got {printable(kind)}"
-            )
-    selection.robots = sorted({*found[ODOM], *found[RECORDS]})
+            skipped.append(f"skipped {printable(topic)}: expected {expected}, got {printable(kind)}")
+    robots = sorted({*found[ODOM], *found[RECORDS]})
     if names:
-        selection.robots = [names.get(ODOM, "").rpartition("/")[0] + "/"]
-    for (role, there), robot in itertools.product(found.items(), selection.robots):
+        robots = [names.get(ODOM, "").rpartition("/")[0] + "/"]
+    for (role, there), robot in itertools.product(found.items(), robots):
         is_only = robot in found[ODOM] and len(found[ODOM]) == 1
         read = {ABSOLUTE, robot} & set(there)
         if not read and (names or (is_only and role not in (ODOM, CMD_VEL))):
@@ -131,11 +119,11 @@ def select(topics: Iterable[Topic], wanted: Sequence[Wanted], names: Mapping[str
             read = {max(outer, key=len)} if outer else set(there)
         if len(read - {ABSOLUTE}) > 1:
             several = (topic for space in sorted(there) for topic, _ in there[space])
-            selection.skipped.append(f"skipped {_listed(several)}: expected one of them as {role}")
+            skipped.append(f"skipped {_listed(several)}: expected one of them as {role}")
             continue
         for link in itertools.chain.from_iterable(there[space] for space in read):
-            selection.routes[link].append((robot, role))
-    return selection
+            routes[link].append((robot, role))
+    return routes, robots, skipped
 
 
 @contextlib.contextmanager
@@ -177,43 +165,6 @@ def _messages(readers: Iterable[Any], topics: Collection[Topic]) -> Iterator[tup
             yield (channel.topic, schema.name), decode(message.data)
 
 
-@dataclass
-class _Recorded:
-    """The messages of one robot: segments of odometry and commands, and the executor's records."""
-
-    reader: SegmentReader
-    records: list[Episode] = field(default_factory=list)
-    action_sets: set[str] = field(default_factory=set)
-    left_out: int = 0
-    wrong: str = ""
-    """Why the first record was left out."""
-
-    def take(self, role: str, message: Any, domain: Vocabulary, robot: Robot) -> None:
-        """Take a message; a record that cannot be used is left out, and counted."""
-        if role != RECORDS:
-            self.reader.take(role, message)
-        elif message.outcome.code in ENDED:
-            try:
-                self.records.append(episode_of(message, domain, robot))
-            except MessageError as error:
-                self.left_out += 1
-                self.wrong = self.wrong or str(error)
-            else:
-                self.action_sets.add(message.action_set or DEFAULT_SET)
-
-    def remarks(self) -> list[str]:
-        """Return doubts, and a line for each role of which messages were left out."""
-        there = self.left_out + len(self.records)
-        records = [f"left out {self.left_out} of {there} records: {self.wrong}"] if self.left_out else []
-        return [*self.reader.remarks(), *records]
-
-    def episodes(self, robot: Robot, domain: Vocabulary) -> list[Episode]:
-        """Return the executor's records or, without any, the drives."""
-        return self.records or [
-            episode for segment in self.reader.segments for episode in drives(segment, robot, domain)
-        ]
-
-
 def read_recording(
     path: Path | str, robot: Robot, domain: Vocabulary, names: Mapping[str, str] | None = None
 ) -> Experience:
@@ -237,11 +188,11 @@ def read_recording(
         of several sets or with an invalid name.
     """
     file = Path(path)
-    by_robot, selection, topics = _read(file, domain, robot, names or {})
-    episodes = [episode for recorded in by_robot.values() for episode in recorded.episodes(robot, domain)]
-    remarks = selection.skipped + [line for recorded in by_robot.values() for line in recorded.remarks()]
+    robots, skipped, topics = _read(file, domain, robot, names or {})
+    episodes = [episode for recorded in robots for episode in recorded.episodes()]
+    remarks = skipped + [line for recorded in robots for line in recorded.remarks()]
     if not episodes:
-        if wrong := next((recorded.wrong for recorded in by_robot.values() if recorded.wrong), ""):
+        if wrong := next((each.errors[RECORDS] for each in robots if RECORDS in each.errors), ""):
             raise ExperienceError(f"{file}: {RECORDS}: expected a record that can be used, got none: {wrong}")
         there = [topic for topic, kind in topics if kind in TYPES[ODOM] | TYPES[CMD_VEL]]
         found = f"topics of these types: {_listed(there)}; name them with --odom and --cmd-vel"
@@ -252,7 +203,7 @@ def read_recording(
         found = found if there else "there are no topics of these types"
         raise ExperienceError(f"{file}: {'; '.join([expected, found, *remarks[:3]])}")
     objects = tuple(dict.fromkeys([*domain.objects, *(name for each in episodes for name in each.objects)]))
-    action_sets = sorted(set().union(*(recorded.action_sets for recorded in by_robot.values())))
+    action_sets = sorted(set().union(*(recorded.action_sets for recorded in robots)))
     if len(action_sets) > 1:
         raise ExperienceError(f"{file}: expected records of one action set, got {_listed(action_sets)}")
     numbers: dict[str, Iterator[int]] = defaultdict(itertools.count)
@@ -263,7 +214,7 @@ def read_recording(
         "domain": domain.name,
         "action_set": action_sets[0] if action_sets else None,  # odometry and commands name none
         "command": f"recording {file.name}",
-        "records_left_out": sum(each.left_out for each in by_robot.values()),
+        "records_left_out": sum(recorded.left_out[RECORDS] for recorded in robots),
         "versions": library_versions(),
     }
     rows = checked_rows(file, join(frames), metadata["action_set"] or DEFAULT_SET)
@@ -272,22 +223,21 @@ def read_recording(
 
 def _read(
     file: Path, domain: Vocabulary, robot: Robot, names: Mapping[str, str]
-) -> tuple[dict[str, _Recorded], Selection, list[Topic]]:
-    """Return the messages by namespace of the robot, the topics that were read, and all topics."""
-    sources = [domain.source(name) for name in domain.objects]
+) -> tuple[list[RobotReader], list[str], list[Topic]]:
+    """Return the messages of each robot, a line for each topic that was skipped, and all topics."""
     wanted = [
         *(Wanted(role, names.get(role, role), TYPES[role]) for role in (ODOM, CMD_VEL)),
         Wanted(RECORDS, RECORDS, {"ator_interfaces/msg/ActionPerformance"}),
-        *objects_wanted(sources),
+        *objects_wanted([domain.source(name) for name in domain.objects]),
     ]
     try:
         with _opened(file) as readers:
             topics = _topics(readers)
-            selection = select(topics, wanted, names)
-            by_robot = {space: _Recorded(SegmentReader(sources)) for space in selection.robots}
-            for topic, message in _messages(readers, selection.routes.keys()):
-                for space, role in selection.routes[topic]:
-                    by_robot[space].take(role, message, domain, robot)
+            routes, spaces, skipped = select(topics, wanted, names)
+            by_robot = {space: RobotReader(robot, domain) for space in spaces}
+            for topic, message in _messages(readers, routes.keys()):
+                for space, role in routes[topic]:
+                    by_robot[space].take(role, message)
     except ImportError as error:
         raise ExperienceError(
             "recordings need the package mcap-ros2-support: pip install mcap-ros2-support"
@@ -295,7 +245,7 @@ def _read(
     except Exception as error:  # a damaged file raises anything
         why = "it needs too much memory" if isinstance(error, MemoryError) else printable(error, 200)
         raise ExperienceError(f"{file}: expected a recording of ros2 bag record -s mcap: {why}") from error
-    return by_robot, selection, topics
+    return list(by_robot.values()), skipped, topics
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -147,13 +147,7 @@ class Experience:
         return goal_variables_of_columns(self.frame.columns)
 
     def of(self, action: str) -> pd.DataFrame:
-        """Return the rows of one action.
-
-        Raises
-        ------
-        ExperienceError
-            There are none; the message lists the actions there are.
-        """
+        """Return the rows of one action; none where there are no episodes of it."""
         return self.frame[self.frame["action"] == action].reset_index(drop=True)
 
 

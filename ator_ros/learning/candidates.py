@@ -14,9 +14,9 @@ from scipy.stats import theilslopes
 from ator_ros.experience.store import NUMBER
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.driving import DrivingStyle
-from ator_ros.performance.features import Feature, feature_table, names_of
+from ator_ros.performance.features import Feature
 from ator_ros.performance.model import MEASURES
-from ator_ros.performance.training import OUTCOMES, SMALL_LEAF, direct_of, duration_tree, small_tree
+from ator_ros.performance.training import OUTCOMES, SMALL_LEAF, duration_tree, features_of, small_tree
 from ator_ros.performance.tree.nodes import IntArray, ModelTree
 from ator_ros.robot.description import Robot
 
@@ -65,15 +65,14 @@ def training_data(
     drives, as far as features need it.
     """
     with np.errstate(all="ignore"):
-        table = feature_table(direct_of(rows), robot, features, driving)
-    named = pd.DataFrame(table, columns=list(names_of(features)))
+        table = features_of(rows, robot, features, driving)
     found = {}
     for measure in MEASURES:
         values = rows[_COLUMNS[measure]].to_numpy(dtype=float)
         usable = np.isfinite(values)
         if measure != "success":
             usable &= rows["success"].to_numpy(dtype=bool)
-        part, numbers = named[usable].reset_index(drop=True), rows[NUMBER].to_numpy()
+        part, numbers = table[usable].reset_index(drop=True), rows[NUMBER].to_numpy()
         found[measure] = TrainingData(measure, part, values[usable], numbers[usable])
     return found
 

@@ -15,7 +15,7 @@ from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import Feature, kinds_of, with_kinds
 from ator_ros.performance.model import MEASURES, AtGoal, PerformanceModel
 from ator_ros.performance.tree.storage import StoredTree, restored, stored
-from ator_ros.printable import short, short_path
+from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot
 from ator_ros.schema import OneOf, require
@@ -49,7 +49,7 @@ class _ModelFile:
         for name, bounds in starts.items():
             numbers = isinstance(bounds, list | tuple) and len(bounds) == 2 and all(map(_is_finite, bounds))
             sound = numbers and bounds[0] <= bounds[1] and not (name == "braking" and bounds[0] < 0.0)
-            place = f"training.starts.{short_path(name)}"
+            place = f"training.starts.{printable(name)}"
             require(sound, place, "a least and a greatest number", bounds)
         for name in ("mae_s", "rmse_s") if self.accuracy else ():
             value = self.accuracy.get(name)
@@ -166,7 +166,7 @@ def _made(
         raise FileError(f"{path}: kinds.{error}") from error
     known = kinds_of(made.values())
     if not known or set(known) != set(kinds):
-        raise FileError(f"{path}: kinds: expected families of motion, got {short(kinds)}")
+        raise FileError(f"{path}: kinds: expected families of motion, got {quoted(kinds)}")
     return made
 
 

@@ -191,7 +191,7 @@ def train(
             f"got {len(good_starts)} of {len(starts)}"
         )
     driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
-    table = partial(_features_of, robot=robot, features=features, driving=driving)
+    table = partial(features_of, robot=robot, features=features, driving=driving)
     examples = good if all_examples else good_starts
     durations = examples["time_to_go"].to_numpy(dtype=float)
     trees = {"duration": duration_tree(table(examples), durations, examples["episode"].to_numpy())}
@@ -205,7 +205,7 @@ def train(
     return PerformanceModel(action, robot, trees, named, driving=driving, at_goal=at_goal)
 
 
-def _features_of(
+def features_of(
     rows: pd.DataFrame, robot: Robot, features: Sequence[Feature], driving: DrivingStyle | None
 ) -> pd.DataFrame:
     """Return the features of rows of an experience table."""
@@ -232,7 +232,7 @@ def cross_validated_errors(
     """
     starts = rows[(rows["t"] == 0.0) & rows["success"]]
     driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
-    table = _features_of(starts, robot, features, driving)
+    table = features_of(starts, robot, features, driving)
     durations, fold = starts["duration"].to_numpy(dtype=float), np.arange(len(starts)) % _FOLDS
     errors = np.empty(len(starts))
     for number in range(_FOLDS):

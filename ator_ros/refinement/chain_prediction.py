@@ -19,7 +19,7 @@ from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.performance.direct import SPEEDG, XG, YAW, YAWG, YG, DirectTable, V, X, Y, names_with
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.objective import Objective
-from ator_ros.refinement.search import StepCost
+from ator_ros.refinement.search import StepCost, row_of
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain, projected
 from ator_ros.world.state import World
@@ -196,6 +196,15 @@ class _Alone(NamedTuple):
     cost: FloatArray
 
 
+class _Searched(NamedTuple):
+    """The candidates (n or 1, k) on both sides of a step, their prediction, and its cost (n,)."""
+
+    before: FloatArray
+    after: FloatArray
+    prediction: Any
+    cost: FloatArray
+
+
 class ChainModel:
     """The cost of the steps of one chain, from one state of the world, for candidates of its free variables.
 
@@ -238,6 +247,7 @@ class ChainModel:
         ]
         self._given = [values.tolist() for values in self.given]
         self._as_given: dict[str, _Alone] = {}
+        self._searched: list[list[_Searched]] = [[] for _ in chain.calls]
         self._memory = memory
 
     def step_cost(self, index: int, before: FloatArray, after: FloatArray) -> FloatArray:
@@ -250,7 +260,10 @@ class ChainModel:
             row = alone.rows[index] if len(alone.cost) > 1 else 0
             return alone.cost[row : row + 1]
         with np.errstate(all="ignore"):
-            return self._cost(self._predict(index, model, before, after))
+            prediction = self._predict(index, model, before, after)
+            cost = self._cost(prediction)
+        self._searched[index].append(_Searched(before, after, prediction, cost))
+        return cost
 
     def predict(self, chain: Sequence[FloatArray]) -> ChainPrediction:
         """Return the prediction for a chain whose subgoals have these free values, each of shape (k,).
@@ -262,18 +275,27 @@ class ChainModel:
         for index, (values, model) in enumerate(zip(chain, self._models, strict=True)):
             actions.append({})
             if model is not None:
-                if self._is_given(index, previous, values):
-                    rows, prediction, costs = self._step_as_given(index, model)
-                    row = rows[index]
-                else:
-                    with np.errstate(all="ignore"):
-                        prediction = self._predict(index, model, previous[None, :], values[None, :])
-                        row, costs = 0, self._cost(prediction)
+                prediction, costs, row = self._known(index, model, previous, values)
                 columns = {name: getattr(prediction, name, None) for name in self._fields}
                 actions[-1] = {name: _row(each, row) for name, each in columns.items() if each is not None}
                 cost += _row(costs, row)
             previous = values
         return ChainPrediction(tuple(actions), cost)
+
+    def _known(
+        self, index: int, model: PredictsPerformance, before: FloatArray, after: FloatArray
+    ) -> tuple[Any, FloatArray, int]:
+        """Return the prediction that contains a candidate, its costs, and the row of the candidate."""
+        for searched in reversed(self._searched[index]):
+            row = row_of((searched.before, before), (searched.after, after))
+            if row is not None:
+                return searched.prediction, searched.cost, row
+        if self._is_given(index, before, after):
+            alone = self._step_as_given(index, model)
+            return alone.prediction, alone.cost, alone.rows[index]
+        self.step_cost(index, before[None, :], after[None, :])
+        last = self._searched[index][-1]
+        return last.prediction, last.cost, 0
 
     def _is_given(self, index: int, before: FloatArray, after: FloatArray) -> bool:
         """Return whether both sides of a step, shapes (k,), have the chain's own values."""

@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.files import FileError, load, save
 from ator_ros.geometry import wrap_angle
-from ator_ros.printable import short
+from ator_ros.printable import quoted
 from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.refinement.search import Widths
 from ator_ros.schema import OneOf, SchemaError, Within, structured
@@ -263,7 +263,7 @@ def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
     try:
         if file.action_set != action_set:
             raise SchemaError(
-                f"action_set: expected {action_set!r}, got {short(file.action_set)}: "
+                f"action_set: expected {action_set!r}, got {quoted(file.action_set)}: "
                 "learn the gate of these actions with the tool gate"
             )
         gate = structured(file.gate, _KINDS[file.kind], "gate")

@@ -266,7 +266,7 @@ def _cost_of(
     """Return the cost of a chain whose values (k,) are among the candidates (n, k) of each subgoal."""
     row, total = 0, 0.0
     for values, searched, cost in zip(chain, candidates, costs, strict=True):
-        column = _row_of(searched, values) or 0
+        column = row_of((searched, values)) or 0
         total += float(cost[row, column])
         row = column
     return total
@@ -292,9 +292,18 @@ def averaged(cost: FloatArray, before: FloatArray | None, after: FloatArray | No
     return np.maximum(cost, means)
 
 
-def _row_of(table: FloatArray, candidate: FloatArray) -> int | None:
-    """Return the first row of a table (n, k) that equals a candidate (k,); None if none does."""
-    same = (table == candidate).all(axis=1)
+def row_of(*pairs: tuple[FloatArray, FloatArray]) -> int | None:
+    """Return the first row in which each table (n or 1, k) equals its candidate (k,); None if none does.
+
+    It is row 0 where nothing is free.
+    """
+    same: BoolArray | None = None
+    for table, candidate in pairs:
+        for column, value in enumerate(candidate.tolist()):
+            equal: BoolArray = table[:, column] == value
+            same = equal if same is None else same & equal
+    if same is None:
+        return 0
     row = int(same.argmax())
     return row if same[row] else None
 
@@ -402,7 +411,7 @@ def best_apart(candidates: FloatArray, totals: FloatArray, step: FloatArray) -> 
 
 def _with_candidate(table: FloatArray, candidate: FloatArray) -> FloatArray:
     """Return a table of candidates with another one appended, if it is not in the table."""
-    there = _row_of(table, candidate) is not None
+    there = row_of((table, candidate)) is not None
     return table if there else np.concatenate((table, candidate[None, :]))
 
 

@@ -22,7 +22,7 @@ from ator_ros.evaluation.running import RESULT, Result, read_result, to_records
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.files import read_json, write_text
-from ator_ros.printable import short
+from ator_ros.printable import quoted
 from ator_ros.refinement.calibration import CALIBRATION, load_calibration_if_any, save_calibration
 from ator_ros.tools.command_line import add_models, add_setting, destination, run_tool, source_of
 
@@ -44,7 +44,7 @@ def calibrate_predictions(
     for name in actions or ():
         if name not in tools.models:
             known = ", ".join(tools.models)
-            raise EvaluationError(f"--actions: expected some of {known}, got {short(name)}")
+            raise EvaluationError(f"--actions: expected some of {known}, got {quoted(name)}")
     examples: list[StepExample] = []
     learned_from: list[dict[str, Any]] = []
     for folder, result in results:

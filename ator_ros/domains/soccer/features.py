@@ -24,7 +24,7 @@ from ator_ros.motion.displacements import TurnDriving
 from ator_ros.motion.families import Family, FreeTurns, Kind, Motions, TurnProfile, free_kinds, needed_kinds
 from ator_ros.performance.derived import Geometry, hold_angle, hold_bearing, hold_dist
 from ator_ros.performance.features import Feature, Kinds, MotionFeatures, variables
-from ator_ros.printable import short
+from ator_ros.printable import quoted
 from ator_ros.robot.description import Limits, Robot
 
 AT_ONCE = NO_RUN = np.nan
@@ -232,7 +232,7 @@ def turns_of(kinds: Kinds, family: str, kind: type[Turns]) -> tuple[Turns, ...]:
     for number, row in enumerate(rows):
         if len(row) != len(fields):
             raise ValueError(
-                f"{family}.{number}: expected {len(fields)} values ({', '.join(fields)}), got {short(row)}"
+                f"{family}.{number}: expected {len(fields)} values ({', '.join(fields)}), got {quoted(row)}"
             )
     values: list[list[Any]] = [[np.nan if value is None else value for value in row] for row in rows]
     return tuple(kind(*row) for row in values)
