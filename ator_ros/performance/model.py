@@ -187,13 +187,12 @@ class PerformanceModel:
 
     def rules(self, measure: str = "duration") -> str:
         """Return the rules of one measure as text in the paper's form, one a line."""
-        return self._writer(measure).tree(self.trees[measure])
+        return self._writer(measure).rules()
 
     def explain(self, direct: Direct, measure: str = "duration") -> str:
         """Return the rule that predicts `measure` in one situation, and what each of its terms adds."""
-        tree = self.trees[measure]
-        row = table_of(self._geometry(direct), [self.features[name] for name in tree.names])[0]
-        return self._writer(measure).explanation(tree, row)
+        features = [self.features[name] for name in self.trees[measure].names]
+        return self._writer(measure).explanation(table_of(self._geometry(direct), features)[0])
 
     @cached_property
     def _plans(self) -> dict[tuple[str, ...], _Plan]:
@@ -230,9 +229,10 @@ class PerformanceModel:
         return Geometry(direct, self.robot, self.driving, further=self.declared_variables, room=room)
 
     def _writer(self, measure: str) -> RuleWriter:
-        units = {name: self.features[name].unit for name in self.trees[measure].names}
+        tree = self.trees[measure]
+        units = {name: self.features[name].unit for name in tree.names}
         target = "time" if measure == "duration" else measure
-        return RuleWriter(units, target=target, target_unit=MEASURES[measure])
+        return RuleWriter(tree, units, target=target, target_unit=MEASURES[measure])
 
 
 class _Plan(NamedTuple):

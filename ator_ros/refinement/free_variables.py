@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -42,7 +42,6 @@ _SLACK = 0.05
 """Margin (m, rad, m/s) by which a value may leave the experience, besides the share `_ROOM` of its range."""
 _ROOM = 0.05
 """Share by which the extent of the points that a region allows is widened on each side."""
-_LABELS = {"dist": "distance", "turn": "turn", "v": "speed at the start", "speedg": "arrival speed"}
 _PLACE = frozenset("xy")
 _SAME = 1e-6
 """Rounding error of a conversion to a message and back, in the variable's unit."""
@@ -362,85 +361,71 @@ def experience_of(model: Any) -> Mapping[str, tuple[float, float]]:
     return known
 
 
-class Outside(NamedTuple):
-    """A quantity of a step that lies outside the experience of its performance model.
-
-    Attributes
-    ----------
-    step : int
-        Counted from 0.
-    name : str
-        Quantity: `dist`, `turn`, `v` or `speedg`.
-    text : str
-        A sentence that names the step, the value and the range.
-    """
-
-    step: int
-    name: str
-    text: str
-
-
 def outside_experience(
     world: World, chain: TopChain, models: Mapping[str, PredictsPerformance], robot: Robot
-) -> list[Outside]:
-    """Return the quantities of a chain that lie outside the experience of the models, step by step.
+) -> tuple[list[str], set[int]]:
+    """Return sentences on the quantities of a chain that lie outside the experience of the models.
+
+    The second item are the steps, from 0, whose distance lies outside.
 
     Distances, turns and speeds are compared with those at the starts of the episodes that a model was trained
     on. Variables that a step, or the one before it, leaves open are left out.
     """
-    found, opened = [], frozenset[str]()
+    found, far, opened = list[str](), set[int](), frozenset[str]()
     situations = chain_situations(world, chain, robot)
     for step, (call, direct) in enumerate(zip(chain.calls, situations, strict=True)):
         known = experience_of(models.get(call.top.action))
         opens = frozenset(name for name in ("x", "y", "yaw", "speed") if call.opens(name))
         values = _quantities({name: float(row[0]) for name, row in direct.items()}, robot, opened, opens)
-        for name, value, unit in values:
-            low, high = known.get("way" if name == "dist" else name, (-math.inf, math.inf))
+        for name, label, value, unit in values:
+            low, high = known.get(name, (-math.inf, math.inf))
             slack = _SLACK + (_ROOM * (high - low) if math.isfinite(high - low) else 0.0)
             if not low - slack <= value <= high + slack:
-                text = (
-                    f"step {step + 1} ({call.top.name}): {_LABELS[name]} {value:.1f} {unit} is outside the "
+                found.append(
+                    f"step {step + 1} ({call.top.name}): {label} {value:.1f} {unit} is outside the "
                     f"experience of {low:.1f} to {high:.1f} {unit}"
                 )
-                found.append(Outside(step, name, text))
+                far |= {step} if name == "way" else set()
         opened = opens
-    return found
+    return found, far
 
 
 def _quantities(
     direct: Mapping[str, float], robot: Robot, opened: frozenset[str], opens: frozenset[str]
-) -> Iterator[tuple[str, float, str]]:
-    """Yield name, value and unit of the quantities of a step that no open variable changes."""
+) -> Iterator[tuple[str, str, float, str]]:
+    """Yield name, label, value and unit of the quantities of a step that no open variable changes."""
     x, y, yaw = direct["x"], direct["y"], direct["yaw"]
     if not {"x", "y"} & (opened | opens):
         ahead = robot.hold * direct["hold"] if robot.holder is not None else 0.0
         hold = Pose(x, y, yaw).ahead(ahead)
-        yield "dist", math.hypot(direct["xg"] - hold.x, direct["yg"] - hold.y), "m"
+        yield "way", "distance", math.hypot(direct["xg"] - hold.x, direct["yg"] - hold.y), "m"
     if "yaw" not in opened | opens:
-        yield "turn", abs(wrap_angle(direct["yawg"] - yaw)), "rad"
+        yield "turn", "turn", abs(wrap_angle(direct["yawg"] - yaw)), "rad"
     if "speed" not in opened:
-        yield "v", direct["v"], "m/s"
+        yield "v", "speed at the start", direct["v"], "m/s"
     if "speed" not in opens:
-        yield "speedg", direct["speedg"], "m/s"
+        yield "speedg", "arrival speed", direct["speedg"], "m/s"
 
 
 def within_experience(
     analysis: Analysis,
     chain: TopChain,
     models: Mapping[str, PredictsPerformance],
-    outside: Sequence[Outside] = (),
+    outside: Sequence[str],
+    far: Collection[int],
 ) -> Analysis:
     """Return `analysis` with the ranges narrowed to the goals that the models were trained on.
+
+    `outside` and `far` are what `outside_experience` returns.
 
     A variable whose range lies outside the experience is not free. Neither is a variable next to a step whose
     distance lies outside, since its predictions are extrapolated.
     """
     free, not_free = [], list(analysis.not_free)
-    far = {each.step: each for each in outside if each.name == "dist"}
     for variable in analysis.free:
-        beyond = far.get(variable.subgoal, far.get(variable.subgoal + 1))
-        if beyond is not None:
-            why = f"next to step {beyond.step + 1}, whose distance is outside the experience"
+        steps = [step for step in (variable.subgoal, variable.subgoal + 1) if step in far]
+        if steps:
+            why = f"next to step {steps[0] + 1}, whose distance is outside the experience"
             not_free.append(NotFree(variable.subgoal, variable.name, why))
             continue
         narrowed = variable
@@ -454,7 +439,7 @@ def within_experience(
             narrowed = _narrowed(narrowed, low, high, (description,))
         else:
             free.append(narrowed)
-    return Analysis(tuple(free), tuple(not_free), tuple(each.text for each in outside))
+    return Analysis(tuple(free), tuple(not_free), tuple(outside))
 
 
 def _experience_bounds(

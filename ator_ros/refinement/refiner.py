@@ -275,8 +275,8 @@ class Refiner:
         if not 1 <= len(chain.calls) <= LONGEST_CHAIN:
             raise RefinementError(f"chain: expected 1 to {LONGEST_CHAIN} actions, got {len(chain.calls)}")
         analysis = analyse(chain, self.models, self.robot, self._ranges)
-        outside = outside_experience(world, chain, self.models, self.robot)
-        analysis = within_experience(analysis, chain, self.models, outside)
+        outside, far = outside_experience(world, chain, self.models, self.robot)
+        analysis = within_experience(analysis, chain, self.models, outside, far)
         regions = Regions(world, chain, self.robot, names_of(chain, analysis.free), self.models)
         if regions.allowing() is None:
             return analysis, regions

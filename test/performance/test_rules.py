@@ -7,9 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ator_ros.performance.tree.nodes import ModelTree, RuleWriter, rule_for
-
-WRITER = RuleWriter({"dist": "m", "angle_to_dest": "rad"})
+from ator_ros.performance.tree.nodes import ModelTree, RuleWriter, leaves
 
 
 def small_tree() -> ModelTree:
@@ -30,8 +28,11 @@ def small_tree() -> ModelTree:
     )
 
 
+WRITER = RuleWriter(small_tree(), {"dist": "m", "angle_to_dest": "rad"})
+
+
 def test_a_rule_reads_as_in_the_paper():
-    text = WRITER.rule(rule_for(small_tree(), np.array([2.0, 0.5, 0.0])))
+    text = WRITER.rule(4, dict(leaves(small_tree()))[4])
     assert text == (
         "if (1.86m < dist <= 2.3m) & (angle_to_dest <= 49.7°) "
         "then time = 1.26*dist + 0.018*angle_to_dest - 0.5*v - 0.42  [s]  (± 0.05 s, 25 samples)"
@@ -39,7 +40,7 @@ def test_a_rule_reads_as_in_the_paper():
 
 
 def test_the_whole_tree_is_one_line_per_leaf_with_redundant_bounds_joined():
-    lines = WRITER.tree(small_tree()).splitlines()
+    lines = WRITER.rules().splitlines()
     assert lines[0].startswith("if (dist <= 1.86m) then time = 1  [s]")
     assert lines[2].startswith("if (1.86m < dist <= 2.3m) & (angle_to_dest > 49.7°) then time = 1*dist + 3")
     assert lines[3].startswith("if (dist > 2.3m) then time = 1*dist + 4")
@@ -47,13 +48,13 @@ def test_the_whole_tree_is_one_line_per_leaf_with_redundant_bounds_joined():
 
 
 def test_an_explanation_adds_up_and_tells_when_the_rule_is_held_back():
-    explanation = WRITER.explanation(small_tree(), np.array([2.0, 0.5, 0.4])).splitlines()
+    explanation = WRITER.explanation(np.array([2.0, 0.5, 0.4])).splitlines()
     assert explanation[1] == "here time = 2.415 ± 0.050 s:"
     parts = [float(line.split()[0]) for line in explanation[2:]]
     assert sum(parts) == pytest.approx(2.415, abs=0.002)
     assert explanation[3].endswith("dist = 2m")
     assert "angle_to_dest = 28.6°" in explanation[4]
-    held = WRITER.explanation(small_tree(), np.array([2.0, 0.5, -9.0]))
+    held = WRITER.explanation(np.array([2.0, 0.5, -9.0]))
     assert "here time = 3.500" in held
     assert (
         held.splitlines()[-1].strip() == "held within 1.000 to 3.500, since the rule saw nothing like 7.115"

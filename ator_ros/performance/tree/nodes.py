@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -161,47 +162,17 @@ def _evaluate(
         leaf[at] = node
 
 
-@dataclass(frozen=True)
-class Rule:
-    """One leaf of a model tree.
-
-    Attributes
-    ----------
-    leaf : int
-        Number of the node.
-    bounds : dict of str to (float, float)
-        By feature, in the order of the path: the rule holds where lower < value <= upper; infinite where it
-        is not bounded.
-    intercept : float
-    slopes : dict of str to float
-        By feature, zeros left out.
-    spread, samples : float
-        Standard deviation to expect of the error, and independent samples that the rule was learned from.
-    """
-
-    leaf: int
-    bounds: dict[str, tuple[float, float]]
-    intercept: float
-    slopes: dict[str, float]
-    spread: float
-    samples: float
+Bounds = Mapping[str, tuple[float, float]]
+"""By feature, in the order of the path to a leaf: lower < value <= upper; infinite where not bounded."""
 
 
-def rules(tree: ModelTree) -> Iterator[Rule]:
-    """Yield the rules of the tree, from left to right; exactly one holds in any situation."""
-    waiting: list[tuple[int, dict[str, tuple[float, float]]]] = [(0, {})]
+def leaves(tree: ModelTree) -> Iterator[tuple[int, Bounds]]:
+    """Yield the leaves of the tree, from left to right, with their bounds."""
+    waiting: list[tuple[int, Bounds]] = [(0, {})]
     while waiting:
         node, bounds = waiting.pop()
         if tree.is_leaf[node]:
-            slopes = zip(tree.names, tree.coefficients[node].tolist(), strict=True)
-            yield Rule(
-                leaf=node,
-                bounds=bounds,
-                intercept=float(tree.intercept[node]),
-                slopes={name: slope for name, slope in slopes if slope},
-                spread=float(tree.spread[node]),
-                samples=float(tree.samples[node]),
-            )
+            yield node, bounds
             continue
         name, threshold = tree.names[tree.feature[node]], float(tree.threshold[node])
         lower, upper = bounds.get(name, (-math.inf, math.inf))
@@ -210,46 +181,46 @@ def rules(tree: ModelTree) -> Iterator[Rule]:
         waiting.append((at_most, {**bounds, name: (lower, min(upper, threshold))}))
 
 
-def rule_for(tree: ModelTree, situation: FloatArray) -> Rule:
-    """Return the rule that holds in one situation, an array of shape (n_features,)."""
-    leaf = int(tree.apply(situation[None, :])[0])
-    return next(rule for rule in rules(tree) if rule.leaf == leaf)
-
-
 @dataclass(frozen=True)
 class RuleWriter:
-    """Writes rules as text; angles in rad are written in degrees, as the paper does.
+    """Writes the leaves of a tree as rules; angles in rad are written in degrees, as the paper does.
 
     `units` are those of the features, `target` is what is predicted.
     """
 
+    tree: ModelTree
     units: Mapping[str, str]
     target: str = "time"
     target_unit: str = "s"
 
-    def rule(self, rule: Rule) -> str:
+    def rule(self, leaf: int, bounds: Bounds) -> str:
         """Return ``if (1.86m < dist <= 2.3m) & (angle_to_dest <= 49.7°) then time = 1.26*dist + … [s]``."""
-        conditions = " & ".join(self._condition(name, *bounds) for name, bounds in rule.bounds.items())
+        tree = self.tree
+        conditions = " & ".join(self._condition(name, *pair) for name, pair in bounds.items())
         start = f"if {conditions} then " if conditions else ""
-        certainty = f"(± {rule.spread:.3g} {self.target_unit}, {rule.samples:g} samples)"
-        return f"{start}{self.target} = {self._formula(rule)}  [{self.target_unit}]  {certainty}"
+        certainty = f"(± {tree.spread[leaf]:.3g} {self.target_unit}, {tree.samples[leaf]:g} samples)"
+        return f"{start}{self.target} = {self._formula(leaf)}  [{self.target_unit}]  {certainty}"
 
-    def tree(self, tree: ModelTree) -> str:
-        """Return all rules of the tree, one a line."""
-        return "\n".join(self.rule(rule) for rule in rules(tree))
+    def rules(self) -> str:
+        """Return all rules of the tree, one a line; exactly one holds in any situation."""
+        return "\n".join(itertools.starmap(self.rule, leaves(self.tree)))
 
-    def explanation(self, tree: ModelTree, situation: FloatArray) -> str:
+    def explanation(self, situation: FloatArray) -> str:
         """Return the rule that holds in one situation (n_features,), and what each of its terms adds."""
-        rule = rule_for(tree, situation)
-        values = dict(zip(tree.names, situation.tolist(), strict=True))
-        lines = [self.rule(rule), f"here {self.target} = {float(tree.predict(situation[None, :])[0]):.3f}"]
-        lines[-1] += f" ± {rule.spread:.3f} {self.target_unit}:"
-        lines.append(f"  {rule.intercept:+9.3f}  constant")
-        parts = {name: slope * values[name] for name, slope in rule.slopes.items()}
+        tree, values = self.tree, dict(zip(self.tree.names, situation.tolist(), strict=True))
+        predicted, spread = (float(part[0]) for part in tree.predict_with_spread(situation[None, :]))
+        leaf = int(tree.apply(situation[None, :])[0])
+        intercept = float(tree.intercept[leaf])
+        lines = [
+            self.rule(leaf, dict(leaves(tree))[leaf]),
+            f"here {self.target} = {predicted:.3f} ± {spread:.3f} {self.target_unit}:",
+            f"  {intercept:+9.3f}  constant",
+        ]
+        parts = {name: slope * values[name] for name, slope in self._slopes(leaf).items()}
         for name, part in sorted(parts.items(), key=lambda item: -abs(item[1])):
             lines += [f"  {part:+9.3f}  {name} = {self._value(name, values[name])}"]
-        linear = rule.intercept + sum(parts.values())
-        lower, upper = float(tree.lower[rule.leaf]), float(tree.upper[rule.leaf])
+        linear = intercept + sum(parts.values())
+        lower, upper = float(tree.lower[leaf]), float(tree.upper[leaf])
         if not lower <= linear <= upper:
             lines.append(
                 f"  held within {lower:.3f} to {upper:.3f}, since the rule saw nothing like {linear:.3f}"
@@ -263,9 +234,13 @@ class RuleWriter:
             return f"({name} > {self._value(name, lower)})"
         return f"({self._value(name, lower)} < {name} <= {self._value(name, upper)})"
 
-    def _formula(self, rule: Rule) -> str:
-        terms = [(slope / self._scale(name), f"*{name}") for name, slope in rule.slopes.items()]
-        terms.append((rule.intercept, ""))
+    def _slopes(self, leaf: int) -> dict[str, float]:
+        slopes = zip(self.tree.names, self.tree.coefficients[leaf].tolist(), strict=True)
+        return {name: slope for name, slope in slopes if slope}
+
+    def _formula(self, leaf: int) -> str:
+        terms = [(slope / self._scale(name), f"*{name}") for name, slope in self._slopes(leaf).items()]
+        terms.append((float(self.tree.intercept[leaf]), ""))
         text = ""
         for number, name in terms:
             sign = ("-" if number < 0 else "") if not text else (" - " if number < 0 else " + ")
