@@ -101,13 +101,10 @@ def try_lock(handle: int) -> bool:
 def limited_memory(extra: int) -> Iterator[None]:
     """Limit this process to `extra` bytes more memory in the block: a small file may unpack to any size.
 
-    Allocations beyond raise MemoryError. Without Linux's /proc there is no limit.
+    Allocations beyond raise MemoryError.
     """
-    pages = Path("/proc/self/statm")
-    if not pages.exists():
-        yield
-        return
-    now = int(pages.read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+    pages = Path("/proc/self/statm").read_text(encoding="ascii")
+    now = int(pages.split()[0]) * resource.getpagesize()
     before = resource.getrlimit(resource.RLIMIT_AS)
     bounds = [bound for bound in (now + extra, *before) if bound != resource.RLIM_INFINITY]
     resource.setrlimit(resource.RLIMIT_AS, (min(bounds), before[1]))

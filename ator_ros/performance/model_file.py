@@ -44,6 +44,9 @@ class _ModelFile:
     def __post_init__(self) -> None:
         """Check what the annotations do not."""
         require("duration" in self.trees, "trees.duration", "a tree", None)
+        for measure, tree in self.trees.items():
+            unknown = sorted(set(tree.features) - self.features.keys())
+            require(not unknown, f"trees.{measure}.features", "features that the file lists", unknown)
         starts = self.training.get("starts", {})
         require(isinstance(starts, dict), "training.starts", "ranges by name", starts)
         for name, bounds in starts.items():
@@ -135,10 +138,6 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
         if units.get(name) != unit:
             known = f"in {units[name]!r}" if name in units else f"one of {', '.join(features)}"
             raise FileError(f"{path}: features.{name}: expected a feature {known}, got unit {unit!r}")
-    for measure, tree in file.trees.items():
-        if unknown := set(tree.features) - set(units):
-            expected = "features that the file lists"
-            raise FileError(f"{path}: trees.{measure}.features: expected {expected}, got {sorted(unknown)}")
     if file.robot_digest != robot.digest():
         warnings.warn(
             f"{path}: robot_digest: this model of {file.action} was learned with ANOTHER ROBOT "

@@ -134,9 +134,8 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         How far to grow before pruning, best split first.
     smoothing : float, default=15.0
         How many samples the model of the node above counts for (M5's k); 0 for none.
-    extrapolation : float or None, default=1.0
-        How far a leaf's predictions may leave the range of targets seen there, as a multiple of that range;
-        None for any distance.
+    extrapolation : float, default=1.0
+        How far a leaf's predictions may leave the range of targets seen there, as a multiple of that range.
 
     Attributes
     ----------
@@ -153,7 +152,7 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         min_samples_leaf: float = 25,
         max_leaves: int = 500,
         smoothing: float = 15.0,
-        extrapolation: float | None = 1.0,
+        extrapolation: float = 1.0,
     ) -> None:
         self.min_samples_leaf = min_samples_leaf
         self.max_leaves = max_leaves
@@ -198,8 +197,6 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             ("extrapolation", Real, 0),
         ):
             value: Any = getattr(self, name)
-            if value is None and name == "extrapolation":
-                continue
             if not isinstance(value, kind) or not least <= float(value) < np.inf:
                 wanted = "an integer" if kind is Integral else "a finite number"
                 raise ValueError(f"expected {name} to be {wanted} of at least {least}, got {value!r}")
@@ -219,7 +216,7 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         spread = corrected_error(squared, weight, samples, terms)
         spread = np.where(np.isfinite(spread), spread, np.sqrt(squared / weight)) * standard.scale[-1]
         ranges = np.array([node.target_range for node in nodes]) * standard.scale[-1] + standard.mean[-1]
-        margin = np.inf if self.extrapolation is None else self.extrapolation * np.ptp(ranges, axis=1)
+        margin = self.extrapolation * np.ptp(ranges, axis=1)
         intercept, slopes = standard.to_units(models)
         at, below = _preorder(children, is_leaf)
         leaf = is_leaf[at]

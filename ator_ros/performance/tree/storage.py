@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated
@@ -27,8 +26,8 @@ class StoredLeaf:
         Of its linear model.
     slopes : dict
         By feature, zeros left out.
-    range : tuple of float or None
-        Least and greatest prediction; None: no bound.
+    range : tuple of float
+        Least and greatest prediction.
     spread : float
         Standard deviation of the residuals.
     """
@@ -36,13 +35,13 @@ class StoredLeaf:
     samples: _NonNegative
     intercept: float
     slopes: dict[str, float]
-    range: tuple[float | None, ...]
+    range: tuple[float, ...]
     spread: _NonNegative
 
     def __post_init__(self) -> None:
         """Check the range."""
-        sound = len(self.range) == 2 and (None in self.range or self.range[0] <= self.range[1])  # type: ignore[operator]
-        require(sound, "range", "two numbers or nulls, the lower bound first", list(self.range))
+        sound = len(self.range) == 2 and self.range[0] <= self.range[1]
+        require(sound, "range", "two numbers, the lower bound first", list(self.range))
 
 
 @dataclass(frozen=True)
@@ -95,24 +94,17 @@ def _stored_node(tree: ModelTree, number: int) -> StoredNode:
         name, threshold = tree.names[tree.feature[number]], float(tree.threshold[number])
         return StoredSplit(samples, name, threshold, at_most, above)
     slopes = zip(tree.names, tree.coefficients[number].tolist(), strict=True)
-    bounds = (float(tree.lower[number]), float(tree.upper[number]))
     return StoredLeaf(
         samples,
         float(tree.intercept[number]),
         {name: slope for name, slope in slopes if slope},
-        tuple(bound if math.isfinite(bound) else None for bound in bounds),
+        (float(tree.lower[number]), float(tree.upper[number])),
         float(tree.spread[number]),
     )
 
 
 def restored(tree: StoredTree) -> ModelTree:
-    """Return the tree that was stored; it predicts the same to the last bit.
-
-    Raises
-    ------
-    ValueError
-        A node names a feature that the tree lacks.
-    """
+    """Return the tree that was stored; it predicts the same to the last bit."""
     nodes = list(_preorder(tree.root))
     numbers = {id(node): number for number, node in enumerate(nodes)}
     column = {name: number for number, name in enumerate(tree.features)}
@@ -125,10 +117,8 @@ def restored(tree: StoredTree) -> ModelTree:
             feature[number], threshold[number] = column[node.feature], node.threshold
             children[number] = numbers[id(node.at_most)], numbers[id(node.above)]
         else:
-            low, high = node.range
             intercept[number], spread[number] = node.intercept, node.spread
-            lower[number] = -math.inf if low is None else low
-            upper[number] = math.inf if high is None else high
+            lower[number], upper[number] = node.range
             for name, slope in node.slopes.items():
                 coefficients[number, column[name]] = slope
     return ModelTree(
