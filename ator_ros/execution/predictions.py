@@ -45,9 +45,7 @@ class Predictor:
         if any(call.top.action not in self._models for call in chain.calls):
             return None
         prediction = predict_chain(world, chain, self._models, self._robot)
-        return self._calibration.corrected(
-            prediction, chain, world, self._models, self._robot, chosen=chosen
-        )
+        return self._calibration.corrected(prediction, chain, world, self._models, self._robot, chosen=chosen)
 
     def action(self, world: World, chain: TopChain, step: int) -> Mapping[str, float] | None:
         """Predict one step (from 0) of `chain` from the state `world`; None where it has no model.
