@@ -155,15 +155,7 @@ class RemoteCall:
 
 
 class UnreachableAction(Action):
-    """An action whose server cannot be used, for example without ROS: it never starts.
-
-    Parameters
-    ----------
-    robot : Robot
-        As for all actions.
-    why : str
-        The reason, in a sentence.
-    """
+    """An action whose server cannot be used, for example without ROS: it never starts."""
 
     name = "remote"
 

@@ -33,19 +33,7 @@ class NoPlaceError(ConfigError):
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """The state in which an action starts, and its goal.
-
-    Attributes
-    ----------
-    action : str
-        Name of the action.
-    robot : RobotState
-        Pose and velocities at the start.
-    objects : mapping of str to ObjectState
-        The objects at the start, by name.
-    goal : Goal
-        The action's goal.
-    """
+    """The state in which an action starts (the robot, and the objects by name), and its goal."""
 
     action: str
     robot: RobotState

@@ -173,16 +173,8 @@ class FenceWatch:
     """Detects, during one goal, that the robot is about to leave the area.
 
     A robot that starts outside may drive in. It must not get farther away than its start plus twice its
-    reach, which is the room to turn round. Once inside, it must stay inside.
-
-    Parameters
-    ----------
-    fence : Fence
-        The area.
-    robot : Robot
-        Its limits and the lag of its motors.
-    longest_gap : float
-        Greatest time in s between two states; after it the robot is commanded to stand anyway.
+    reach, which is the room to turn round. Once inside, it must stay inside. If there is no state for
+    `longest_gap` s, the robot is commanded to stand anyway.
     """
 
     def __init__(self, fence: Fence, robot: Robot, longest_gap: float) -> None:

@@ -61,13 +61,6 @@ class Forecast:
     """What is predicted of a chain under execution: of all of it, and of what remains since its last change.
 
     Predictions are computed on first use, so that they do not delay a command.
-
-    Parameters
-    ----------
-    predictor : Predictor
-        Predicts chains.
-    executor : ChainExecutor
-        Executes the chain.
     """
 
     def __init__(self, predictor: Predictor, executor: ChainExecutor) -> None:

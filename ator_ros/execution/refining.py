@@ -240,13 +240,7 @@ class Refining:
 
 
 class ReplanTrigger:
-    """Compares objects with where they were expected, and the robot with its planned path.
-
-    Parameters
-    ----------
-    robot : Robot
-        Its sizes, and the deceleration of rolling objects.
-    """
+    """Compares objects with where they were expected, and the robot with its planned path."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -315,18 +309,9 @@ def awaited(calls: Sequence[TopCall]) -> Iterator[tuple[int, str]]:
 
 
 def with_followed(chain: TopChain, resting: World, robot: Robot, *, step: int = 0) -> TopChain:
-    """Return `chain` with the goals from `step` on where the objects lie that have left them.
+    """Return `chain` with the goals from `step` on (from 0) where the objects lie that have left them.
 
-    Parameters
-    ----------
-    chain : TopChain
-        The chain.
-    resting : World
-        The state, with its objects at rest.
-    robot : Robot
-        Its sizes.
-    step : int
-        The first step that is not done, from 0.
+    `resting` is the state, with its objects at rest.
     """
     for index, name in awaited(chain.calls[step:]):
         call = chain.calls[step + index]
@@ -340,16 +325,8 @@ def continuations(
 ) -> tuple[Continuation, ...]:
     """Return how other plans go on from here: after the steps that they share with what is done, or from 0.
 
-    Parameters
-    ----------
-    plans : sequence of TopChain
-        The plans of the goal.
-    number : int
-        Number of the plan that is executed, from 0.
-    chain, step
-        The chain as it is executed, and the first step of it that is not done, from 0.
-    resting, robot
-        As for `with_followed`. What is no valid plan from there is left out.
+    `chain` is executed, as plan `number` (from 0); `step` is its first step that is not done. What is no
+    valid plan from the state `resting`, whose objects are at rest, is left out.
     """
     found = []
     done = chain.calls[:step]

@@ -180,28 +180,13 @@ def load_models(
     action_set: str = DEFAULT_SET,
     folder: Path | None = None,
 ) -> dict[str, PerformanceModel]:
-    """Read all models of an action set.
-
-    Parameters
-    ----------
-    robot : Robot
-    features : mapping of str to Feature
-        As for `load_model`.
-    action_set : str
-        Name of the set.
-    folder : Path, optional
-        By default the shipped models/.
-
-    Returns
-    -------
-    dict
-        Models by the names of their actions.
+    """Read all models of an action set, by action; `folder` is the shipped models/ by default.
 
     Raises
     ------
     NoModelsError
         There are none.
-    FileError
+    ModelFileError
         One of them cannot be used, or `folder` is none.
     """
     top = folder if folder is not None else resource_path("models")
