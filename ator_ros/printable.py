@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-LONGEST = 60
-"""Default number of characters that are shown."""
 
-
-def printable(text: object, most: int = LONGEST) -> str:
+def printable(text: object, most: int = 60) -> str:
     """Return at most `most` characters of a text, with those that are not printable escaped as in Python.
 
     Among these are control characters, escape sequences, changes of the writing direction, and halves of
@@ -21,6 +18,6 @@ def printable(text: object, most: int = LONGEST) -> str:
     return shown
 
 
-def quoted(value: object, most: int = LONGEST) -> str:
+def quoted(value: object) -> str:
     """Return a text as `printable` does, in quotes; for any other value, its repr."""
-    return f"'{printable(value, most)}'" if isinstance(value, str) else printable(repr(value), most)
+    return f"'{printable(value)}'" if isinstance(value, str) else printable(repr(value))

@@ -176,7 +176,7 @@ def fit_tree(examples: GateExamples) -> TreeGate:
     )
 
 
-def learn_gates(examples: GateExamples, fit: Fit = fit_threshold) -> LearnedGates:
+def learn_gates(examples: GateExamples, fit: Fit) -> LearnedGates:
     """Learn and compare both kinds of gate; `fit` learns the threshold.
 
     The better kind is the one with the greater utility among those with at most a share `MOST_SLOWER` of

@@ -177,11 +177,12 @@ def _joint_oracle(
     settings: Settings, tools: Toolset, trial: Trial, execute: Executions, chosen: Sequence[TopChain]
 ) -> dict[str, Record]:
     """Execute the chain with the best headings by executed legs; the policies' own chains count too."""
-    tried = [(each, run.actions if run.success else ()) for each in chosen for run in [execute(each)]]
+    runs = [execute(each) for each in chosen]
+    tried = [(each, run.actions if run.success else ()) for each, run in zip(chosen, runs, strict=True)]
     chain, legs = best_headings(
         tools, trial, tried, execute.leg, count=settings.oracle, margin=settings.oracle_margin
     )
-    best = min((execute(each) for each in (chain, *chosen)), key=lambda run: run.duration)
+    best = min([execute(chain), *runs], key=lambda run: run.duration)
     headings = [round(call.goal.pose.yaw, 3) for call in chain.calls]
     return {"oracle": {"headings": headings, "durations": [None], **_best(best), "legs": legs}}
 

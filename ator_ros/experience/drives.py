@@ -39,6 +39,11 @@ TF = ("tf", "tf_static")
 """Roles of topics."""
 SILENCE = 1.0  # s without odometry after which a new segment begins
 PERIOD = 0.1  # s between examples, the paper's 10 Hz
+PAUSE = 0.3  # s without a command to move that separates two drives
+_CEASED = 1.0  # s without commands; within that time the watchdogs of most bases stop them
+SHORTEST = 0.5  # s, the shortest drive
+NOT_DRIVEN = Standstill(0.01, 0.02)
+"""Greatest speeds of a command to stop, and greatest measured speeds of a robot at rest."""
 _ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
 
 
@@ -263,13 +268,6 @@ def _at(table: FloatArray, time: float) -> FloatArray:
 
 def _pose(row: FloatArray) -> Pose:
     return Pose(float(row[1]), float(row[2]), wrap_angle(float(row[3])))
-
-
-PAUSE = 0.3  # s without a command to move that separates two drives
-_CEASED = 1.0  # s without commands; within that time the watchdogs of most bases stop them
-SHORTEST = 0.5  # s, the shortest drive
-NOT_DRIVEN = Standstill(0.01, 0.02)
-"""Greatest speeds of a command to stop, and greatest measured speeds of a robot at rest."""
 
 
 def drives(segment: Segment, robot: Robot, domain: Vocabulary) -> Iterator[Episode]:

@@ -22,6 +22,16 @@ from ator_ros.tops.objects import held_first, held_last
 from ator_ros.world.messages import MessageError, ObjectSource, pose_from, velocity, world_from
 from ator_ros.world.state import World
 
+SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
+ENDED = (SUCCEEDED, FAILED)
+"""Outcomes of actions that ended by themselves."""
+_LONGEST_DRIVE = 600.0
+"""In s, twenty times the default action_timeout: a goal that is farther away is in another unit or frame."""
+_SLACK = 0.5
+"""In m, above the tolerances of arrival: a robot that is at its goal already arrives in no time."""
+_FASTEST = 4.0
+"""Times limits.v: a base described at half its real speed keeps its records, with a factor of 2 to spare."""
+
 
 class Vocabulary(Protocol):
     """Name, objects, TOPs and goal variables of a domain; `ator_ros.domains.domain.Domain` is one."""
@@ -63,17 +73,6 @@ def drive_between(domain: Vocabulary, first: str | None, last: str | None) -> To
     """
     driving = {(held_first(top), held_last(top)): top for top in reversed(domain.tops) if top.arrives}
     return driving.get((first, last)) or driving.get((None, None))
-
-
-SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
-ENDED = (SUCCEEDED, FAILED)
-"""Outcomes of actions that ended by themselves."""
-_LONGEST_DRIVE = 600.0
-"""In s, twenty times the default action_timeout: a goal that is farther away is in another unit or frame."""
-_SLACK = 0.5
-"""In m, above the tolerances of arrival: a robot that is at its goal already arrives in no time."""
-_FASTEST = 4.0
-"""Times limits.v: a base described at half its real speed keeps its records, with a factor of 2 to spare."""
 
 
 def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:

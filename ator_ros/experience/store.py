@@ -52,7 +52,7 @@ def _parts_of(place: Path) -> dict[int, Path]:
 class RecordStore:
     """Appends episodes; the oldest ones are dropped if the store is full.
 
-    One process at a time may append: see `ator_ros.learning.sets.locked`.
+    One process at a time may append: see `ator_ros.files.exclusive_folder`.
 
     Parameters
     ----------

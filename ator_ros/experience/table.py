@@ -32,6 +32,11 @@ from ator_ros.printable import printable, quoted
 from ator_ros.schema import SchemaError, structured
 from ator_ros.world.messages import MOST_OBJECTS
 
+KIND = "experience"
+_KEY = b"ator_ros"
+_TEXTS = ["action", "reason"]
+_MOST_ROWS = 5_000_000  # 30 times those of a thousand episodes of each action
+_MOST_BYTES = 4_000_000_000  # of memory
 _BOUNDS: dict[str, tuple[float, float]] = {
     "episode": (0.0, 1e7),
     **dict.fromkeys(("t", "time_to_go", "duration", "speedg"), (0.0, LARGEST)),
@@ -103,13 +108,6 @@ def _numbers(source: Path | str, column: pd.Series) -> FloatArray:
     if wrong.size:
         raise ExperienceError(f"{where}, got {values[wrong[0]]:g} in row {wrong[0]}")
     return values
-
-
-KIND = "experience"
-_KEY = b"ator_ros"
-_TEXTS = ["action", "reason"]
-_MOST_ROWS = 5_000_000  # 30 times those of a thousand episodes of each action
-_MOST_BYTES = 4_000_000_000  # of memory
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.store import RecordStore, StoreInfo
-from ator_ros.files import FileError, read_json, write_text
+from ator_ros.files import FileError, content_of, read_json, save
 from ator_ros.learning.process import RoundProcess
 from ator_ros.learning.sets import (
     RECORDS,
@@ -21,8 +20,9 @@ from ator_ros.learning.sets import (
     read_manifest,
     remove_old,
 )
+from ator_ros.schema import SchemaError
 
-ROUND = "round.json"
+ROUND, KIND = "round.json", "round of learning"
 FROZEN = "frozen"
 _SYNC_PERIOD = 0.5
 """Real s between two syncs of the store: what a loss of power costs at most."""
@@ -50,7 +50,7 @@ class Learner:
         info: StoreInfo,
         begin: Callable[[], RoundProcess],
         *,
-        batch: int = 20,
+        batch: int,
         most: int = 20_000,
     ) -> None:
         self._folder, self._begin, self._batch, self._most = folder, begin, batch, most
@@ -58,11 +58,11 @@ class Learner:
         remove_old(folder)
         self._waiting: deque[tuple[str, Episode]] = deque(maxlen=_MOST_WAITING)
         self._round: RoundProcess | None = None
-        self._began = self._synced = 0.0
+        self._began, self._synced, self._ends = 0.0, 0.0, 0
         self._wanted = False
         self._last: dict[str, Any] = {}
-        with contextlib.suppress(FileError):  # without the file a round is due
-            self._last = read_json(folder / ROUND)
+        with contextlib.suppress(FileError, SchemaError):  # without the file a round is due
+            self._last = content_of(read_json(folder / ROUND), KIND)
         self.problem = ""
         self.taken = self.left_out = self.lost = 0
         self.has_room = True
@@ -145,7 +145,7 @@ class Learner:
         else:
             self.problem = ""
         self._last = {**result, "made": "", "ends": self._ends}
-        self._guarded(lambda: write_text(self._folder / ROUND, json.dumps(self._last) + "\n"))
+        self._guarded(lambda: save(self._folder / ROUND, KIND, self._last))
         return self.problem or self._summary()
 
     def _summary(self) -> str:

@@ -137,7 +137,7 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
     for name, unit in file.features.items():
         if units.get(name) != unit:
             known = f"in {units[name]!r}" if name in units else f"one of {', '.join(features)}"
-            raise FileError(f"{path}: features.{name}: expected a feature {known}, got unit {unit!r}")
+            raise FileError(f"{path}: features.{name}: expected a feature {known}, got unit {quoted(unit)}")
     if file.robot_digest != robot.digest():
         warnings.warn(
             f"{path}: robot_digest: this model of {file.action} was learned with ANOTHER ROBOT "
@@ -202,7 +202,7 @@ def load_models(
             if model.metadata[field] != expected:
                 raise FileError(
                     f"{place / name}.json: {field}: expected {expected!r} in this place, "
-                    f"got {model.metadata[field]!r}"
+                    f"got {quoted(model.metadata[field])}"
                 )
     return models
 

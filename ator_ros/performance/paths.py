@@ -34,6 +34,20 @@ TURNING, TURNED, MOVED = 1.0, 0.1, 0.5
 """By how much the turns may change, in rad per rad that the straight is off and in rad at first, and the
 straight, in m per rad, until it meets both turns."""
 _SLOW = 0.6  # share of the acceleration below which a start at low speed does not turn forward
+_FIRST = 4  # pairs evaluated in the order of their bounds; the others in index order
+_CHUNK = 12  # least number of ends per chunk: 60 microseconds
+_ANGLES = 257  # of a table of turns, from 0 to a full turn
+_MOMENTS = 96  # at which a turn is summed up
+_RATES = 12  # tables, of equally spaced turn rates up to the limit
+_SLOWEST = 3  # twelfths of the turn rate; slower turns are not used
+_SIDES = (1, -1)
+_CHANGES = (-1.0, -0.6, -0.3, 0.0, 0.3, 0.6, 1.0)  # of speed in a turn, in shares of the limits
+_GAINS = (-0.5, 0.0, 0.25, 0.5, 0.75, 1.0)  # the same where the base never drives backward
+_LEADS = (0.1, 0.2, 0.35, 0.55)  # speeds to reach before the first turn, in shares of the limit
+_RUN_SPEEDS = (0.0, 0.3, 0.6, 0.9)  # at which a run of given length begins, from least to greatest
+_ARRIVALS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.55, 0.75, 0.95)  # the same in shares of the limit, other runs
+_LOSSES = (0.5, 0.9)  # of speed in the last turn before them
+_TIGHT = 0.1  # m, radius of the tightest turn at a steady speed where the base never drives backward
 
 
 class Entry(NamedTuple):
@@ -230,9 +244,6 @@ def candidate_time(
     return total, first + last
 
 
-_FIRST = 4  # pairs evaluated in the order of their bounds; the others in index order
-
-
 class PathCandidates(NamedTuple):
     """All combinations of entries and exits.
 
@@ -369,21 +380,6 @@ def fastest_paths(
     bounds = np.empty((len(candidates.entries), len(candidates.exits)))
     for row in range(first, end):
         times[row], turns[row] = _fastest(ends[row], candidates, rules, tables, bounds)
-
-
-_CHUNK = 12  # least number of ends per chunk: 60 microseconds
-_ANGLES = 257  # of a table of turns, from 0 to a full turn
-_MOMENTS = 96  # at which a turn is summed up
-_RATES = 12  # tables, of equally spaced turn rates up to the limit
-_SLOWEST = 3  # twelfths of the turn rate; slower turns are not used
-_SIDES = (1, -1)
-_CHANGES = (-1.0, -0.6, -0.3, 0.0, 0.3, 0.6, 1.0)  # of speed in a turn, in shares of the limits
-_GAINS = (-0.5, 0.0, 0.25, 0.5, 0.75, 1.0)  # the same where the base never drives backward
-_LEADS = (0.1, 0.2, 0.35, 0.55)  # speeds to reach before the first turn, in shares of the limit
-_RUN_SPEEDS = (0.0, 0.3, 0.6, 0.9)  # at which a run of given length begins, from least to greatest
-_ARRIVALS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.55, 0.75, 0.95)  # the same in shares of the limit, other runs
-_LOSSES = (0.5, 0.9)  # of speed in the last turn before them
-_TIGHT = 0.1  # m, radius of the tightest turn at a steady speed where the base never drives backward
 
 
 @lru_cache(maxsize=64)

@@ -39,6 +39,24 @@ _LEAST_SAMPLES = 10  # for a quantile
 _RUNS: tuple[float | None, ...] = (0.0, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, None)
 _PASSINGS = (0.0, 0.2, 0.3, 0.35, 0.4, 0.5)
 _BETTER = 0.97  # share of the error that a change of run or passing must leave at most
+_SMOOTHING = 60.0
+"""Where M5' takes 15: with a few hundred starts the leaves are small, and a search along a heading runs into
+the jumps between them. 10-fold cross-validation on the training episodes falls until about here."""
+_FOLDS = 10
+OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
+"""The column of an experience table for each measure except the duration."""
+LEAST_EPISODES = 20
+"""Episodes that must have succeeded."""
+SMALL_LEAF = 50
+"""Least number of episodes at a leaf of the trees of `OUTCOMES`."""
+_NEAREST = 0.01  # m, least distance
+_AT_GOAL = ((0.02, 0.05), (0.03, 0.08))
+"""Distances (m) and angles (rad) to the goal that may count as being there."""
+_LEAST_AT_GOAL = 3
+"""Episodes that show how long an action takes there."""
+_ALIKE = 0.15
+"""Greatest difference in s of durations that count as the same there: three ticks."""
+_ENOUGH, _RARE = 15, 0.05  # episodes that make a deceleration known, or this share of them if that is less
 
 
 def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
@@ -125,28 +143,6 @@ def _error(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> float:
     return float(np.mean(np.abs(durations - table @ weights)))
 
 
-# M5' takes 15. With a few hundred starts the leaves are small, and a search along a heading runs into the
-# jumps between them: 10-fold cross-validation on the training episodes falls until about here.
-_SMOOTHING = 60.0
-_FOLDS = 10
-
-
-OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
-"""The column of an experience table for each measure except the duration."""
-LEAST_EPISODES = 20
-"""Episodes that must have succeeded."""
-SMALL_LEAF = 50
-"""Episodes at a leaf of their trees, at least."""
-_NEAREST = 0.01  # m, least distance
-_AT_GOAL = ((0.02, 0.05), (0.03, 0.08))
-"""Distances (m) and angles (rad) to the goal that may count as being there."""
-_LEAST_AT_GOAL = 3
-"""Episodes that show how long an action takes there."""
-_ALIKE = 0.15
-"""Greatest difference in s of durations that count as the same there: three ticks."""
-_ENOUGH, _RARE = 15, 0.05  # episodes that make a deceleration known, or this share of them if that is less
-
-
 def train(
     action: str,
     rows: pd.DataFrame,
@@ -218,9 +214,7 @@ def duration_tree(table: pd.DataFrame, durations: FloatArray, groups: np.ndarray
     return narrowed(ModelTreeRegressor(smoothing=_SMOOTHING).fit(table, durations, groups=groups).tree_)
 
 
-def cross_validated_errors(
-    rows: pd.DataFrame, robot: Robot, features: Sequence[Feature] = CANDIDATES
-) -> FloatArray:
+def cross_validated_errors(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]) -> FloatArray:
     """Return errors in s, shape (n,), of durations predicted by trees of other episodes.
 
     Parameters

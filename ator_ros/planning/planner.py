@@ -10,14 +10,14 @@ from ator_ros.planning.chains import chain_of
 from ator_ros.planning.facts import Fact, difference, is_chosen, target_of
 from ator_ros.planning.goals import GoalStatement, PlanningError, check_goal, known_variables
 from ator_ros.planning.problem import PlannedStep, PlanningProblem, facts_of, planning_problem, steps_for
-from ator_ros.refinement.refiner import LONGEST_CHAIN
+from ator_ros.refinement.refiner import LONGEST_CHAIN, MOST_ALTERNATIVES
 from ator_ros.tops.chain import Top, TopChain, projected
 from ator_ros.tops.conditions import Statement, state_of
 from ator_ros.tops.library import TopLibrary, driving_top
 from ator_ros.tops.objects import missing_object
 from ator_ros.world.state import World
 
-MOST_CHAINS = 8
+MOST_CHAINS = 1 + MOST_ALTERNATIVES
 """Chains for one goal: as many as a request to refinement may hold."""
 _MOST_PLANS = 16
 """Symbolic plans that are searched; some cannot be used as there is no place for a step."""

@@ -14,7 +14,6 @@ import dataclasses
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -199,7 +198,7 @@ class Regions:
         The request.
     names : sequence of tuple of str, one per subgoal
         The free variables.
-    models : mapping, optional
+    models : mapping
         Action name to performance model, which has the range of experienced distances; an action may lack
         one.
     """
@@ -210,7 +209,7 @@ class Regions:
         chain: TopChain,
         robot: Robot,
         names: Sequence[tuple[str, ...]],
-        models: Mapping[str, Any] = MappingProxyType({}),
+        models: Mapping[str, Any],
     ) -> None:
         self._world, self._models = world, models
         self._robot, self._names, self._calls = robot, names, chain.calls
@@ -364,12 +363,11 @@ def experience_of(model: Any) -> Mapping[str, tuple[float, float]]:
 def outside_experience(
     world: World, chain: TopChain, models: Mapping[str, PredictsPerformance], robot: Robot
 ) -> tuple[list[str], set[int]]:
-    """Return sentences on the quantities of a chain that lie outside the experience of the models.
+    """Return what of a chain lies outside the experience of the models: sentences, and steps.
 
-    The second item are the steps, from 0, whose distance lies outside.
-
-    Distances, turns and speeds are compared with those at the starts of the episodes that a model was trained
-    on. Variables that a step, or the one before it, leaves open are left out.
+    The steps, from 0, are those whose distance lies outside. Distances, turns and speeds are compared with
+    those at the starts of the episodes that a model was trained on. Variables that a step, or the one before
+    it, leaves open are left out.
     """
     found, far, opened = list[str](), set[int](), frozenset[str]()
     situations = chain_situations(world, chain, robot)

@@ -40,7 +40,7 @@ def gate_features(
     before: ChainPrediction,
     after: ChainPrediction,
     *,
-    averaged: float = math.inf,
+    averaged: float,
 ) -> dict[str, float]:
     """Return the values of `FEATURES` for a chain and the best one found.
 

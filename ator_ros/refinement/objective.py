@@ -44,12 +44,12 @@ LEAST_WEIGHT, MOST_WEIGHT = 1e-6, 1e6
 class Objective:
     """Weights of the measures; the cost of a chain is the weighted sum over its actions.
 
-    Parameters
+    Attributes
     ----------
     weights : mapping
         Of "duration" without unit (seconds count as they are), of "success" in s per failure, of "accuracy"
         in s per m. By default only duration counts.
-    measures : mapping, optional
+    measures : mapping
         The measures that can be named; by default `MEASURES`.
     where_predicted : frozenset of str
         Measures that count only for models that predict them; a model must predict the others that count.

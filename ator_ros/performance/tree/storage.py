@@ -51,8 +51,8 @@ class StoredSplit:
     samples: _NonNegative
     feature: str
     threshold: float
-    at_most: StoredSplit | StoredLeaf
-    above: StoredSplit | StoredLeaf
+    at_most: StoredNode
+    above: StoredNode
 
 
 StoredNode = StoredSplit | StoredLeaf
@@ -63,7 +63,7 @@ class StoredTree:
     """A tree: the names of its features in column order, and its root."""
 
     features: tuple[str, ...]
-    root: StoredSplit | StoredLeaf
+    root: StoredNode
 
     def __post_init__(self) -> None:
         """Check the names."""
