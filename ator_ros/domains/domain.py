@@ -398,7 +398,8 @@ def declared_domain(path: Path) -> Domain:
 
 def _made(declared: DeclaredDomain, path: Path) -> Domain:
     points = {top.action: Point(top.point) for top in reversed(declared.tops)}
-    specs, features = list[ActionSpec](), dict[str, Feature]()
+    specs: list[ActionSpec] = []
+    features: dict[str, Feature] = {}
     for number, action in enumerate(declared.actions):
         where = f"actions[{number}]"
         if action.local is None:

@@ -555,7 +555,8 @@ def _chosen(times: FloatArray) -> list[int]:
     least = times.min(axis=0)
     reached = np.isfinite(least)
     ratios = times[:, reached] / least[reached]
-    so_far, picked = np.full(ratios.shape[1], _LATE), list[int]()
+    so_far = np.full(ratios.shape[1], _LATE)
+    picked: list[int] = []
     while len(picked) < MOST and so_far.sum() > (1.0 + _NEAR) * len(so_far):
         picked.append(int(np.argmin(np.minimum(so_far, ratios).sum(axis=1))))
         so_far = np.minimum(so_far, ratios[picked[-1]])

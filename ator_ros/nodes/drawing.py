@@ -44,7 +44,7 @@ class ExecutionDrawing:
         chain_markers (visualization_msgs/MarkerArray): the active chain; its present subgoal in orange.
         object_markers (visualization_msgs/MarkerArray): the objects, ten times a second to subscribers.
         chain_under_way (ator_interfaces/ChainPerformance): the active chain, at each change and twice a
-            second, without predictions; its outcome has code 0 until it ends.
+            second; until it ends its outcome has code 0, and predictions are left out.
         scene_markers (visualization_msgs/MarkerArray): area, bays, and the domain's lines.
     """
 

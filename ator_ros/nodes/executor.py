@@ -465,13 +465,13 @@ def inputs_of(settings: Mapping[str, Any], objects: Iterable[str]) -> Inputs:
     """Return the inputs for these objects; raises SetupError."""
     sightings = {}
     for name in objects:
-        noises = settings[f"{name}_noise"], settings[f"{name}_velocity_noise"]
-        if len({noise > 0.0 for noise in noises}) > 1:
+        noise, velocity_noise = settings[f"{name}_noise"], settings[f"{name}_velocity_noise"]
+        if (noise > 0.0) != (velocity_noise > 0.0):
             raise SetupError(
                 f"parameters {name}_noise and {name}_velocity_noise: expected both above 0 or both 0, got "
-                f"{noises[0]:g} and {noises[1]:g}"
+                f"{noise:g} and {velocity_noise:g}"
             )
-        sightings[name] = Sightings(name, settings[f"{name}_timeout"], ObjectTracker(*noises))
+        sightings[name] = Sightings(name, settings[f"{name}_timeout"], ObjectTracker(noise, velocity_noise))
     return Inputs(sightings)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -367,9 +368,9 @@ def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
 
 def _starts(numbers: Sequence[float], count: int, area: Area) -> list[Pose]:
     """Return the start of each robot: those given, then each `_ASIDE` to the left of the last."""
-    if len(numbers) % 3 or not 3 <= len(numbers) <= 3 * count:
+    if len(numbers) % 3 or not 3 <= len(numbers) <= 3 * count or not all(map(math.isfinite, numbers)):
         raise SetupError(
-            f"parameter robot_start: expected x, y and yaw of 1 to {count} robots, got {len(numbers)} numbers"
+            f"parameter robot_start: expected x, y and yaw of 1 to {count} robots, got {list(numbers)}"
         )
     starts = [area.at(*numbers[at : at + 3]) for at in range(0, len(numbers), 3)]
     while len(starts) < count:

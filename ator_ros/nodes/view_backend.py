@@ -421,7 +421,7 @@ class RosBackend(GoalMonitor):
 
     def _note_placement(self, name: str, error: str) -> None:
         self._refused[name] = error
-        self.refused = "; ".join(f"{name}: {why}" for name, why in self._refused.items() if why)
+        self.refused = "; ".join(f"{name}: {why}" for name, why in tuple(self._refused.items()) if why)
 
     def place(self, world: World) -> None:
         """Place robot and objects, remove other objects, and wait until they are observed there.

@@ -20,14 +20,13 @@ _HOLDING_GAIN = 0.1
 
 
 class SimulatedBase:
-    """A base with two driven wheels on the floor of a pybullet client.
+    """A base with two driven wheels, and the firmware that makes wheel speeds of velocity commands.
+
+    Where the command is to stand, or none has come for 0.15 s, the base brakes as hard as it can without
+    tipping: it stands 0.5 s after the last command.
 
     Parameters
     ----------
-    client : int
-        Where it is made.
-    robot : Robot
-        Shape, masses and limits.
     shares : (float, float)
         Speeds of the left and the right wheel as shares of what was commanded.
     period : float
@@ -37,8 +36,6 @@ class SimulatedBase:
     ----------
     body : int
         Its body id.
-    robot : Robot
-        As given.
     """
 
     def __init__(

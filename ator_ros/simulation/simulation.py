@@ -95,13 +95,7 @@ class Simulation:
         return Pose(pose.x - self._area.x, pose.y - self._area.y, pose.yaw)
 
     def place_object(self, name: str, x: float, y: float, *, vx: float = 0.0, vy: float = 0.0) -> None:
-        """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s.
-
-        Raises
-        ------
-        ValueError
-            The scene has no such object.
-        """
+        """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s."""
         set_object_dynamics(self._bullet, self._bodies[name], self.robot.scene.objects[name])
         self._move_object(name, x - self._area.x, y - self._area.y, vx, vy)
         self._present[name] = True
@@ -166,13 +160,7 @@ class Simulation:
         self._bullet.resetBaseVelocity(body, (vx, vy, 0.0), (-vy / radius, vx / radius, 0.0))
 
     def command(self, command: Command, *, number: int = 0) -> None:
-        """Send a base a velocity command; it holds for 0.15 s and is clipped to the limits.
-
-        Raises
-        ------
-        ValueError
-            The command is not finite.
-        """
+        """Send a base a velocity command; it holds for 0.15 s and is clipped to the limits."""
         self._bases[number].command(command, self.time)
 
     def tick(self) -> None:

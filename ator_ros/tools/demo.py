@@ -220,7 +220,7 @@ def _panel(axes: Any, domain: Domain, robot: Robot, situation: DemoSituation) ->
 def demo(
     situations: int, seed: int, chain: str, out: Path, source: ToolsetSource, real_time_factor: float = 0.0
 ) -> None:
-    """Play situations of one of the domain's chains naive and refined on nodes of its own, as fast as told.
+    """Play situations of one of the domain's chains naive and refined on nodes of its own.
 
     Print a table, and write a picture (PNG) to `out`. If it ends early, they show the finished situations.
     """

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
@@ -29,8 +30,11 @@ from ator_ros.tools.command_line import (
     whole,
 )
 from ator_ros.tools.own_nodes import all_nodes
+from ator_ros.view.backend import NodesError
 from ator_ros.view.editor import Editor
-from ator_ros.view.page import Page
+
+if TYPE_CHECKING:  # needs viser
+    from ator_ros.view.page import Page
 
 _PORTS = (1024, 65535)  # below, only root may listen
 _PERIOD = 1.0 / 25.0  # s
@@ -58,10 +62,14 @@ def serve(
     Raises
     ------
     NodesError
-        Nodes that are needed did not start in time, or cannot be used.
+        viser is not installed, or nodes that are needed did not start in time, or cannot be used.
     DomainError, OSError
         The domain has no chains; the page cannot be served at that host.
     """
+    try:
+        from ator_ros.view.page import Page
+    except ImportError as error:
+        raise NodesError(f"{error}: docs/install.md says how to install it") from error
     found = domain_for(domain, robot)
     if not found.chains:
         raise DomainError(f"domain: expected one with chains, got {found.name}, which has none")

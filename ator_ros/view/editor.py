@@ -258,7 +258,7 @@ class Editor:
             self._external_answer = self.backend.refine(draft, as_given=goal.driven and not goal.refined)
         except UnavailableError:
             self._external_question = ()  # ask again
-        except NodesError:
+        except (NodesError, ValueError):
             return  # it is drawn without predictions
 
     def _follow(self, world: World) -> None:
@@ -273,7 +273,7 @@ class Editor:
     def _refine(self) -> None:
         try:
             self.answer, self.problem = self.backend.refine(self.draft), ""
-        except NodesError as error:
+        except (NodesError, ValueError) as error:  # ValueError: an answer that cannot be read
             self.answer, self.problem = None, str(error)
             self._retry = _RETRY_STEPS if isinstance(error, UnavailableError) else 0
         self.edition += 1

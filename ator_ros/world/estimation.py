@@ -159,7 +159,7 @@ class VelocityCheck:
         there : ObjectState
             The sighting with a plausible velocity.
         remark : str or None
-            What was wrong with its velocity, once per period of contradictions without a pause of 1 s.
+            What was wrong with its velocity, once until a velocity is right again.
         """
         if self._sights and not 0.0 <= time - self._sights[-1][0] <= _FORGET:
             self.reset()

@@ -84,13 +84,7 @@ class _Link:
 
 
 class Transforms:
-    """The recent transforms of all frames.
-
-    Attributes
-    ----------
-    newest : float or None
-        The newest stamp in s of all transforms that change; None before the first.
-    """
+    """The recent transforms of all frames."""
 
     def __init__(self) -> None:
         self._links: dict[str, _Link] = {}
