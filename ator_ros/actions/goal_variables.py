@@ -10,6 +10,7 @@ from typing import Any
 
 from ator_ros.actions.base import Goal
 from ator_ros.files import is_name
+from ator_ros.printable import printable
 from ator_ros.schema import require
 
 GOAL_VARIABLES = ("x", "y", "yaw", "speed")
@@ -93,7 +94,7 @@ def wrong_values(goal: Goal, declared: Iterable[GoalVariable]) -> str | None:
     """Return a message if the values of a goal are not those that its action declares; else None."""
     known = {variable.name: variable for variable in declared}
     if set(goal.values) != set(known):
-        wanted, given = (", ".join(names) or "no variable" for names in (known, goal.values))
+        wanted, given = (printable(", ".join(names)) or "no variable" for names in (known, goal.values))
         return f"expected values of {wanted}, got those of {given}"
     for name, value in goal.values.items():
         low, high = known[name].low, known[name].high

@@ -74,8 +74,6 @@ def short_goal(start: Pose, rng: np.random.Generator, *, turns: bool = True) -> 
     ----------
     start : Pose
         Where the robot, or the object that it holds, starts.
-    rng : numpy.random.Generator
-        Draws.
     turns : bool
         Whether turns on the spot are among them.
 

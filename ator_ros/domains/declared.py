@@ -195,8 +195,6 @@ class DeclaredStep:
 
     Attributes
     ----------
-    top : str
-        Name of the TOP.
     goal : tuple of DeclaredPlace
         One of which is drawn for each step.
     open : tuple of str
@@ -317,8 +315,6 @@ class DeclaredAction:
 
     Attributes
     ----------
-    name : str
-        Its name.
     local, remote : optional
         One of both.
     goal_variables : tuple of GoalVariable

@@ -75,8 +75,6 @@ class Domain:
 
     Attributes
     ----------
-    name : str
-        Name of the domain.
     tops : tuple of Top
         The TOPs that plans consist of, with the tolerances for a usual robot; see `tops_for`.
     action_sets : mapping of str to tuple of ActionSpec
@@ -291,10 +289,6 @@ class Domain:
 
         Parameters
         ----------
-        robot : Robot
-            The robot that executes.
-        action_set : str
-            Name of the set.
         factories : mapping of str to callable
             Replace the factories of the specifications, by the names of the actions.
 

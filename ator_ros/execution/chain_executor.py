@@ -121,8 +121,6 @@ class ChainExecutor:
         The chain with its present goals: goals that lie at an object move with it.
     index : int
         Index of the step being executed, from 0.
-    records : list of ActionRecord
-        The actions that have ended.
     fetched : int
         Number of times that a lost object was fetched again.
     elapsed : float
@@ -233,8 +231,6 @@ class ChainExecutor:
 
         Parameters
         ----------
-        world : World
-            The present state.
         chain : TopChain
             The steps that are done, and the others from here on.
 

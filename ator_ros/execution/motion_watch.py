@@ -386,8 +386,6 @@ class MotionWatch:
 
     Parameters
     ----------
-    robot : Robot
-        Limits and lag of the motors.
     latency : float
         Time in s from the stamp of a state until the command that answers it moves the base.
     """
@@ -403,7 +401,7 @@ class MotionWatch:
         self._commands = Commands(), Commands()
         self._last = STOP
         self._states: deque[tuple[float, RobotState]] = deque()
-        self._heard, self._answered = -math.inf, math.inf
+        self._received, self._answered = -math.inf, math.inf
 
     @property
     def remark(self) -> str:
@@ -418,7 +416,7 @@ class MotionWatch:
     def sent(self, time: float, command: Command, now: float = -math.inf) -> None:
         """Note a command that was sent as the answer to a state of `time` (s).
 
-        `now` is the real time in s at which it was sent, where that may be later than the state was heard.
+        `now` is the real time in s at which it was sent, where that may be later than the state was received.
         """
         self._answered, self._last = min(self._answered, now), command
         for commands, value in zip(self._commands, (command.v, command.w), strict=True):
@@ -435,9 +433,9 @@ class MotionWatch:
         last = self._states[-1] if self._states else (time, robot)
         if time < last[0]:
             self.reset()
-        gap = Gap(time - last[0], self._heard, now)
+        gap = Gap(time - last[0], self._received, now)
         self._delay_late_answer(gap)
-        self._heard, self._answered = now, math.inf
+        self._received, self._answered = now, math.inf
         self._states.append((time, robot))
         while len(self._states) > 1 and self._states[1][0] <= time - 1.0:
             self._states.popleft()
@@ -463,7 +461,7 @@ class MotionWatch:
     def _shown(self, before: RobotState, robot: RobotState, gap: Gap) -> tuple[float, float]:
         """Return the velocities that odometry shows.
 
-        In a long gap a base that hears nothing stands by itself, after it has moved: either is an answer.
+        In a long gap a base that receives nothing stands by itself, after it has moved: either is an answer.
         """
         if gap.elapsed <= _LONG_GAP:
             return robot.v, robot.w
@@ -556,8 +554,6 @@ class Driving:
 
     Parameters
     ----------
-    robot : Robot
-        Limits and lag of the base.
     latency : float
         See `Foresight`.
     """

@@ -21,8 +21,6 @@ class Predictor:
     ----------
     models : mapping
         Action name to performance model; chains with other actions are not predicted.
-    calibration : Calibration, optional
-        Corrections of the models' predictions.
     """
 
     def __init__(

@@ -68,8 +68,6 @@ class Refining:
 
     Attributes
     ----------
-    question : Question or None
-        The open question.
     wanted : bool
         Whether the goal asks for refinement.
     refined : bool
@@ -262,10 +260,6 @@ class ReplanTrigger:
 
         Parameters
         ----------
-        most : float
-            Distance in m.
-        world : World
-            The present state.
         chain, step
             The chain, and the step being executed, from 0.
         path : callable

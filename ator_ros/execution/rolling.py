@@ -50,8 +50,6 @@ class Rolling:
 
     Parameters
     ----------
-    robot : Robot
-        The robot with its scene, as described.
     slowest : float
         Speed in m/s below which sightings are too noisy to judge by.
     """

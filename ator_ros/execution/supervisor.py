@@ -81,8 +81,6 @@ class Supervisor:
 
     Attributes
     ----------
-    phase : Phase
-        The present phase.
     ending : Ending or None
         How the goal ended; None before.
     reason : str
@@ -172,10 +170,6 @@ class Supervisor:
 
         Parameters
         ----------
-        world : World
-            The state.
-        now : float
-            Real time in s.
         overdue : frozenset of str
             Objects whose messages are late: a step that needs one pauses.
         fault : str, optional
@@ -352,10 +346,6 @@ class Supervisor:
         ----------
         chain : TopChain
             The answer. An unrefined one may differ from the question: naive values replace placeholders.
-        refined : bool
-            Whether it is refined.
-        reason : str
-            Why, or why not.
         chosen : int
             Index of the chain that was refined: 0 is that of the question, others are its alternatives.
         """

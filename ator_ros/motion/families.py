@@ -199,10 +199,6 @@ class Family:
 
     Attributes
     ----------
-    limits : Limits
-        Of speeds and accelerations.
-    kinds : tuple of Kind
-        The kinds.
     run : float or None
         Length in m of the straight run at the end; None where it is as long as its change of speed needs.
     passing : float
@@ -607,8 +603,6 @@ def fastest_motions(ends: FloatArray, family: Family, *, hold: float) -> Motions
         Both ends, in the frame of the start: destination x, y of the axle in m and heading there in rad,
         forward speeds at the start and at the destination in m/s. Whichever destination is reached first
         counts.
-    family : Family
-        Which motions there are.
     hold : float
         Distance in m from the destination to the object in front of it.
     """

@@ -57,14 +57,10 @@ class Manoeuvre:
     ----------
     start, goal : Pose
         Both ends in the world frame.
-    entry, exit : Side
-        How the ends are driven.
     first, last : float
         Signed angles of the two turns in rad.
     distance : float
         Signed length of the straight drive between the turns in m (negative: backward).
-    limits : Limits
-        Speeds and accelerations of the plan.
     """
 
     start: Pose

@@ -35,8 +35,6 @@ class Search:
         The state from which the robot starts.
     opening : Opening
         The motion before the manoeuvre.
-    planning : Planning
-        Finds the manoeuvre.
     standing : bool
         Whether the robot stands (up to the noise of odometry), and so can wait for the best manoeuvre.
 

@@ -47,8 +47,6 @@ class SearchTables:
 
     Attributes
     ----------
-    entries, exits : Ends
-        Candidates for both ends.
     along, across : ndarray, shape (entries, grid)
         The entry's displacement along and across the straight drive in m, for first turns on `GRID`.
     exit_places : ndarray, shape (exits, 2, grid + 2)

@@ -49,10 +49,6 @@ class GoalRun:
 
     Attributes
     ----------
-    handle : ServerGoalHandle
-        The goal.
-    supervisor : Supervisor
-        Executes it.
     finished : Future
         Of the result, which the executor gives after the last tick.
 

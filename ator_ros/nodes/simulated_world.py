@@ -19,13 +19,7 @@ _FASTEST = 10.0
 
 
 class SimulatedRobot:
-    """One robot of the world: its name ("" where there is no other), description, sensors and start.
-
-    Attributes
-    ----------
-    observed : World
-        The last observation.
-    """
+    """One robot of the world: its name ("" where there is no other), description, sensors and start."""
 
     observed: World
 

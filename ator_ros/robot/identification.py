@@ -32,8 +32,6 @@ class AxisEstimate:
 
     Attributes
     ----------
-    response : AxisResponse
-        The fitted response.
     dead_zone : float
         Greatest creeping command without motion, in m/s or rad/s.
     limited : bool

@@ -127,8 +127,6 @@ def run_action(
         The world, in which everything has been placed.
     action : Action
         Set up and started here, and ended whatever happens.
-    goal : Goal
-        Its goal.
     time_limit : float
         Time in s that it may take.
     step : callable, optional

@@ -122,8 +122,6 @@ class Sensors:
 
     Parameters
     ----------
-    config : SensorConfig
-        Errors of the sensors.
     seed : int
         The same seed and worlds give the same observations.
     """

@@ -42,8 +42,6 @@ def calibrate(
     ----------
     robot : Path or None
         Description whose sizes are kept; None: the shipped one.
-    out : Path
-        Description to write.
     name : str or None
         Name of the robot; None: that of `robot`.
     v, w : float or None

@@ -30,14 +30,10 @@ def drive_over_ros(drive: ProbeDrive, words: Sequence[str], *, stamped: str, fra
 
     Parameters
     ----------
-    drive : ProbeDrive
-        The drive.
     words : sequence of str
         The command line, with arguments for ROS.
     stamped : str
         See `CommandPublisher`.
-    frame : str
-        Frame of the odometry.
 
     Raises
     ------

@@ -61,8 +61,6 @@ def guarded(
     ----------
     program : str
         Name of the command, for messages.
-    work : callable
-        Does the work.
     interrupted : str
         What to report after Ctrl-C, SIGTERM or the end of the terminal.
     """

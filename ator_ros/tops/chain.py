@@ -26,10 +26,6 @@ class Top:
 
     Attributes
     ----------
-    name : str
-        Name in the TOP library.
-    action : str
-        Name of the action that it executes.
     pre : Condition
         Region from which executing the action will eventually make `post` hold.
     post : Condition
@@ -86,8 +82,6 @@ class TopCall:
 
     Attributes
     ----------
-    top : Top
-        The teleo-operator.
     goal : Goal
         Its goal; the values of opened variables are preliminary.
     open : frozenset of str

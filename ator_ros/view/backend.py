@@ -48,8 +48,6 @@ class Answer:
         Why the chain was refined or left unchanged: the gate's words.
     before, after : tuple of float
         Predicted durations in s of the steps of `naive`, and of the best chain found; NaN without a model.
-    curves : tuple of SubgoalCurve
-        What was searched.
     candidates : tuple of Candidate
         The chain and its alternatives, in their order; empty without alternatives.
     chosen : int

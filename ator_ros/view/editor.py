@@ -26,14 +26,10 @@ class Editor:
 
     Attributes
     ----------
-    draft : Draft
-        The situation and plan that is edited.
     answer, problem : Answer or None, str
         Refinement's answer to it, or why there is none; the last error, empty without one.
     runs : list of Run
         The executions since the last edit, the newest last; two are a race.
-    paused : bool
-        Whether time stands still.
     edition : int
         Grows with every change of draft or answer.
     """

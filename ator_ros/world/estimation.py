@@ -134,8 +134,6 @@ class VelocityCheck:
 
     Parameters
     ----------
-    name : str
-        Name of the object.
     noise : float
         Standard deviation of the coordinates of a sighting in m.
     velocity_noise : float
@@ -332,13 +330,9 @@ class Sightings:
 
     Parameters
     ----------
-    name : str
-        Name of the object.
     timeout : float
         Age in s, by the stamps, beyond which a sighting is not used. After half of it without a message the
         object is overdue. It may be changed later, as the attribute of this name.
-    tracker : ObjectTracker
-        Filters the sightings.
     """
 
     def __init__(self, name: str, timeout: float, tracker: ObjectTracker) -> None:
@@ -350,13 +344,13 @@ class Sightings:
     def forget(self) -> None:
         """Forget the object, as when time was reset."""
         self._sights.clear()
-        self._heard, self._off_since = -math.inf, math.inf
+        self._received, self._off_since = -math.inf, math.inf
         self._tracker.reset()
         self._velocity.reset()
 
     def overdue(self, now: float) -> bool:
         """Return whether no message has arrived for half the timeout until `now`, odometry's newest stamp."""
-        return now - self._heard > self.timeout / 2.0 - _ROUNDING
+        return now - self._received > self.timeout / 2.0 - _ROUNDING
 
     def add(
         self, time: float, there: ObjectState, now: float | None, pace: float = 1.0, real: float = 0.0
@@ -396,7 +390,7 @@ class Sightings:
                     f"{self._name}.header.stamp: expected about odometry's {now:.2f} s, got {time:.2f} s, "
                     f"{way}: another clock, odometry has ceased, or this machine is too slow"
                 )
-            self._heard = now
+            self._received = now
         checked, remark = self._velocity.check(time, there)
         self._sights.append((time, self._tracker.update(time, checked)))
         return remark
@@ -408,7 +402,7 @@ class Sightings:
         recent sighting is a little newer than odometry, it is extrapolated backward.
         """
         # A sighting that arrived before odometry of its stamp counts as received at its stamp.
-        self._heard = max([self._heard, *(stamp for stamp, _ in self._sights if stamp <= time)])
+        self._received = max([self._received, *(stamp for stamp, _ in self._sights if stamp <= time)])
         while self._sights and self._sights[0][0] < time - self.timeout:
             self._sights.popleft()
         sights = ((time - stamp, there) for stamp, there in reversed(self._sights))

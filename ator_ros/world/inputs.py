@@ -30,13 +30,7 @@ class ClockJumpError(ValueError):
 
 
 class Inputs:
-    """The newest state of the robot, with the states of the objects at the same time.
-
-    Parameters
-    ----------
-    objects : mapping of str to Sightings
-        The sightings of each object by its name.
-    """
+    """The newest state of the robot, with the states of the objects at the same time."""
 
     def __init__(self, objects: Mapping[str, Sightings]) -> None:
         self._objects = objects
@@ -76,8 +70,6 @@ class Inputs:
         ----------
         time : float
             Stamp in s.
-        robot : RobotState
-            State of the robot.
         now : float
             Real time in s, which limits by how much the stamp may have advanced.
 

@@ -117,8 +117,6 @@ class Scene:
     ----------
     area : Area
         Where it is meant to drive.
-    objects : mapping of str to RoundObject
-        The objects by name.
     bays : tuple of Bay
         The bays, which do not move.
     """

@@ -99,8 +99,6 @@ class Transforms:
 
         Parameters
         ----------
-        frame, child : str
-            The frames' names.
         time : float
             Its stamp in s.
         placement : Placement

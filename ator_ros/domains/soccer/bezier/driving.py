@@ -181,8 +181,6 @@ class Style:
 
     Attributes
     ----------
-    shape : CurveShape
-        Of the curve.
     sharpest : float
         Greatest curvature in 1/m; far above 1/wheel track is turning on the spot.
     rotation : float

@@ -62,8 +62,6 @@ class PlannedAction(Action):
 
     Parameters
     ----------
-    robot : Robot
-        Shape and limits.
     limits : Limits
         What this action may ask of the base.
     """

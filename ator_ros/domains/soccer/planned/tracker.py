@@ -112,7 +112,7 @@ class StrengthEstimator:
             return
         before, after, passed = reaction.before, reaction.set, reaction.passed
         was, now = reaction.was, reaction.now
-        # What it loses of its speed tells of the brakes.
+        # What it loses of its speed shows the brakes.
         gain = after.v - before.v if abs(after.v) > abs(before.v) else 0.0
         self._driving.update(gain / passed, (now.v - was.v) / passed)
         self._turning.update((after.w - before.w) / passed, (now.w - was.w) / passed)
@@ -284,7 +284,7 @@ class Tracker:
         def error(ticks: int) -> float:
             planned = self.trajectory.at(ticks * CONTROL_PERIOD - _SEEN_LATE)
             change = abs(planned.v - world.robot.v) + self._robot.track / 2.0 * abs(planned.w - world.robot.w)
-            # Just after a start the speed tells most; a metre counts as much as a metre per second.
+            # Just after a start the speed shows most; a metre counts as much as a metre per second.
             return change + planned.pose.distance(world.robot.pose)
 
         return world.time - min(range(1, most + 1), key=error) * CONTROL_PERIOD
