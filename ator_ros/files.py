@@ -120,8 +120,13 @@ def is_name(value: object) -> bool:
 
 
 def portable_command(name: str, words: Sequence[str]) -> str:
-    """Return a command line to be recorded: files without the folders of this machine."""
-    return shlex.join([name, *(Path(word).name if "/" in word else word for word in words)])
+    """Return a command line to be recorded: files without the folders of this machine; topics stay."""
+    return shlex.join([name, *(Path(word).name if _is_path(word) else word for word in words)])
+
+
+def _is_path(word: str) -> bool:
+    parent = Path(word).parent
+    return "/" in word and parent != Path("/") and parent.is_dir()
 
 
 class FileError(ValueError):

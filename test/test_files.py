@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import pytest
 
-from ator_ros.files import FileError, load, save
+from ator_ros.files import FileError, load, portable_command, save
 from ator_ros.schema import OneOf, SchemaError, Within, structured, unstructured
 
 
@@ -93,3 +93,8 @@ def test_another_file_is_refused_by_its_name(tmp_path: Path, text: str, message:
         load(file, "cart", Cart)
     with pytest.raises(FileError, match="there is none"):
         load(tmp_path / "none.json", "cart", Cart)
+
+
+def test_a_recorded_command_names_no_folder_of_this_machine_and_its_topics_whole(tmp_path: Path) -> None:
+    words = [str(tmp_path / "bag"), "--odom", "/robot1/odom", "--cmd-vel", "robot1/cmd_vel"]
+    assert portable_command("train", words) == "train bag --odom /robot1/odom --cmd-vel robot1/cmd_vel"

@@ -23,6 +23,7 @@ from ator_ros.view.backend import NodesError
 from ator_ros.world.state import World
 
 _POLL = 0.002
+_LONG = 10.0  # s after which what is waited for is logged
 _SPIN = 0.1
 _RETRY = 3.0
 """Real s after which a request is sent again: DDS drops an answer to a client not yet discovered."""
@@ -136,9 +137,13 @@ class ClientNode:
 
     def until(self, happened: Callable[[], bool], what: str, *, end: float | None = None) -> None:
         """Wait until something has happened; raise after the timeout, or at `end` (monotonic s)."""
-        last = time.monotonic() + self.timeout if end is None else end
+        begun, is_logged = time.monotonic(), False
+        last = begun + self.timeout if end is None else end
         while not happened():
             self._check()
+            if not is_logged and time.monotonic() > begun + _LONG:
+                is_logged = True
+                self.node.get_logger().warning(f"waiting for {what}")
             if time.monotonic() > last:
                 raise NodesError(f"expected {what} within {self.timeout:g} s, it did not come")
             time.sleep(_POLL)
