@@ -84,7 +84,7 @@ class Diagnosis:
         gaps = self.receptions[name].gaps
         if len(gaps) < _GAPS or min(gaps) <= 0.5 * timeout:
             return ""
-        text = _too_rare(self._inputs[name].topic, min(gaps), timeout)
+        text = _too_rare(name, self._inputs[name].topic, min(gaps), timeout)
         return f"{text}: the robot pauses between them"
 
     def cause(self, name: str, timeout: float) -> str:
@@ -111,14 +111,14 @@ class Diagnosis:
         if math.isinf(reception.last):
             return f"{topic}: {sender} publishes it, but sends no messages"
         if reception.gaps and reception.gaps[-1] > 0.5 * timeout:
-            return _too_rare(topic, reception.gaps[-1], timeout)
+            return _too_rare(name, topic, reception.gaps[-1], timeout)
         return f"{topic}: {sender} sends no more messages: it is paused, blocked or has ended"
 
 
-def _too_rare(topic: str, gap: float, timeout: float) -> str:
+def _too_rare(name: str, topic: str, gap: float, timeout: float) -> str:
     return (
         f"{topic}: messages came {gap:.2f} s apart, too rarely for a timeout of {timeout:g} s; "
-        f"set {topic}_timeout:={math.ceil(40.0 * gap) / 10.0:.1f}"
+        f"set {name}_timeout:={math.ceil(40.0 * gap) / 10.0:.1f}"
     )
 
 

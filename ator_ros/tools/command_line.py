@@ -46,12 +46,7 @@ EXPECTED_ERRORS: tuple[type[Exception], ...] = (
 """Errors that are reported in one line instead of a traceback."""
 
 
-def guarded(
-    program: str,
-    work: Callable[[], object],
-    *,
-    interrupted: str = "nothing was written",
-) -> int:
+def guarded(program: str, work: Callable[[], object], *, interrupted: str = "nothing was written") -> int:
     """Run a command and return its exit code; report an expected error in one line instead of a traceback.
 
     SIGTERM and SIGHUP stop it like Ctrl-C, unless they are ignored (nohup). Characters that the terminal
