@@ -69,7 +69,6 @@ def run_chain(
     *,
     time_limit: float = TIME_LIMIT,
     executor: ChainExecutor | None = None,
-    rolling: Rolling | None = None,
 ) -> ChainRun:
     """Execute `chain` from `start` in a new simulation.
 
@@ -87,10 +86,8 @@ def run_chain(
         Time in s that the chain may take, and so each of its actions.
     executor : ChainExecutor, optional
         Executes the chain; by default a new one.
-    rolling : Rolling, optional
-        How objects were observed to roll, which is updated; by default nothing was observed.
     """
-    rolling = rolling or Rolling(library.robot)
+    rolling = Rolling(library.robot)
     if executor is None:
         executor = ChainExecutor(library, chain, time_limit=time_limit, rolling=rolling)
 

@@ -22,7 +22,6 @@ CALL = TopCall(VISIT, Goal(Pose(2.0, 0.0, 0.0)))
 HELD = Condition(tuple(Term(f"hold.{axis}", f"cup.{axis}", 0.12) for axis in "xy"))
 CARRY = Top("carry", "carried", HELD, HELD)
 ROLL = Top("roll", "carried", Condition(), Condition((Region("mark.x", 3.0, 0.0, 1.0),)), settles=1.0)
-CARRY_CALL = TopCall(CARRY, Goal(Pose(2.0, 0.0, 0.0)))
 
 
 class Ledger:

@@ -16,6 +16,7 @@ from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, make_library, make_toolset
 from ator_ros.evaluation.trials import Trial, random_trial
+from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.execution.rolling import Rolling
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
@@ -155,5 +156,6 @@ def test_a_robot_that_knows_the_floor_brakes_so_that_it_keeps_the_ball(library: 
     roll(rolling, DESCRIBED / 2.0)
     drawn = random_trial(SOCCER, "dribble", library, seed=77, index=2)
     assert not run_chain(actual, library, drawn.world, drawn.chain).success
-    aware = run_chain(actual, library, drawn.world, drawn.chain, rolling=rolling)
+    executor = ChainExecutor(library, drawn.chain, time_limit=SOCCER.time_limit, rolling=rolling)
+    aware = run_chain(actual, library, drawn.world, drawn.chain, executor=executor)
     assert aware.success, aware.reason

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from ator_interfaces.msg import ObjectState, TopCall
+from chain_client import call
+
+from ator_interfaces.msg import ObjectState
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.base import Goal
 from ator_ros.domains.soccer.domain import SOCCER
@@ -10,17 +12,9 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import chain_of, pose_of, situation_of
 from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.robot.description import load_robot
-from ator_ros.tops.chain import EVERYTHING, TopChain
-from ator_ros.tops.chain import TopCall as Step
+from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.world.state import ObjectState as Object
 from ator_ros.world.state import RobotState, World
-
-
-def call(top: str, pose: Pose, opened: tuple[str, ...]) -> TopCall:
-    """Return a step in which `opened` is left to refinement."""
-    message = TopCall(top=top, open=list(opened))
-    message.goal.pose = pose_of(pose)
-    return message
 
 
 def short_request() -> RefineSubgoal.Request:
@@ -29,8 +23,8 @@ def short_request() -> RefineSubgoal.Request:
     request.situation.robot = pose_of(Pose(-2.0, 0.0, 0.0))
     request.situation.objects = [ObjectState(name="ball")]
     request.chain.calls = [
-        call("goToBall", Pose(0.0, 0.0, 3.0), ("yaw",)),
-        call("dribbleBall", Pose(0.5, 2.0, 1.5), ()),
+        call("goToBall", Pose(0.0, 0.0, 3.0), opened=("yaw",)),
+        call("dribbleBall", Pose(0.5, 2.0, 1.5)),
     ]
     return request
 
@@ -41,7 +35,7 @@ def worst_request() -> RefineSubgoal.Request:
     for step in range(LONGEST_CHAIN):
         top = library["dribbleBall" if step % 2 else "goToBall"]
         goal = Goal(Pose(0.1 * ((step + 1) // 2), 0.0, 0.3), 0.0, top.point)
-        calls.append(Step(top, goal, frozenset({EVERYTHING})))
+        calls.append(TopCall(top, goal, frozenset({EVERYTHING})))
     world = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), {"ball": Object(0.0, 0.0)})
     chain = TopChain(tuple(calls))
     return RefineSubgoal.Request(

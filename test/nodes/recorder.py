@@ -10,6 +10,8 @@ from bags import own_types
 from rclpy.qos import QoSProfile
 from ros_client import Client
 
+from ator_ros.nodes.diagnosis import type_name
+
 DEPTH = 5000
 """Messages that wait on a busy machine: as fast as possible the nodes send hundreds in a second."""
 
@@ -51,9 +53,3 @@ class Recorder:
                 if topic in links:
                     writer.write(links[topic], stamp, raw)
         return folder
-
-
-def type_name(kind: Any) -> str:
-    """Return the name of a message class as ROS writes it, like geometry_msgs/msg/Twist."""
-    package, folder, *_ = kind.__module__.split(".")
-    return f"{package}/{folder}/{kind.__name__}"

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from chain_client import call
 from experience_rows import made_up_model
 from ros_client import Client
 
-from ator_interfaces.msg import ObjectState, TopCall
+from ator_interfaces.msg import ObjectState
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
@@ -20,13 +21,6 @@ def save_small_models(folder: Path) -> None:
     robot = load_robot()
     for action in ("goToPose", "dribbleBall", "shoot"):
         save_model(folder / f"{action}.json", made_up_model(action, robot))
-
-
-def call(top: str, pose: Pose, *, opened: tuple[str, ...] = ()) -> TopCall:
-    """Return a step in which `opened` is left to refinement."""
-    message = TopCall(top=top, open=list(opened))
-    message.goal.pose = pose_of(pose)
-    return message
 
 
 def request_of_the_paper(yaw: float = 0.0) -> RefineSubgoal.Request:
