@@ -96,8 +96,8 @@ class PartialResults(JsonLines):
     def __init__(self, path: Path, identity: Mapping[str, Any], expected: str) -> None:
         super().__init__(path, locked=True)
         try:
-            there = [json.loads(line) for line in self.lines]
-        except ValueError as error:
+            there = [dict(json.loads(line)) for line in self.lines]
+        except (TypeError, ValueError) as error:
             raise FileError(f"{path}: expected {expected}, one a line: {error}") from error
         if not there:
             self.append(identity)

@@ -159,7 +159,7 @@ def episode_frame(number: int, episode: Episode, objects: tuple[str, ...]) -> pd
     episode : Episode
         What was observed.
     objects : tuple of str
-        The objects whose places are kept, NaN where the episode does not know them.
+        The objects whose places are kept, NaN in an episode without them.
     """
     frame = pd.DataFrame(episode.samples, columns=[*STATE_COLUMNS, *object_columns(episode.objects)])
     constants = {

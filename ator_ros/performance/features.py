@@ -143,7 +143,7 @@ CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *IDEAL)
 """Features from which the model tree of an action selects that names none; see `ActionSpec.features`."""
 
 OBSERVED: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
-"""The same for a model that knows nothing but what was observed: no ideal times of our own actions."""
+"""The same for a model of observations alone: no ideal times of our own actions."""
 
 
 def goal_feature(variable: GoalVariable) -> Feature:

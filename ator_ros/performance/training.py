@@ -67,7 +67,7 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
     rows : pandas.DataFrame
         Its rows of an experience table.
     robot : Robot
-        Its limits hold where too little was seen.
+        Its limits hold where too little was observed.
     """
     rows = rows[rows["episode"].isin(rows["episode"].unique()[:_EPISODES])]
     seen = from_odometry(rows, robot)
@@ -102,7 +102,7 @@ def from_odometry(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
 
 
 def _quantile(values: FloatArray, share: float, otherwise: float) -> float:
-    """Return a quantile, but what the base can do where (almost) nothing was seen."""
+    """Return a quantile, but what the base can do where (almost) nothing was observed."""
     found = float(np.quantile(values, share)) if len(values) >= _LEAST_SAMPLES else 0.0
     return found if found > 0.05 * otherwise else otherwise
 

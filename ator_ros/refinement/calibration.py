@@ -3,9 +3,9 @@
 The models are learned from random starts. A chain that was chosen for its prediction is no random one: the
 search finds the situations in which the models predict too little, mostly those in which a leaf's linear
 model undercuts the time that is possible at the robot's limits. By how much actions of executed chains took
-longer than predicted is therefore learned by itself (`ator_ros.evaluation.calibration_learning`), and added
+longer than predicted is therefore learned separately (`ator_ros.evaluation.calibration_learning`), and added
 to what is reported. Which chain is best is decided without it, and so is whether the gate lets it pass,
-unless the gate wants corrected predictions (`Gate.corrected`).
+unless the gate judges corrected predictions (`Gate.corrected`).
 """
 
 from __future__ import annotations

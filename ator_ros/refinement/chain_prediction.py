@@ -378,7 +378,7 @@ def with_room(
 ) -> StepCost:
     """Return `step_cost`, infinite for arrivals at a free speed that leave no room to stop.
 
-    Models do not know where walls are. A robot that arrives at a bay at a speed from which it can neither
+    Models do not include walls. A robot that arrives at a bay at a speed from which it can neither
     turn nor stop gets stuck. The chain's own values keep their cost.
 
     Parameters

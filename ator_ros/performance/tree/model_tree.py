@@ -135,7 +135,7 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     smoothing : float, default=15.0
         How many samples the model of the node above counts for (M5's k); 0 for none.
     extrapolation : float, default=1.0
-        How far a leaf's predictions may leave the range of targets seen there, as a multiple of that range.
+        How far a leaf's predictions may leave the range of its targets, as a multiple of that range.
 
     Attributes
     ----------

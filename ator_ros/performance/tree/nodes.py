@@ -223,7 +223,7 @@ class RuleWriter:
         lower, upper = float(tree.lower[leaf]), float(tree.upper[leaf])
         if not lower <= linear <= upper:
             lines.append(
-                f"  held within {lower:.3f} to {upper:.3f}, since the rule saw nothing like {linear:.3f}"
+                f"  held within {lower:.3f} to {upper:.3f}, as {linear:.3f} is beyond the experience"
             )
         return "\n".join(lines)
 
