@@ -243,13 +243,9 @@ def _read(
             "recordings need the package mcap-ros2-support: pip install mcap-ros2-support"
         ) from error
     except Exception as error:  # a damaged file raises anything
-        why = (
-            "it needs too much memory"
-            if isinstance(error, MemoryError)
-            else printable(str(error) or repr(error), 200)
-        )
+        why = "it needs too much memory" if isinstance(error, MemoryError) else str(error) or repr(error)
         expected = "a recording of ros2 bag record -s mcap (mcap recover repairs one that was cut off)"
-        raise ExperienceError(f"{file}: expected {expected}: {why}") from error
+        raise ExperienceError(f"{file}: expected {expected}: {printable(why, 200)}") from error
     return list(by_robot.values()), skipped, topics
 
 

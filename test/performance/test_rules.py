@@ -56,7 +56,4 @@ def test_an_explanation_adds_up_and_tells_when_the_rule_is_held_back():
     assert "angle_to_dest = 28.6°" in explanation[4]
     held = WRITER.explanation(np.array([2.0, 0.5, -9.0]))
     assert "here time = 3.500" in held
-    assert (
-        held.splitlines()[-1].strip()
-        == "held within 1.000 to 3.500, as 7.115 is beyond what the rule was learned from"
-    )
+    assert held.splitlines()[-1].strip() == "held within 1.000 to 3.500: 7.115 is beyond the experience"

@@ -222,9 +222,7 @@ class RuleWriter:
         linear = intercept + sum(parts.values())
         lower, upper = float(tree.lower[leaf]), float(tree.upper[leaf])
         if not lower <= linear <= upper:
-            lines.append(
-                f"  held within {lower:.3f} to {upper:.3f}, as {linear:.3f} is beyond the experience"
-            )
+            lines.append(f"  held within {lower:.3f} to {upper:.3f}: {linear:.3f} is beyond the experience")
         return "\n".join(lines)
 
     def _condition(self, name: str, lower: float, upper: float) -> str:
