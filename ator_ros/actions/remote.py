@@ -22,8 +22,6 @@ _SOURCES = ("goal", *(f"goal.{name}" for name in GOAL_VARIABLES), "frame")
 _TYPE = re.compile(r"[a-z]\w*/action/[A-Z]\w*")
 LONGEST = 86_400.0
 """Greatest timeout in s: a day, longer than a robot drives on one charge."""
-
-
 Duration = Annotated[float, Within(0.001, LONGEST)]
 
 

@@ -186,7 +186,7 @@ def load_models(
     ------
     NoModelsError
         There are none.
-    ModelFileError
+    FileError
         One of them cannot be used, or `folder` is none.
     """
     top = folder if folder is not None else resource_path("models")

@@ -84,7 +84,7 @@ def serve(
             number, check = nodes.domain, nodes.check
             print(f"view: three nodes start on ROS domain {number} …", flush=True)
         backends: dict[str, RosBackend] = {}
-        for name in robots or [""]:
+        for name in dict.fromkeys(robots or [""]):
             space = ["--ros-args", "-r", f"__ns:=/{name}"] if name else []
             backends[name] = RosBackend(
                 found,

@@ -78,7 +78,7 @@ FASTEST = 100.0
 MOST_OBJECTS = 16
 """Objects that a situation may hold."""
 LONGEST_NAME = 200
-"""Greatest number of characters in a name: ROS limits topics to 255, and names are quoted in answers."""
+"""Greatest number of characters in the name of a frame: ROS limits topics to 255."""
 _ROUNDING = 1e-3
 """m/s or rad/s that count as 0: filters and float32 leave such values, and no odometry shows 1 mm/s."""
 _NO_DIRECTION = 1e-6
@@ -239,8 +239,6 @@ def robot_from(odometry: Any, *, frame: str = "", where: str = "odom") -> tuple[
 
     Parameters
     ----------
-    odometry : nav_msgs/Odometry
-        From rclpy or rosbags.
     frame : str
         The frame that the pose must be in; empty: any.
     where : str

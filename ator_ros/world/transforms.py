@@ -95,21 +95,9 @@ class Transforms:
         return sorted({*self._links, *(link.parent for link in self._links.values())})
 
     def add(self, frame: str, child: str, time: float, placement: Placement, *, fixed: bool = False) -> None:
-        """Take the placement of the frame `child` in `frame` at `time` (s).
+        """Take the placement of the frame `child` in `frame` at `time` (s), or at all times if it is `fixed`.
 
-        Parameters
-        ----------
-        time : float
-            Its stamp in s.
-        placement : Placement
-            Finite, with a unit quaternion.
-        fixed : bool
-            Whether it holds at all times.
-
-        Raises
-        ------
-        ValueError
-            There are too many frames.
+        It must be finite, with a unit quaternion.
         """
         link = self._links.get(child)
         if link is None or (link.parent, link.fixed) != (frame, fixed):
