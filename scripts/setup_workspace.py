@@ -161,12 +161,12 @@ def install_packages(prefix: str) -> None:
             pip(list(wanted.values()), [], log)
 
 
-def output_of(process: subprocess.Popen[str], news: str, every: float = _NEWS) -> str:
-    """Return what a process wrote until its end; say `news` after each `every` s until then."""
+def output_of(process: subprocess.Popen[str], news: str) -> str:
+    """Return what a process wrote until its end; say `news` every `_NEWS` s until then."""
     start = time.monotonic()
     while True:
         try:
-            return "".join(filter(None, process.communicate(timeout=every)))
+            return "".join(filter(None, process.communicate(timeout=_NEWS)))
         except subprocess.TimeoutExpired:
             say(f"{news} after {time.monotonic() - start:.0f} s")
 

@@ -39,7 +39,7 @@ def read_sources(
 
     Raises
     ------
-    ExperienceError
+    ExperienceError, FileError
         A source cannot be used, or they are of different robots, domains or action sets.
     """
     tables = [_read(path, robot, domain, action_set, topics) for path in paths]

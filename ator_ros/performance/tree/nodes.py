@@ -208,9 +208,8 @@ class RuleWriter:
     def explanation(self, situation: FloatArray) -> str:
         """Return the rule that holds in one situation (n_features,), and what each of its terms adds."""
         tree, values = self.tree, dict(zip(self.tree.names, situation.tolist(), strict=True))
-        predicted, spread = (float(part[0]) for part in tree.predict_with_spread(situation[None, :]))
-        leaf = int(tree.apply(situation[None, :])[0])
-        intercept = float(tree.intercept[leaf])
+        predicted, leaf = float(tree.predict(situation[None, :])[0]), int(tree.apply(situation[None, :])[0])
+        intercept, spread = float(tree.intercept[leaf]), float(tree.spread[leaf])
         lines = [
             self.rule(leaf, dict(leaves(tree))[leaf]),
             f"here {self.target} = {predicted:.3f} ± {spread:.3f} {self.target_unit}:",
