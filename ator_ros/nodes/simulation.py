@@ -370,7 +370,7 @@ def _starts(numbers: Sequence[float], count: int, area: Area) -> list[Pose]:
     """Return the start of each robot: those given, then each `_ASIDE` to the left of the last."""
     if len(numbers) % 3 or not 3 <= len(numbers) <= 3 * count or not all(map(math.isfinite, numbers)):
         raise SetupError(
-            f"parameter robot_start: expected x, y and yaw of 1 to {count} robots, finite, got {list(numbers)}"
+            f"parameter robot_start: expected finite x, y and yaw of 1 to {count} robots, got {list(numbers)}"
         )
     starts = [area.at(*numbers[at : at + 3]) for at in range(0, len(numbers), 3)]
     while len(starts) < count:
