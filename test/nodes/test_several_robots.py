@@ -67,7 +67,7 @@ def settings(**changes: object) -> dict[str, object]:
         ({"robots": ["ann", "ann"]}, "parameter robots: expected different names"),
         ({"robots": ["ann", ""]}, "parameter robots: expected"),
         ({"robots": ["/ann"]}, "parameter robots: expected"),
-        ({"robots": ["a", "b"], "robot_start": [0.0, 0.0, 0.0, 1.0]}, "robot_start: expected finite x, y and yaw"),
+        ({"robots": ["a", "b"], "robot_start": [0.0, 0.0, 0.0, 1.0]}, "robot_start: expected finite x"),
         ({"robots": ["ann", "bob"], "robot_start": [-2.0, 0.0, 0.0] * 2}, "robot_start ann: .* robot"),
         ({"descriptions": ["", ""]}, "parameter descriptions: expected at most 1 files, got 2"),
     ],

@@ -83,7 +83,7 @@ def test_words_that_are_not_ros_s_end_a_node(ended: Ended) -> None:
         ("simulation", {"ball_dropouts": 2.0}, "ball_dropouts"),
         ("simulation", {"real_time_factor": -1.0}, "real_time_factor"),
         ("simulation", {"real_time_factor": "fast"}, "real_time_factor"),
-        ("simulation", {"robot_start": "[1.0]"}, "robot_start: expected finite x, y and yaw of 1 to 1 robots"),
+        ("simulation", {"robot_start": "[1.0]"}, "robot_start: expected finite x, y and yaw of 1 to 1"),
         ("simulation", {"ball_start": "[0.0, 70.0]"}, "ball_start.y: expected a finite number"),
     ],
 )
