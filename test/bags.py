@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
+import math
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from turning_action import TurnDriveTurn
@@ -17,7 +17,78 @@ from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import STOP, Command, World
 
 ROBOT = load_robot()
+ODOMETRY, TWIST = "nav_msgs/msg/Odometry", "geometry_msgs/msg/Twist"
 GOALS = (Pose(1.0, 0.5, 1.0), Pose(-0.5, 0.5, 3.0))
+
+
+class Tick(NamedTuple):
+    """A state of the robot, its stamp, and the command that follows."""
+
+    time: float
+    pose: Pose
+    v: float
+    w: float
+
+
+class Messages:
+    """Makes messages for a recording.
+
+    Parameters
+    ----------
+    offset : float
+        Added to all stamps in s.
+    place : (float, float)
+        Added to all positions in m.
+    """
+
+    def __init__(self, offset: float = 0.0, place: tuple[float, float] = (0.0, 0.0)) -> None:
+        from rosbags.typesys import Stores, get_typestore
+
+        self.store = get_typestore(Stores.ROS2_JAZZY)
+        self.types = self.store.types
+        self.offset, self.place = offset, place
+
+    def header(self, time: float, frame: str) -> Any:
+        nanoseconds = round((time + self.offset) * 1e9)
+        stamp = self.types["builtin_interfaces/msg/Time"](nanoseconds // 10**9, nanoseconds % 10**9)
+        return self.types["std_msgs/msg/Header"](stamp, frame)
+
+    def pose(self, x: float, y: float, turn: tuple[float, float] = (0.0, 1.0)) -> Any:
+        point = self.types["geometry_msgs/msg/Point"](x + self.place[0], y + self.place[1], 0.0)
+        return self.types["geometry_msgs/msg/Pose"](
+            point, self.types["geometry_msgs/msg/Quaternion"](0.0, 0.0, *turn)
+        )
+
+    def twist(self, vx: float, vy: float, w: float) -> Any:
+        vector = self.types["geometry_msgs/msg/Vector3"]
+        return self.types[TWIST](vector(vx, vy, 0.0), vector(0.0, 0.0, w))
+
+    def odometry(
+        self,
+        tick: Tick,
+        *,
+        length: float = 1.0,
+        in_world: bool = False,
+        frame: str = "odom",
+        slip: float = 1.0,
+    ) -> Any:
+        half, v = tick.pose.yaw / 2.0, slip * tick.v
+        turn = length * math.sin(half), length * math.cos(half)
+        cosine, sine = (math.cos(tick.pose.yaw), math.sin(tick.pose.yaw)) if in_world else (1.0, 0.0)
+        zeros = np.zeros(36)
+        return self.types[ODOMETRY](
+            self.header(tick.time, frame),
+            frame if in_world else "base_footprint",
+            self.types["geometry_msgs/msg/PoseWithCovariance"](
+                self.pose(tick.pose.x, tick.pose.y, turn), zeros
+            ),
+            self.types["geometry_msgs/msg/TwistWithCovariance"](
+                self.twist(v * cosine, v * sine, tick.w), zeros
+            ),
+        )
+
+    def stamped(self, time: float, x: float, y: float, frame: str = "odom") -> Any:
+        return self.types["geometry_msgs/msg/PoseStamped"](self.header(time, frame), self.pose(x, y))
 
 
 def record(
@@ -31,10 +102,8 @@ def record(
     The robot's clock jumps by `jump` s between them.
     """
     from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
 
-    store = get_typestore(Stores.ROS2_JAZZY)
-    types = {"odom": "nav_msgs/msg/Odometry", "cmd_vel": "geometry_msgs/msg/Twist"}
+    make, types = Messages(), {"odom": ODOMETRY, "cmd_vel": TWIST}
     durations = []
     with (
         Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer,
@@ -42,7 +111,7 @@ def record(
     ):
         links = {
             topic.rpartition("/")[2]: writer.add_connection(
-                topic, types[topic.rpartition("/")[2]], typestore=store
+                topic, types[topic.rpartition("/")[2]], typestore=make.store
             )
             for topic in topics
         }
@@ -50,13 +119,13 @@ def record(
         def write(topic: str, message: object, time: float) -> None:
             if topic in links:
                 kind = types[topic]
-                writer.write(links[topic], int(time * 1e9), store.serialize_cdr(message, kind))
+                writer.write(links[topic], int(time * 1e9), make.store.serialize_cdr(message, kind))
 
         def tick(command: Command) -> World:
-            world = sim.world()
-            shifted = dataclasses.replace(world, time=world.time + jump * bool(durations))
-            write("odom", odometry(store, shifted), world.time)
-            write("cmd_vel", twist(store, command), world.time + 0.001)
+            time, robot = sim.time, sim.world().robot
+            state = Tick(time + jump * bool(durations), robot.pose, robot.v, robot.w)
+            write("odom", make.odometry(state), time)
+            write("cmd_vel", make.twist(command.v, 0.0, command.w), time + 0.001)
             sim.command(command)
             sim.tick()
             return sim.world()
@@ -72,30 +141,6 @@ def record(
             for _ in range(12):
                 tick(STOP)
     return durations
-
-
-def odometry(store: Any, world: World) -> object:
-    types = store.types
-    robot, zeros = world.robot, np.zeros(36)
-    vector, point = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Point"]
-    seconds = int(world.time)
-    stamp = types["builtin_interfaces/msg/Time"](seconds, round((world.time - seconds) * 1e9) % 1_000_000_000)
-    pose = types["geometry_msgs/msg/Pose"](
-        point(robot.pose.x, robot.pose.y, 0.0),
-        types["geometry_msgs/msg/Quaternion"](*quaternion_from_yaw(robot.pose.yaw)),
-    )
-    speed = types["geometry_msgs/msg/Twist"](vector(robot.v, 0.0, 0.0), vector(0.0, 0.0, robot.w))
-    return types["nav_msgs/msg/Odometry"](
-        types["std_msgs/msg/Header"](stamp, "odom"),
-        "base_link",
-        types["geometry_msgs/msg/PoseWithCovariance"](pose, zeros),
-        types["geometry_msgs/msg/TwistWithCovariance"](speed, zeros),
-    )
-
-
-def twist(store: Any, command: Command) -> object:
-    vector = store.types["geometry_msgs/msg/Vector3"]
-    return store.types["geometry_msgs/msg/Twist"](vector(command.v, 0.0, 0.0), vector(0.0, 0.0, command.w))
 
 
 def action_performance(

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from bags import ODOMETRY, TWIST, Messages, Tick
 
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
@@ -20,18 +21,8 @@ from ator_ros.tools import train
 
 ROBOT = SOCCER.robot(None)
 TICK = 0.04
-ODOMETRY, TWIST = "nav_msgs/msg/Odometry", "geometry_msgs/msg/Twist"
 HEADINGS = (0.6, -1.1, 2.0, -2.8, 1.4)
 """To which the robot turns before each drive."""
-
-
-class Tick(NamedTuple):
-    """A state of the robot, its stamp, and the command that follows."""
-
-    time: float
-    pose: Pose
-    v: float
-    w: float
 
 
 def ticks() -> Iterator[Tick]:
@@ -46,67 +37,6 @@ def ticks() -> Iterator[Tick]:
                 half = pose.yaw + 0.5 * w * TICK
                 x, y = pose.x + v * TICK * math.cos(half), pose.y + v * TICK * math.sin(half)
                 pose, time = Pose(x, y, wrap_angle(pose.yaw + w * TICK)), time + TICK
-
-
-class Messages:
-    """Makes messages for a recording.
-
-    Parameters
-    ----------
-    offset : float
-        Added to all stamps in s.
-    place : (float, float)
-        Added to all positions in m.
-    """
-
-    def __init__(self, offset: float = 0.0, place: tuple[float, float] = (0.0, 0.0)) -> None:
-        from rosbags.typesys import Stores, get_typestore
-
-        self.store = get_typestore(Stores.ROS2_JAZZY)
-        self.types = self.store.types
-        self.offset, self.place = offset, place
-
-    def header(self, time: float, frame: str) -> Any:
-        nanoseconds = round((time + self.offset) * 1e9)
-        stamp = self.types["builtin_interfaces/msg/Time"](nanoseconds // 10**9, nanoseconds % 10**9)
-        return self.types["std_msgs/msg/Header"](stamp, frame)
-
-    def pose(self, x: float, y: float, turn: tuple[float, float] = (0.0, 1.0)) -> Any:
-        point = self.types["geometry_msgs/msg/Point"](x + self.place[0], y + self.place[1], 0.0)
-        return self.types["geometry_msgs/msg/Pose"](
-            point, self.types["geometry_msgs/msg/Quaternion"](0.0, 0.0, *turn)
-        )
-
-    def twist(self, vx: float, vy: float, w: float) -> Any:
-        vector = self.types["geometry_msgs/msg/Vector3"]
-        return self.types[TWIST](vector(vx, vy, 0.0), vector(0.0, 0.0, w))
-
-    def odometry(
-        self,
-        tick: Tick,
-        *,
-        length: float = 1.0,
-        in_world: bool = False,
-        frame: str = "odom",
-        slip: float = 1.0,
-    ) -> Any:
-        half, v = tick.pose.yaw / 2.0, slip * tick.v
-        turn = length * math.sin(half), length * math.cos(half)
-        cosine, sine = (math.cos(tick.pose.yaw), math.sin(tick.pose.yaw)) if in_world else (1.0, 0.0)
-        zeros = np.zeros(36)
-        return self.types[ODOMETRY](
-            self.header(tick.time, frame),
-            frame if in_world else "base_footprint",
-            self.types["geometry_msgs/msg/PoseWithCovariance"](
-                self.pose(tick.pose.x, tick.pose.y, turn), zeros
-            ),
-            self.types["geometry_msgs/msg/TwistWithCovariance"](
-                self.twist(v * cosine, v * sine, tick.w), zeros
-            ),
-        )
-
-    def stamped(self, time: float, x: float, y: float, frame: str = "odom") -> Any:
-        return self.types["geometry_msgs/msg/PoseStamped"](self.header(time, frame), self.pose(x, y))
 
 
 Extra = tuple[str, str, Callable[[Messages, Tick], Any]]
