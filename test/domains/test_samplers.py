@@ -50,14 +50,14 @@ SAMPLERS: dict[str, Callable[[Robot, np.random.Generator], object]] = {
 
 @pytest.mark.parametrize("name", [name for name in SAMPLERS if "shoot" not in name])
 @pytest.mark.parametrize(("length", "width"), [(2.0, 1.0)])
-def test_a_scene_without_room_is_told(name: str, length: float, width: float) -> None:
+def test_a_scene_without_room_is_reported(name: str, length: float, width: float) -> None:
     expected = rf"^scene.area: got {length:g} x {width:g} m, of whose lines robot pioneer_3dx keeps 0.90 m"
     with pytest.raises(NoPlaceError, match=expected):
         SAMPLERS[name](in_area(length, width), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("name", SAMPLERS)
-def test_a_robot_that_gets_nowhere_in_time_is_told(name: str) -> None:
+def test_a_robot_that_gets_nowhere_in_time_is_reported(name: str) -> None:
     with pytest.raises(NoPlaceError, match=r"^limits.v: expected 0.0\d+ m/s .*, got 0.01 m/s of robot"):
         SAMPLERS[name](at_speed(0.01), np.random.default_rng(0))
 

@@ -110,7 +110,7 @@ def test_records_with_foreign_names_of_objects_are_left_out(tmp_path: Path) -> N
         read_recording(tmp_path / "many", ROBOT, PARCELS)
 
 
-def test_what_was_held_tells_the_top() -> None:
+def test_held_objects_determine_the_top() -> None:
     tops = [drive_between(SOCCER, *held) for held in ((None, None), (None, "ball"), ("ball", "ball"))]
     assert [top.name if top else "" for top in tops] == ["goToPose", "goToBall", "dribbleBall"]
     # A ball that was lost on the way: what remains is a drive.

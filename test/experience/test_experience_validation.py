@@ -82,7 +82,7 @@ def test_models_are_where_their_names_say(tmp_path: Path) -> None:
         load_models(ROBOT, SOCCER.known_features, action_set="bezier", folder=tmp_path)
 
 
-def test_records_tell_their_action_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_records_name_their_action_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     store = own_types()
     sets = ["bezier", "bezier", "default"]
     records = [

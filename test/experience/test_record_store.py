@@ -106,7 +106,7 @@ for episode in episodes(10**6, seed=int(sys.argv[2])):
 """
 
 
-def test_whoever_is_killed_leaves_a_readable_store(tmp_path: Path) -> None:
+def test_a_killed_writer_leaves_a_readable_store(tmp_path: Path) -> None:
     here = str(Path(__file__).parents[1])
     for seed in range(3):
         command = [sys.executable, "-c", WRITER, str(tmp_path), str(seed)]
@@ -123,7 +123,7 @@ def test_whoever_is_killed_leaves_a_readable_store(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("field", "value"), [("duration", b"1e300"), ("action", b'"../x"')])
-def test_an_episode_with_lies_costs_no_other(tmp_path: Path, field: str, value: bytes) -> None:
+def test_an_episode_with_impossible_values_costs_no_other(tmp_path: Path, field: str, value: bytes) -> None:
     stored(tmp_path, episodes(3)).close()
     file = tmp_path / "default" / "000000.jsonl"
     lines = file.read_bytes().split(b"\n")

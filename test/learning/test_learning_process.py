@@ -15,7 +15,7 @@ print(os.nice(0))
 """
 
 
-def test_it_is_nice() -> None:
+def test_a_round_runs_at_a_low_priority() -> None:
     command = [sys.executable, "-c", PROGRAM]
     done = subprocess.run(command, check=True, capture_output=True, text=True, start_new_session=True)
     assert int(done.stdout) >= NICE

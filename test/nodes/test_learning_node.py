@@ -94,23 +94,23 @@ def test_a_changed_robot_gets_a_new_set(
     assert "error from" in values["default/goToPose: switched"]
 
 
-def test_lies_are_left_out_and_what_was_broken_off_is_none(
+def test_impossible_records_are_left_out_and_actions_that_were_broken_off_are_none(
     host: Host, client: Client, tell: Callable[..., None], tmp_path: Path
 ) -> None:
     folder = tmp_path / "learned"
     node = host("learning", learned=folder)
-    lies = [record_of(episode) for episode in episodes(9)]
-    lies[0].actual.duration = math.nan
-    lies[1].start.robot.position.x = 1e300
-    lies[2].call.goal.pose.position.y = math.inf
-    lies[3].action = "../../elsewhere"
-    lies[4].action_set = "no name"
-    lies[5].action = "shoot"  # which goToBall does not call
-    lies[6].call.top = "visit"
-    lies[7].start.robot.position.x = -900.0
-    lies[8].start.objects[0].name = "b" * 1_000_000
-    (honest,) = episodes(1, seed=2)
-    tell(*lies, record_of(honest, Outcome.CANCELED), record_of(honest))
+    impossible = [record_of(episode) for episode in episodes(9)]
+    impossible[0].actual.duration = math.nan
+    impossible[1].start.robot.position.x = 1e300
+    impossible[2].call.goal.pose.position.y = math.inf
+    impossible[3].action = "../../elsewhere"
+    impossible[4].action_set = "no name"
+    impossible[5].action = "shoot"  # which goToBall does not call
+    impossible[6].call.top = "visit"
+    impossible[7].start.robot.position.x = -900.0
+    impossible[8].start.objects[0].name = "b" * 1_000_000
+    (usual,) = episodes(1, seed=2)
+    tell(*impossible, record_of(usual, Outcome.CANCELED), record_of(usual))
     client.eventually(lambda: stored_in(folder) == 1, "a record")
     values = values_of(client)
     assert (values["records taken"], values["records left out"]) == ("1", "9")

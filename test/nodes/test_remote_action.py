@@ -46,7 +46,7 @@ def test_a_goal_is_sent_as_declared_once_the_robot_stands(bench: Bench) -> None:
         ({"state": "abort", "code": 1}, "drive failed: its goal is aborted"),
     ],
 )
-def test_a_result_that_is_no_success_is_told(bench: Bench, end: dict[str, Any], expected: str) -> None:
+def test_a_result_that_is_no_success_is_reported(bench: Bench, end: dict[str, Any], expected: str) -> None:
     server = Server(bench.theirs)
     bench.begin()
     bench.drive(lambda: server.goals)

@@ -60,7 +60,7 @@ def test_poses_take_the_frame_of_the_states_unless_another_is_declared() -> None
         (Filling("chain", constant=1), r"goal\[0\]: expected a field for a text, a number or a truth value"),
     ],
 )
-def test_a_goal_that_does_not_fit_its_type_is_told(filling: Filling, expected: str) -> None:
+def test_a_goal_that_does_not_fit_its_type_is_reported(filling: Filling, expected: str) -> None:
     with pytest.raises(RemoteError, match=f"^{expected}"):
         written(filling)
 
@@ -72,7 +72,7 @@ def test_a_goal_that_does_not_fit_its_type_is_told(filling: Filling, expected: s
         ("ator_interfaces/action/Drive", "expected an action of ator_interfaces, got 'Drive'"),
     ],
 )
-def test_a_type_that_is_not_there_is_told(name: str, expected: str) -> None:
+def test_a_type_that_is_not_there_is_reported(name: str, expected: str) -> None:
     with pytest.raises(RemoteError, match=f"^type: .*{expected}"):
         action_type_of(name)
 
@@ -88,7 +88,7 @@ def test_a_type_that_is_not_there_is_told(name: str, expected: str) -> None:
         (Success(reason="why"), "success.reason.field: expected one of outcome, record, got 'why'"),
     ],
 )
-def test_a_result_that_is_read_wrongly_is_told(success: Success, expected: str) -> None:
+def test_a_result_that_is_read_wrongly_is_reported(success: Success, expected: str) -> None:
     with pytest.raises(RemoteError, match=f"^{expected}"):
         check_result(declared(success=success), ExecuteChain.Result)
 

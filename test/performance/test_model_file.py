@@ -63,7 +63,7 @@ def test_learning_twice_gives_the_same_bytes(model: PerformanceModel, file: Path
     assert (tmp_path / "again.json").read_bytes() == file.read_bytes()
 
 
-def test_another_robot_is_warned_of_loudly(file: Path) -> None:
+def test_a_model_of_another_robot_raises_a_warning(file: Path) -> None:
     other = dataclasses.replace(ROBOT, mass=12.0)
     with pytest.warns(RobotMismatchWarning, match="ANOTHER ROBOT"):
         load_model(file, other, SOCCER.known_features)

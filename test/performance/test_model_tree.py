@@ -66,7 +66,7 @@ def test_groups_keep_the_tree_from_memorising_episodes():
     assert aware.tree_.samples[0] == 150
 
 
-def test_extrapolation_is_held_near_what_was_seen():
+def test_extrapolation_stays_near_the_training_targets():
     X, y = kinked(1000, 17)
     far = np.array([[1e6, 1.0, 0.0, 0.0, 0.0]])
     span = np.ptp(y)

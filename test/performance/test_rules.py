@@ -47,7 +47,7 @@ def test_the_whole_tree_is_one_line_per_leaf_with_redundant_bounds_joined():
     assert len(lines) == 4
 
 
-def test_an_explanation_adds_up_and_tells_when_the_rule_is_held_back():
+def test_an_explanation_adds_up_and_says_where_the_rule_is_bounded():
     explanation = WRITER.explanation(np.array([2.0, 0.5, 0.4])).splitlines()
     assert explanation[1] == "here time = 2.415 ± 0.050 s:"
     parts = [float(line.split()[0]) for line in explanation[2:]]

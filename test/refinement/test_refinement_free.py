@@ -74,7 +74,7 @@ def test_nothing_free_names_what_binds_it() -> None:
     assert math.isfinite(result.before.duration)
 
 
-def test_an_opening_that_a_condition_overrides_is_told_beside_the_gain() -> None:
+def test_an_opening_that_a_condition_overrides_is_reported_beside_the_gain() -> None:
     named = Refiner(ROBOT, models()).refine(world(), two_steps(frozenset({"x", "yaw"}), yaw=2.0))
     assert named.refined
     assert "; not free: x of step 1 (goToBall) is bound by the pre-condition" in named.reason
@@ -85,7 +85,7 @@ def test_an_opening_that_a_condition_overrides_is_told_beside_the_gain() -> None
     assert "not free" not in everything.reason
 
 
-def test_a_name_that_no_goal_has_is_told() -> None:
+def test_a_name_that_no_goal_has_is_reported() -> None:
     (told,) = analyse(two_steps(frozenset({"heading"})), models(), ROBOT).not_free
     assert (told.subgoal, told.name) == (0, "heading")
     assert told.reason == "no goal variable, expected one of x, y, yaw, speed"

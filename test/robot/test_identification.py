@@ -117,7 +117,7 @@ def test_a_limit_that_was_not_reached_is_the_fastest_speed_that_odometry_showed(
     )
 
 
-def test_a_base_that_does_not_move_is_told() -> None:
+def test_a_base_that_does_not_move_is_reported() -> None:
     drive = ProbeDrive(v=1.0, w=1.0, space=3.0)
     still = RobotState(Pose(0.0, 0.0, 0.0))
     with pytest.raises(DriveError, match=r"does not move: expected motion within 1\.5 s"):

@@ -100,7 +100,7 @@ def test_a_new_action_joins_from_outside() -> None:
     assert executor.step(later).status is Status.SUCCEEDED
 
 
-def test_what_a_library_lacks_is_told() -> None:
+def test_what_a_library_lacks_is_reported() -> None:
     empty = TopLibrary(ROBOT, "empty", tops=(Top("soar", "fly", Condition(), Condition()),), actions={})
     assert (dict(empty), empty.get("soar")) == ({}, None)
     with pytest.raises(KeyError, match=r"^soar needs the action fly; action set empty has none of"):
