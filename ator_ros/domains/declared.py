@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+import re
 import shlex
 from collections.abc import Callable
 from contextlib import suppress
@@ -403,9 +404,9 @@ class DeclaredServer:
                 found = False
             require(found, "command", "words as in a shell", self.command)
             return
-        for field in ("package", "executable"):
-            name = getattr(self, field)
-            require(is_name(name), field, "a name of letters, digits and _ (or `command`)", name)
+        require(is_name(self.package), "package", "a package (or `command`)", self.package)
+        named = re.fullmatch(r"\w[\w.-]*", self.executable)
+        require(named is not None, "executable", "an executable as for `ros2 run`", self.executable)
 
     @property
     def words(self) -> list[str]:

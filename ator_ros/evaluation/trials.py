@@ -97,8 +97,11 @@ def possible_actions(
     library = domain.library(robot, action_set)
     lacking = library.left_out
     left_out = {top.action: lacking[top.name] for top in domain.tops if top.name in lacking}
+    named = {top.action for top in domain.tops}
     for name, spec in domain.actions(action_set).items():
-        if not over_ros and spec.over_ros_only is not None:
+        if name not in named:
+            left_out[name] = f"no TOP has the action {name}, the TOPs have {', '.join(sorted(named))}"
+        elif not over_ros and spec.over_ros_only is not None:
             left_out[name] = spec.over_ros_only
         elif name not in left_out:
             try:

@@ -318,7 +318,9 @@ class Supervisor:
         if self.phase is Phase.WAITING and now - self._accepted > start:
             self._give_up_waiting(start)
         if self.question is not None and now - self.question.asked > self._deadlines.refinement:
-            self.unrefined(f"no answer within {self._deadlines.refinement:g} s")
+            self.unrefined(
+                f"no answer within {self._deadlines.refinement:g} s; is a refinement node running?"
+            )
         limit = self.slowdown * self._deadlines.odom
         if self.phase is Phase.WAITING:
             limit = max(limit, _FIRST_GAP)

@@ -120,7 +120,7 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
 class ExecutorNode(Node):
     """Executes one chain at a time; each odometry message is answered by one velocity command.
 
-    Parameters: see `parameters_for`; timeouts, `latency` and `refine_again_after` can change.
+    Timeouts, `latency` and `refine_again_after` can change while it runs.
 
     Action server
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
@@ -139,7 +139,7 @@ class ExecutorNode(Node):
         a server executes it.
         performance/action (ator_interfaces/ActionPerformance): after each action, also one broken off.
         performance/chain (ator_interfaces/ChainPerformance, transient local): after each goal.
-        chain_under_way, planned_path and markers (see `ExecutionDrawing`); /diagnostics, once a second.
+        chain_under_way, planned_path and markers, to be drawn; /diagnostics, once a second.
     Calls
         refine_subgoal, when a goal asks for it; the domain's action servers.
     """

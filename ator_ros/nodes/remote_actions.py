@@ -22,7 +22,7 @@ from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finis
 from ator_ros.actions.remote import RemoteCall, UnreachableAction, failure_in
 from ator_ros.actions.specification import ActionFactory
 from ator_ros.domains.domain import Domain
-from ator_ros.nodes.remote_messages import GoalWriter, RemoteError, action_type_of, check_result
+from ator_ros.nodes.remote_messages import RemoteError, interface_of
 from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import STOP, World
@@ -176,9 +176,7 @@ class RemoteServer:
         self._seen = -math.inf
         self._ending: list[tuple[RemoteGoal, float]] = []
         try:
-            kind: Any = action_type_of(call.type)
-            self._writer = GoalWriter(call, kind.Goal, frame)
-            check_result(call, kind.Result)
+            kind, self._writer = interface_of(call, frame)
             self._client = ActionClient(node, kind, call.server)
             self.heartbeat = Heartbeat(node, call.server, call.timeouts.silence)
         except (RemoteError, NameValidationException) as error:

@@ -32,7 +32,7 @@ def action_type_of(name: str) -> Any:
     except ImportError as error:
         raise RemoteError(
             f"type: expected {name} to be installed, as by `apt install "
-            f"ros-jazzy-{package.replace('_', '-')}`: {printable(str(error), 200)}"
+            f"ros-jazzy-{package.replace('_', '-')}`, or sourced: {printable(str(error), 200)}"
         ) from error
     except AttributeError as error:
         raise RemoteError(f"type: expected an action of {package}, got {quoted(kind)}") from error
@@ -167,3 +167,17 @@ def _described(got: Any) -> str:
     if isinstance(got, definition.AbstractType):
         return str(getattr(got, "typename", type(got).__name__))
     return quoted(got)
+
+
+def interface_of(call: RemoteCall, frame: str) -> tuple[Any, GoalWriter]:
+    """Return the action type of a server, and what writes its goals in `frame`.
+
+    Raises
+    ------
+    RemoteError
+        The type is not installed, or has no such field.
+    """
+    kind: Any = action_type_of(call.type)
+    writer = GoalWriter(call, kind.Goal, frame)
+    check_result(call, kind.Result)
+    return kind, writer

@@ -103,7 +103,7 @@ _WARNING_PERIOD = 2.0
 class SimulationNode(Node):
     """Simulates one robot, or several, in one world; 20 ticks a second of simulated time.
 
-    Parameters: see `parameters_for`; `real_time_factor` and `command_wait` can change while it runs.
+    Parameters: see `PARAMETERS`; `real_time_factor` and `command_wait` can change while it runs.
     Where `robots` names robots, each has all topics and services that follow in the namespace of its name,
     and frames that begin with it. What concerns the whole world, it concerns from each namespace.
 

@@ -38,6 +38,7 @@ from ator_ros.nodes.client_node import ClientNode, SimulationClient
 from ator_ros.nodes.messages import chain_of, situation_of
 from ator_ros.nodes.network import RANGE, THIS_MACHINE, free_domain, stay_on_this_machine
 from ator_ros.nodes.qos import SENSOR_DATA
+from ator_ros.nodes.remote_messages import RemoteError, interface_of
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.outcome import top_of
@@ -258,6 +259,13 @@ def drives(
     """
     if not missing:
         return
+    for spec in domain.actions(source.action_set).values():
+        if spec.remote is None:
+            continue
+        try:
+            interface_of(spec.remote, FRAME)
+        except RemoteError as error:
+            raise ExperienceError(f"{spec.name}: action server {spec.remote.server}: {error}") from error
     with all_nodes(factor, source) as nodes, closing(Client(nodes, domain.objects)) as client:
         client.ready(domain.remote_servers(source.action_set))
         for action, number in missing:

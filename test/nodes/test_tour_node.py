@@ -13,6 +13,7 @@ from ator_ros.domains.domain import find_domain
 from ator_ros.experience.collect import collect
 from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.table import join, library_versions, read_experience
+from ator_ros.resources import resource_path
 from ator_ros.tools import collect as collect_tool
 from ator_ros.tools.command_line import parse
 
@@ -92,3 +93,22 @@ def test_drives_are_kept_until_the_table_is_written(tmp_path: Path, monkeypatch:
     assert list(tmp_path.iterdir()) == [table]
     frame = read_experience(table).frame
     pd.testing.assert_frame_equal(frame, join(frames), check_exact=True, check_dtype=False)
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "message"),
+    [
+        ("action: drive_to\n", "action: drive_too\n", "no TOP has the action drive_to"),
+        ("field: goal", "field: gaol", "action server drive_to: goal[0].field: expected one of goal"),
+    ],
+)
+def test_a_domain_that_does_not_fit_its_server_is_refused_before_the_first_drive(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], right: str, wrong: str, message: str
+) -> None:
+    for name in ("tour.yaml", "courier.yaml"):
+        text = resource_path("config", "tour", name).read_text()
+        (tmp_path / name).write_text(text.replace("name: tour", "name: own").replace(right, wrong))
+    words = ["--domain", str(tmp_path / "tour.yaml"), "--over-ros", "--episodes", "2"]
+    assert collect_tool.main([*words, "--out", str(tmp_path / "table.parquet")]) == 1
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "table.parquet").exists()
