@@ -83,6 +83,7 @@ def test_a_lost_ball_is_fetched_again_when_the_goal_asks_for_it(chains: ChainCli
     assert (ball.x, ball.y) == pytest.approx((2.4, 0.3), abs=0.15)
 
 
+@pytest.mark.long
 def test_a_ball_that_is_displaced_while_it_is_approached_is_followed(chains: ChainClient) -> None:
     sent = chains.send([call("goToBall", Pose(0.0, 0.0, 0.5))])
     until(chains, sent, "goToBall")

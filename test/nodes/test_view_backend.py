@@ -101,6 +101,7 @@ def test_time_is_resumed_if_a_start_fails_and_at_the_end(played: Played) -> None
     assert not nodes.paused
 
 
+@pytest.mark.long
 def test_a_chain_without_status_is_lost_unless_time_stands_still(played: Played) -> None:
     backend, nodes = played
     nodes.accepts = True

@@ -117,6 +117,7 @@ def test_a_gate_is_learned(models: Path, tmp_path: Path) -> None:
         (models / GATE).write_text(before)
 
 
+@pytest.mark.long
 def test_gate_keeps_room_to_stop_and_learns_a_calibration(tmp_path: Path) -> None:
     ours, work = tmp_path / "models", tmp_path / "work"
     ours.mkdir()
