@@ -37,11 +37,11 @@ class Side:
     Attributes
     ----------
     length : float
-        Straight stretch at this end in m.
+        Straight drive at this end in m.
     outer_speed : float
         Speed at the very end in m/s.
     turn : TurnDriving
-        How the turn next to the stretch is driven, from this end.
+        How the turn next to it is driven, from this end.
     """
 
     length: float

@@ -86,9 +86,9 @@ class Partition:
         order = np.ascontiguousarray(np.argsort(self.X, axis=0, kind="stable").T)
         # What the sides of splits are fitted to: the rows, with the residuals of their node for a target.
         self._residuals = self.rows.copy()
-        # Feature j's values have their place in the j-th stretch of one long row.
-        self._stretch = len(self.X) * np.arange(len(order))[:, None]
-        self._codes = _value_codes(self.X, order) + self._stretch
+        # The values of feature j have the j-th place in one long row.
+        self._offset = len(self.X) * np.arange(len(order))[:, None]
+        self._codes = _value_codes(self.X, order) + self._offset
         self._goes_left = np.zeros(len(self.X), dtype=bool)
         queue: list[tuple[float, int, _Split]] = []
         self._add(order, queue)
@@ -164,7 +164,7 @@ class Partition:
         total = node.moments[0, 0]
         targets = total * np.arange(1, count + 1) / (count + 1)
         at = np.broadcast_to(np.ceil(targets).astype(np.intp) - 1, (n_features, count))
-        codes = self._codes.take(node.order + self._stretch)
+        codes = self._codes.take(node.order + self._offset)
         after = np.searchsorted(codes.ravel(), np.take_along_axis(codes, at, axis=1).ravel(), side="right")
         positions = after.reshape(n_features, count) - n * np.arange(n_features)[:, None]
         return np.minimum(positions, n - 1), positions < n

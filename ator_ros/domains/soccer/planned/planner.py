@@ -55,7 +55,7 @@ class Obstacles:
     ball_margin : float
         Free distance to keep from the ball in m.
     run : float
-        Straight stretch at the end in m in which the ball may be touched, since it is what is approached.
+        Length in m of the straight run at the end, in which the ball may be touched.
     """
 
     ball: ObjectState | None = None
