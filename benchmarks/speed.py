@@ -29,7 +29,7 @@ from ator_ros.robot.response import ramped
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.objects import fetched, is_lost, kept
+from ator_ros.tops.objects import is_lost, kept, object_fetched_by
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, ObjectState, RobotState, World
 
 Rows = Iterator[tuple[str, str]]
@@ -80,14 +80,14 @@ def refinement(requests: int) -> Rows:
 
 def long_chain(library: TopLibrary, steps: int) -> tuple[World, TopChain]:
     """Return an object that is fetched and carried on, an even number of `steps`, and the world before."""
-    fetching = next(top for top in library.usable() if fetched(top))
+    fetching = next(top for top in library.usable() if object_fetched_by(top))
     carrying = next(top for top in library.usable() if kept(top))
     places = [Pose(0.1 * ((step + 1) // 2), 0.0, 0.3) for step in range(steps)]
     calls = [
         TopCall(top, Goal(place, 0.0, top.point), frozenset({EVERYTHING}))
         for top, place in zip([fetching, carrying] * (steps // 2), places, strict=True)
     ]
-    there = {str(fetched(fetching)): ObjectState(0.0, 0.0)}
+    there = {str(object_fetched_by(fetching)): ObjectState(0.0, 0.0)}
     return World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), there), TopChain(tuple(calls))
 
 

@@ -17,7 +17,6 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import (
     at_object,
     at_rest,
-    fetched,
     followed,
     has_left,
     held_first,
@@ -25,6 +24,7 @@ from ator_ros.tops.objects import (
     is_in_the_way,
     is_lost,
     kept,
+    object_fetched_by,
 )
 from ator_ros.tops.outcome import failure, may_settle, unmet
 from ator_ros.world.state import STOP, World
@@ -121,7 +121,7 @@ class ChainExecutor:
         The chain with its present goals: goals that lie at an object move with it.
     index : int
         Index of the step being executed, from 0.
-    fetched : int
+    fetch_count : int
         Number of times that a lost object was fetched again.
     elapsed : float
         Time in s from the first tick to the last one.
@@ -156,7 +156,7 @@ class ChainExecutor:
         self._planned = -math.inf  # when a step was last planned while another was driven, s
         self.elapsed, self.released = 0.0, False
         self.records: list[ActionRecord] = []
-        self.fetched = 0
+        self.fetch_count = 0
         self.index = 0
         self._run = self._new_run(chain)
 
@@ -164,7 +164,7 @@ class ChainExecutor:
         """Execute `chain` instead of the one given; only before the first tick."""
         self.chain, self._run = chain, self._new_run(chain)
 
-    def begin_again(self, chain: TopChain) -> bool:
+    def fall_back_to(self, chain: TopChain) -> bool:
         """Execute `chain` instead if the first action failed where it began; return whether it did."""
         first = self.records[0] if self.records else None
         if len(self.records) != 1 or first is None or first.index or first.ending is not Ending.FAILED:
@@ -226,7 +226,7 @@ class ChainExecutor:
         """The step being executed, with its present goal."""
         return self.chain.calls[self.index]
 
-    def head_for(self, world: World, chain: TopChain) -> bool:
+    def switch_to(self, world: World, chain: TopChain) -> bool:
         """Replace the present step and later ones, or their goals, without a stop.
 
         Parameters
@@ -272,7 +272,7 @@ class ChainExecutor:
         if not has_left(resting, call, robot) or self._planned == world.time:
             return None
         chain = self.chain.with_goal(self.index, at_object(call.goal, resting, name))
-        if self.head_for(world, chain):
+        if self.switch_to(world, chain):
             return None
         self._replace_run(world, self._new_run(chain, standing_first=True, since=self._run.since))
         self.chain = chain
@@ -288,12 +288,14 @@ class ChainExecutor:
         if status is Status.SUCCEEDED:
             return (self.index + 1, False) if self.index + 1 < len(self.chain) else None
         top = self._run.call.top
-        name = held_first(top) or (fetched(top) if self._run.begun else None)
-        if name is None or self.fetched >= self._fetches or not is_lost(world, self._library.robot, name):
+        name = held_first(top) or (object_fetched_by(top) if self._run.begun else None)
+        if name is None or self.fetch_count >= self._fetches or not is_lost(world, self._library.robot, name):
             return None
         for index in range(self.index, -1, -1):
-            if fetched(self.chain.calls[index].top) == name:  # the step that fetches the lost object again
-                self.fetched += 1
+            if (
+                object_fetched_by(self.chain.calls[index].top) == name
+            ):  # the step that fetches the lost object again
+                self.fetch_count += 1
                 return index, True
         return None
 

@@ -29,14 +29,14 @@ _STEP = 0.025  # s of a step of the prediction
 _CONSTANT = 0.25  # s of motion that are judged, besides the lag of the motors
 _FEWEST = 4  # messages in that time, and messages from which the share is known
 _VARIES = 0.5  # times the tolerance
-_TOP = 0.75  # of the described limit; a base that is as fast may have a somewhat lower limit of its own
-_ONCE_MORE = 0.06  # s for which it persists, in two messages at least
+_NEAR_LIMIT = 0.75  # of the described limit; a base as fast may have a somewhat lower limit of its own
+_CONSTANT_PERSISTS = 0.06  # s for which it persists, in two messages at least
 _ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Thresholds:
-    """What is measured of one axis (driving or turning), in m and m/s or in rad and rad/s.
+    """Limits and thresholds of one axis (driving or turning), in m and m/s or in rad and rad/s.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ class Axis:
         recent = [clip(command, limit) for command in commands.between(time - _DELAY, time)]
         fault = self._judge(time, speed, recent, commands, gap)
         was_constant, self._constant = self._constant, fault is Fault.CONSTANT
-        needed = _ONCE_MORE if was_constant and self._constant else _PERSISTS
+        needed = _CONSTANT_PERSISTS if was_constant and self._constant else _PERSISTS
         persists = self._fault.update(fault is not None, gap, needed)
         stood = 0.0 in commands.between(time - _DELAY - 2.0 * self.thresholds.lag, time)
         loses = not stood and self._loses(speed, min(recent), max(recent), gap)
@@ -209,33 +209,33 @@ class Axis:
         A slow base reaches a share of the commands, which was seen while its speed changed, or a limit of its
         own not far below the described one.
         """
-        most = self.thresholds
-        since = min(time - _CONSTANT - most.lag, self._smooth[-min(_FEWEST, len(self._smooth))][0])
+        axis = self.thresholds
+        since = min(time - _CONSTANT - axis.lag, self._smooth[-min(_FEWEST, len(self._smooth))][0])
         shown = [(then, value) for then, value in self._smooth if then >= since - _ROUNDING]
         speeds = [value for _, value in shown]
         if self._paused > since - 2.0 * _DELAY or len(speeds) < _FEWEST:
             return False
-        if max(speeds) - min(speeds) > _VARIES * most.tolerance:
+        if max(speeds) - min(speeds) > _VARIES * axis.tolerance:
             return False
         speed = speeds[-1]
         # The last commands explain no speed that was constant before.
-        sent = [clip(command, most.limit) for command in commands.between(since, time - _DELAY)]
+        sent = [clip(command, axis.limit) for command in commands.between(since, time - _DELAY)]
         low, high = min(sent), max(sent)
-        if low - most.tolerance < speed < high + most.tolerance:
+        if low - axis.tolerance < speed < high + axis.tolerance:
             return False
         slower = all(command * speed >= speed * speed for command in sent)
-        if slower and abs(speed) >= _TOP * most.limit:
+        if slower and abs(speed) >= _NEAR_LIMIT * axis.limit:
             return False
         known = [
             sum(acting) / len(acting)
             for then, _ in shown
-            if then <= time - _DELAY - most.lag
+            if then <= time - _DELAY - axis.lag
             for acting in [commands.between(then - _SMOOTHING, then)]
         ]
-        if known and max(known) - min(known) >= 2.0 * most.tolerance:
+        if known and max(known) - min(known) >= 2.0 * axis.tolerance:
             return True
         possible = [share * command for pair in self._shares for share in pair for command in recent]
-        return not (possible and min(possible) - most.tolerance <= speed <= max(possible) + most.tolerance)
+        return not (possible and min(possible) - axis.tolerance <= speed <= max(possible) + axis.tolerance)
 
     def _share_then(self, speed: float, commands: Sequence[float]) -> float:
         """Return the speed as a share of the commands then: 1 if there was none, at least a quarter."""
@@ -249,18 +249,18 @@ class Axis:
 
         Toward a lower share it brakes as hard as bases do that are commanded to stand.
         """
-        most, count, dt = self.thresholds, *_steps(time - since)
+        axis, count, dt = self.thresholds, *_steps(time - since)
         sent = [
-            share * clip(speed if c is None else c, most.limit)
+            share * clip(speed if c is None else c, axis.limit)
             for c in commands.sampled(since - _DELAY, dt, count)
         ]
         # A base that changed its speed goes on doing so for a moment.
-        overshoot = clip(sent[0] - speed, 2.0 * most.lag * most.rate)
+        overshoot = clip(sent[0] - speed, 2.0 * axis.lag * axis.rate)
         setpoint = speed + (overshoot if overshoot * (sent[-1] - speed) < 0.0 else 0.0)
         for target in sent:
-            rate = most.stop if target == 0.0 and share < 1.0 else most.rate
+            rate = axis.stop if target == 0.0 and share < 1.0 else axis.rate
             setpoint += clip(target - setpoint, rate * dt)
-            speed += (setpoint - speed) * min(1.0, dt / max(most.lag, _STEP))
+            speed += (setpoint - speed) * min(1.0, dt / max(axis.lag, _STEP))
         return speed
 
     def _fast(self, since: float, speed: float, time: float, commands: Commands) -> list[float]:
@@ -307,16 +307,16 @@ class Axis:
 
     def _observe_response(self, time: float, speed: float, commands: Commands) -> None:
         """Note which share of the commands the base reaches while its speed changes, if it is late or not."""
-        most, (then, before) = self.thresholds, self._last_response
+        axis, (then, before) = self.thresholds, self._last_response
         if time - then < 0.5 * _SMOOTHING - _ROUNDING:
             return
         self._last_response = time, speed
-        if abs(speed - before) < 0.05 * most.tolerance:
+        if abs(speed - before) < 0.05 * axis.tolerance:
             return
-        if abs(speed - before) > 1.5 * most.rate * (time - then) + most.tolerance:
+        if abs(speed - before) > 1.5 * axis.rate * (time - then) + axis.tolerance:
             self._shares.clear()  # a jump: what was before says nothing any more
-        sent = [clip(commands.between(late, late)[0], most.limit) for late in (time, time - _DELAY)]
-        if min(abs(command) for command in sent) >= 2.0 * most.tolerance and sent[0] * sent[1] > 0.0:
+        sent = [clip(commands.between(late, late)[0], axis.limit) for late in (time, time - _DELAY)]
+        if min(abs(command) for command in sent) >= 2.0 * axis.tolerance and sent[0] * sent[1] > 0.0:
             self._shares.append((speed / sent[0], speed / sent[1]))
 
     def _observe_share(self, speed: float, recent: Sequence[float], elapsed: float) -> None:
@@ -471,7 +471,7 @@ class MotionWatch:
         return v, robot.w if abs(robot.w) >= self._turning.tolerance else turned / seconds
 
     def _frozen(self, time: float, robot: RobotState) -> str | None:
-        """Return the fault if the pose is constant, or goes the wrong way, while the velocity is not zero."""
+        """Return the fault if the pose is constant while the velocity is not zero."""
         for axis, name, unit in ((0, "position", "m/s"), (1, "heading", "rad/s")):
             thresholds = (self._driving, self._turning)[axis]
             said = (robot.v, robot.w)[axis]

@@ -179,7 +179,7 @@ class Refining:
         bool
             Whether it begins again; `why` is the failure.
         """
-        if not self.refined or not self._executor.begin_again(self._plans[self._number]):
+        if not self.refined or not self._executor.fall_back_to(self._plans[self._number]):
             return False
         self.refined, self.refined_again = False, 0
         self._first = f"executed as sent, as the refined chain failed at its start: {why}"
@@ -217,7 +217,7 @@ class Refining:
             changed = refined_chain(chain, question, refined, resting, self._library)
         except InvalidChainError as error:
             return f"the answer cannot be used: {error}"
-        if not self._executor.head_for(world, changed):
+        if not self._executor.switch_to(world, changed):
             return "no path leads from here to the refined subgoal"
         return ""
 

@@ -22,10 +22,10 @@ from ator_ros.world.state import STOP, Command, World
 
 WATCH_PERIOD = 0.05
 """Real time in s between two checks of the deadlines."""
-LONGEST_STOP_DELAY = 5.0
+GREATEST_STOP_SLOWDOWN = 5.0
 """Greatest factor by which a slow clock delays the stop command. After a pause of some seconds a clock seems
 up to 50 times slower than real time; the end of a goal may wait that long, a moving robot must not."""
-LONGEST_STOP = 5.0
+LONGEST_STOP_TIME = 5.0
 """Time in s for which a robot that still moves is commanded to stop."""
 _FIRST_GAP = 1.0
 """Least real s without odometry that end a goal before it drives: the rate may not be known yet."""
@@ -240,12 +240,13 @@ class Supervisor:
         if step.status is Status.FAILED and self.refining.revert(step.message):
             self.forecast.change(at_rest(world, self._robot))
             return STOP
-        last = self.executor.records[-1]
-        if not self._end_if_missing(self._top, world):  # the step that has just begun
-            if last.lost is not None:
-                self.end(Ending.OBJECT_LOST, f"{last.lost} lost in {self._top.name}: {step.message}")
-            else:
-                self.end(last.ending, step.message)
+        last, missing = self.executor.records[-1], missing_object(self._top, world)
+        if missing is not None:
+            self._end_without(missing, self._top)
+        elif last.lost is not None:
+            self.end(Ending.OBJECT_LOST, f"{last.lost} lost in {self._top.name}: {step.message}")
+        else:
+            self.end(last.ending, step.message)
         return STOP
 
     def _guard(self, world: World, overdue: frozenset[str]) -> str:
@@ -257,7 +258,7 @@ class Supervisor:
         top = self._top
         before, self._missing = self._missing, missing_object(top, world)
         if self._missing and before:
-            self._end_if_missing(top, world)
+            self._end_without(self._missing, top)
             return ""
         late = self._missing or next((name for name in objects_in(top) if name in overdue), None)
         if late:
@@ -267,12 +268,8 @@ class Supervisor:
             self.end(Ending.OUT_OF_BOUNDS, fault)
         return f"{top.name} paused: the followed object is outside the fence" if self._fence.pausing else ""
 
-    def _end_if_missing(self, top: Top, world: World) -> bool:
-        """End if an object that a TOP needs is unknown; return whether it is."""
-        name = missing_object(top, world)
-        if name is not None:
-            self.end(Ending.INPUT_LOST, f"{name} is missing: {top.name} needs it, and no recent one is known")
-        return name is not None
+    def _end_without(self, name: str, top: Top) -> None:
+        self.end(Ending.INPUT_LOST, f"{name} is missing: {top.name} needs it, and no recent one is known")
 
     @property
     def _top(self) -> Top:
@@ -281,11 +278,11 @@ class Supervisor:
     def _stop(self, world: World) -> None:
         """Wait until the robot stands, or until it should."""
         self._stopped_at = min(self._stopped_at, world.time)
-        late = world.time - self._stopped_at > LONGEST_STOP
+        late = world.time - self._stopped_at > LONGEST_STOP_TIME
         if late and not world.robot.is_standing:
             self.explain(
                 f"the robot still moves at {world.robot.v:.2f} m/s and {world.robot.w:.2f} rad/s, "
-                f"{LONGEST_STOP:g} s after it was commanded to stop"
+                f"{LONGEST_STOP_TIME:g} s after it was commanded to stop"
             )
         if late or world.robot.is_standing:
             self.phase = Phase.ENDED
@@ -295,12 +292,12 @@ class Supervisor:
     def odometry_is_late(self, now: float) -> bool:
         """Return whether odometry has been missing for half its deadline, so that the robot should stand.
 
-        A slow clock makes that at most `LONGEST_STOP_DELAY` times longer. A robot that another program moves
-        is not paused: our commands would interfere.
+        A slow clock makes that at most `GREATEST_STOP_SLOWDOWN` times longer. A robot that another program
+        moves is not paused: our commands would interfere.
         """
         released = self.phase is Phase.EXECUTING and self.executor.released
         waiting = self.phase is not Phase.ENDED and not released
-        slowdown = min(self.slowdown, LONGEST_STOP_DELAY)
+        slowdown = min(self.slowdown, GREATEST_STOP_SLOWDOWN)
         return waiting and now - self._odom_at > slowdown * self._deadlines.stop_after
 
     def odometry_received(self, now: float) -> None:

@@ -14,7 +14,7 @@ from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.objects import fetched, held_first, kept, objects_in
+from ator_ros.tops.objects import held_first, kept, object_fetched_by, objects_in
 from ator_ros.world.state import CONTROL_PERIOD, ObjectState, RobotState, World
 
 _OPEN = frozenset({"yaw", "speed"})
@@ -39,7 +39,7 @@ def warm_up_predictions(library: TopLibrary, predictor: Predictor) -> None:
 def _chains(library: TopLibrary) -> Iterator[tuple[World, TopChain]]:
     """Yield chains of two steps and where they start: first, to fetch an object and to carry it."""
     usable, robot, area = library.usable(), library.robot, library.robot.scene.area
-    fetching = next((top for top in usable if fetched(top)), None)
+    fetching = next((top for top in usable if object_fetched_by(top)), None)
     carrying = next((top for top in usable if kept(top)), None)
     fetches = [(fetching, carrying)] if fetching is not None and carrying is not None else []
     for first, last in (*fetches, *zip(usable, usable, strict=True)):

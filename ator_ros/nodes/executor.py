@@ -20,8 +20,8 @@ from ator_ros.execution.motion_watch import Driving
 from ator_ros.execution.refining import AGAIN_AFTER
 from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.supervisor import (
-    LONGEST_STOP,
-    LONGEST_STOP_DELAY,
+    GREATEST_STOP_SLOWDOWN,
+    LONGEST_STOP_TIME,
     WATCH_PERIOD,
     Deadlines,
     Phase,
@@ -97,7 +97,12 @@ _COMMON = (
         "refine_again_after", AGAIN_AFTER, "m off what was expected to ask again, or 0", 0.0, 10.0, live=True
     ),
     Parameter(
-        "action_timeout", _USUAL.action, "s, by the stamps, that one action may take", 1.0, LONGEST, live=True
+        "action_timeout",
+        _USUAL.action,
+        "s, by the stamps, that one action may take",
+        1.0,
+        LONGEST,
+        live=True,
     ),
 )
 
@@ -133,7 +138,7 @@ class ExecutorNode(Node):
         of the fence.
     Subscribes to
         odom (nav_msgs/Odometry), or /tf and /tf_static, and the topics of the domain's objects: their stamps,
-        `latency` later, are the time of the control programs.
+        `latency` later, are the time of the actions.
     Publishes
         cmd_vel (geometry_msgs/Twist or TwistStamped, see `stamped_commands`): while a goal is active, unless
         a server executes it.
@@ -164,7 +169,7 @@ class ExecutorNode(Node):
         self._rolling = Rolling(robot, slowest=3.0 * max(noises, default=0.0))
         self._world: World | None = None
         self._run: GoalRun | None = None
-        self._odom_at, self._stopping = 0.0, False
+        self._odom_at, self._shutting_down = 0.0, False
         self._stop_until = -math.inf
         self._slow = ""  # last warning of a base that is slower than commanded
         self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
@@ -190,12 +195,12 @@ class ExecutorNode(Node):
         # In this order: of messages that have all come, those of objects are then taken first.
         self._tf, sources = TfListener(self), map(self._domain.source, self._domain.objects)
         self._objects = ObjectSources(self, sources, self._take_object, self._ignore, self._tf, frame=frame)
-        self._state = RobotSource(self, settings, robot, self._take_robot, self._ignore, self._note, self._tf)
+        self._state = RobotSource(self, settings, robot, self._take_robot, self._ignore, self._warn, self._tf)
         inputs = {"odom": self._state.input, **self._objects.inputs}
         self._diagnosis = Diagnosis(self, inputs, self._tf)
         self._server = ActionServer(
             self, ExecuteChain, "execute_chain", self._execute,
-            goal_callback=lambda _: GoalResponse.REJECT if self._stopping else GoalResponse.ACCEPT,
+            goal_callback=lambda _: GoalResponse.REJECT if self._shutting_down else GoalResponse.ACCEPT,
             cancel_callback=self._cancel,
             goal_service_qos_profile=SERVICES,
             result_service_qos_profile=SERVICES,
@@ -213,7 +218,7 @@ class ExecutorNode(Node):
             self._ignore(name, error)
             return
         if warning is not None:
-            self._note(warning)
+            self._warn(warning)
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
         now = time.monotonic()
@@ -265,9 +270,9 @@ class ExecutorNode(Node):
             return
         self._stop_until = -math.inf
         if not robot.is_standing:
-            self._note(
-                f"the robot still moves at {robot.v:.2f} m/s and {robot.w:.2f} rad/s, {LONGEST_STOP:g} s "
-                "after the goal ended"
+            self._warn(
+                f"the robot still moves at {robot.v:.2f} m/s and {robot.w:.2f} rad/s, "
+                f"{LONGEST_STOP_TIME:g} s after the goal ended"
             )
 
     def _is_connecting(self, run: GoalRun, now: float) -> bool:
@@ -278,7 +283,7 @@ class ExecutorNode(Node):
 
     def _take_jump(self, jump: ClockJumpError) -> None:
         """Reset the state after odometry's clock has jumped."""
-        self._note(str(jump))
+        self._warn(str(jump))
         self._driving.reset()
         # A goal that waits for its first state goes on, as after a restart of the simulation.
         if self._run is not None and self._run.supervisor.phase is not Phase.WAITING:
@@ -286,16 +291,15 @@ class ExecutorNode(Node):
 
     def _watch(self) -> None:
         for warning in self._remotes.warnings():
-            self._note(warning)
+            self._warn(warning)
         self._commands.adapt()
-        now = time.monotonic()
-        silence, ending = now - self._odom_at, self._remotes.ending()
-        fresh = silence <= self._odom_timeout
         if self._run is None:
             return
-        if ending and fresh:
+        now = time.monotonic()
+        silence, ending = now - self._odom_at, self._remotes.ending()
+        if ending and silence <= self._odom_timeout:
             self._run.supervisor.postpone(now, "waiting until a canceled server has ended")
-        silent = 0.5 * self._settings["odom_timeout"] * min(self._inputs.slowdown, LONGEST_STOP_DELAY)
+        silent = 0.5 * self._settings["odom_timeout"] * min(self._inputs.slowdown, GREATEST_STOP_SLOWDOWN)
         if self._run.supervisor.odometry_is_late(now) or (ending and silence > silent):
             self._send(STOP)
         self._run.supervisor.watch(now)
@@ -328,7 +332,7 @@ class ExecutorNode(Node):
 
     def _refused(self, handle: ServerGoalHandle, reason: str) -> Any:
         """Return the result of a goal that cannot be used."""
-        self._note(f"refused: {reason}")
+        self._warn(f"refused: {reason}")
         result = unstarted(handle, Ending.REFUSED, reason, frame=self._settings["frame"])
         self._chains.publish(result.record)
         return concluded(result, handle)
@@ -369,7 +373,7 @@ class ExecutorNode(Node):
         self._run = None
         now = time.monotonic()
         silent = now - self._odom_at > 0.5 * self._odom_timeout
-        self._stop_until = now + LONGEST_STOP if silent else -math.inf
+        self._stop_until = now + LONGEST_STOP_TIME if silent else -math.inf
         self._adjust_watchdog()
         self._send(STOP)
         run.supervisor.explain(self._cause(run.supervisor))
@@ -380,19 +384,19 @@ class ExecutorNode(Node):
             self._last_error = run.supervisor.reason
         self.get_logger().info(f"goal ended: {run.summary}")
 
-    def _cause(self, run: Supervisor) -> str:
+    def _cause(self, supervisor: Supervisor) -> str:
         """Return the most likely cause of an ending that is due to inputs or the base; empty if unknown."""
-        if run.ending is Ending.BASE_FAULT:
+        if supervisor.ending is Ending.BASE_FAULT:
             return self._commands.cause()
-        if run.ending is Ending.SUCCEEDED:
+        if supervisor.ending is Ending.SUCCEEDED:
             return self._driving.remark
-        if run.ending is Ending.FAILED:
+        if supervisor.ending is Ending.FAILED:
             return self._driving.remark or self._diagnosis.rate_problem("odom", self._odom_timeout)
-        if run.ending is not Ending.INPUT_LOST:
+        if supervisor.ending is not Ending.INPUT_LOST:
             return ""
         if self._world is None or time.monotonic() - self._odom_at > 0.5 * self._odom_timeout:
             return self._diagnosis.cause("odom", self._odom_timeout)
-        lost = missing_in(run.executor.chain.calls, self._world)
+        lost = missing_in(supervisor.executor.chain.calls, self._world)
         if lost is not None:
             return self._diagnosis.cause(lost[0], self._settings[f"{lost[0]}_timeout"])
         return rival_senders(self, self._diagnosis.topics)
@@ -412,9 +416,9 @@ class ExecutorNode(Node):
 
     def _ignore(self, name: str, error: Exception) -> None:
         self._diagnosis.receptions[name].reject(error, time.monotonic())
-        self._note(f"ignored: {error}")
+        self._warn(f"ignored: {error}")
 
-    def _note(self, error: str) -> None:
+    def _warn(self, error: str) -> None:
         self._last_error = error
         self.get_logger().warning(error, throttle_duration_sec=_WARNING_PERIOD)
 
@@ -454,7 +458,7 @@ class ExecutorNode(Node):
     def stop(self) -> None:
         """Stop the robot and end the running goal, before the node ends."""
         self._send(STOP)  # first: to end an action may fail
-        self._stopping = True
+        self._shutting_down = True
         self._end(Ending.SHUTDOWN, "the executor was ended", at_once=True)
         self._send(STOP)
         spin_out(self)  # so that the result is sent, also to a client that requests it only now

@@ -228,7 +228,7 @@ class GoalRun:
             start=situation_of(run.start or world, frame=frame),
             refined=run.refining.refined,
             refinement=run.refining.reason,
-            fetched=run.executor.fetched,
+            fetched=run.executor.fetch_count,
             refined_again=run.refining.refined_again,
             actions=self._records,
             predicted=predicted,

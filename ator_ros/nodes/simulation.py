@@ -58,9 +58,9 @@ _COMMON = (
     ROBOT_FRAME,
     DOMAIN,
     ROBOT,
-    # Faster than any computer (0: no limit), and not so slow that a tick takes more than a minute.
     Parameter("robots", [""], "names of the robots, namespaces of their topics and frames; '': none"),
     Parameter("descriptions", [""], "files of robots' descriptions; missing or empty: what `robot` names"),
+    # At most: faster than any computer.
     Parameter(
         "real_time_factor",
         1.0,
@@ -85,8 +85,8 @@ _COMMON = (
         [-2.0, 0.0, 0.0],
         "x, y (m, from the area's centre), yaw of each robot after a reset; else beside the last",
     ),
-    # Drifts of 1 are errors as large as the motion; the executor allows as much latency.
     Parameter("seed", 0, "of the sensors' noise", 0, 2**31 - 1),
+    # Drifts of 1 are errors as large as the motion; the executor allows as much latency.
     Parameter("drift", 0.0, "odometry's position error in m after 1 m of driving", 0.0, 1.0),
     Parameter("heading_drift", 0.0, "odometry's heading error in rad after 1 m of driving", 0.0, 1.0),
     Parameter("latency", 0.0, "simulated s after which odom and objects come, with their stamps", 0.0, 0.3),
@@ -96,7 +96,7 @@ _ASIDE = 1.0
 """m between objects, and between robots, that are where they start by default."""
 _FASTEST_PERIOD, _LONGEST_PERIOD = 0.0005, 60.0
 _PAUSED_PERIOD = 0.05
-_LAPSE = round(5.0 / TICK)  # ticks that take as long as in reality, after those that a command held for
+_REAL_TIME_TICKS = round(5.0 / TICK)  # ticks at real time, after those that a command held for
 _WARNING_PERIOD = 2.0
 
 
@@ -105,7 +105,8 @@ class SimulationNode(Node):
 
     Parameters: see `PARAMETERS`; `real_time_factor` and `command_wait` can change while it runs.
     Where `robots` names robots, each has all topics and services that follow in the namespace of its name,
-    and frames that begin with it. What concerns the whole world, it concerns from each namespace.
+    and frames that begin with it. `reset`, `pause` and the objects
+    are those of the whole world, from any robot's namespace.
 
     Subscribes to
         cmd_vel (geometry_msgs/Twist or TwistStamped): clipped to the robot's limits; 0.5 s of simulated time
@@ -136,7 +137,7 @@ class SimulationNode(Node):
         self._world = world_of(settings)
         self._digests = [robot.robot.digest() for robot in self._world.robots]
         self._paused, self._deadline, self._rejected = False, 0.0, ""
-        self._unhurried = 0
+        self._real_time_ticks = 0
         """How many of the next ticks take as long as in reality, unless they wait for a command."""
         self._awaited: set[int] = set()
         self._clock_publisher = None
@@ -181,7 +182,7 @@ class SimulationNode(Node):
     def _change(self, values: Mapping[str, Any]) -> None:
         """Apply a new real-time factor."""
         if "real_time_factor" in values:
-            self._deadline, self._unhurried = 0.0, 0
+            self._deadline, self._real_time_ticks = 0.0, 0
             self._timer.timer_period_ns = round(1e9 * _period_at(values["real_time_factor"]))
             self._timer.reset()
 
@@ -206,9 +207,9 @@ class SimulationNode(Node):
         self._awaited = self._world.awaited() if is_fast or self._settings["lockstep"] else set()
         if self._awaited:
             self._deadline = now + wait / len(self._topics)
-            self._unhurried = _LAPSE if wait > 0.0 and is_fast else 0
-        elif self._unhurried > 0:
-            self._unhurried -= 1
+            self._real_time_ticks = _REAL_TIME_TICKS if wait > 0.0 and is_fast else 0
+        elif self._real_time_ticks > 0:
+            self._real_time_ticks -= 1
             self._deadline = max(self._deadline, now - TICK) + TICK
 
     def _publish(self) -> None:
@@ -270,7 +271,7 @@ class SimulationNode(Node):
 
     def _reset(self, _: Trigger.Request) -> str:
         self._world.reset()
-        self._deadline, self._unhurried = 0.0, 0
+        self._deadline, self._real_time_ticks = 0.0, 0
         return "a new world, simulated time 0"
 
     def _pause(self, request: SetBool.Request) -> str:

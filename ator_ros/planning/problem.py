@@ -26,7 +26,7 @@ from ator_ros.planning.search import Operator, SymbolicProblem
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Region, State, Statement, state_of
-from ator_ros.tops.objects import fetched, followed
+from ator_ros.tops.objects import followed, object_fetched_by
 from ator_ros.world.state import World
 
 _MOVING = ("robot.", "hold.")
@@ -255,7 +255,7 @@ def _detours(
     there = _far_side(world, robot, thing, (goal["x"], goal["y"]))
     if there is not None:
         for step in steps:
-            if fetched(step.top) == thing:
+            if object_fetched_by(step.top) == thing:
                 yield step, PlannedStep(driving, (("x", there[0]), ("y", there[1])))
 
 

@@ -318,7 +318,7 @@ class Refiner:
             for prediction, each in zip(predicted, (chain, best), strict=True)
         ]
         judged = corrected if self.gate.corrected else predicted
-        averaged = math.inf if optimum.given is None else optimum.given - optimum.cost
+        averaged = math.inf if optimum.given_cost is None else optimum.given_cost - optimum.cost
         features = gate_features(world, chain, best, *judged, averaged=averaged)
         pays, reason = self.gate.decide(features)
         limited = any(variable.limits for variable in analysis.free)

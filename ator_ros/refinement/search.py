@@ -99,7 +99,7 @@ class Optimum:
         First candidates, by subgoal.
     complete : bool
         False if the deadline ended the search.
-    given : float or None
+    given_cost : float or None
         Cost of the given values, where costs are averaged.
     costs : sequence of float
         Costs of the steps, where only one set of candidates was searched.
@@ -109,7 +109,7 @@ class Optimum:
     cost: float
     curves: Sequence[SearchCurve]
     complete: bool = True
-    given: float | None = None
+    given_cost: float | None = None
     costs: Sequence[float] = ()
 
 
@@ -339,7 +339,7 @@ def _search_grid(
             if not domains:
                 continue
             if deadline():
-                return Optimum(values, sum(costs), curves, complete=False, given=first.given)
+                return Optimum(values, sum(costs), curves, complete=False, given_cost=first.given_cost)
             around, step = (centers[index] if number == 0 else [values[index]]), steps[index] * 0.5**number
             windows = [_window(center, step, domains) for center in around]
             window = _distinct(np.vstack([values[index], *windows]))
@@ -347,7 +347,7 @@ def _search_grid(
             best = int(np.argmin(sum(beside[1:], start=beside[0])))
             values[index] = window[best]
             costs[index : index + 2] = [float(cost[best]) for cost in beside]
-    return Optimum(values, sum(costs), curves, given=first.given)
+    return Optimum(values, sum(costs), curves, given_cost=first.given_cost)
 
 
 def _costs_beside(

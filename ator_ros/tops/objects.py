@@ -58,7 +58,7 @@ def followed(top: Top) -> str | None:
     return _at(top.pre, "goal")
 
 
-def fetched(top: Top) -> str | None:
+def object_fetched_by(top: Top) -> str | None:
     """Return the object that a TOP drives to and then holds; None if there is none."""
     return followed(top) if followed(top) == held_last(top) else None
 

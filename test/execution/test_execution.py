@@ -322,7 +322,7 @@ def test_a_ball_that_is_lost_is_fetched_where_it_is() -> None:
     run, state = carrying(fetches=1)
     lost = state.with_object(BALL, ObjectState(1.0, 0.9))
     run.tick(lost, 100.0)
-    assert (run.ending, run.executor.fetched, run.executor.call.top.name) == (None, 1, "goToBall")
+    assert (run.ending, run.executor.fetch_count, run.executor.call.top.name) == (None, 1, "goToBall")
     run.tick(dataclasses.replace(lost, time=state.time + 0.05), 100.05)  # one action is planned a tick
     assert run.executor.chain.calls[0].goal.pose == Pose(1.0, 0.9, 0.0)
     for wait in (0.1, 0.15):

@@ -14,7 +14,7 @@ from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.objects import fetched, followed, held_first, kept, objects_in
+from ator_ros.tops.objects import followed, held_first, kept, object_fetched_by, objects_in
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 ROBOT = load_robot()
@@ -92,7 +92,7 @@ def test_what_a_top_does_with_the_ball_follows_from_its_conditions() -> None:
     assert those(objects_in) == {"goToBall", "dribbleBall", "shoot"}
     assert those(held_first) == {"dribbleBall", "shoot"}
     assert those(kept) == {"dribbleBall"}
-    assert those(followed) == those(fetched) == {"goToBall"}
+    assert those(followed) == those(object_fetched_by) == {"goToBall"}
 
 
 def test_a_ball_that_is_displaced_is_followed_without_a_stop() -> None:
@@ -168,7 +168,7 @@ def test_a_lost_ball_is_fetched_again() -> None:
     drive = Drive(DRIBBLE, once(1, 1.0, away), fetches=1)
     assert drive.status is Status.SUCCEEDED
     assert [record.index for record in drive.executor.records] == [0, 1, 0, 1]
-    assert drive.executor.fetched == 1
+    assert drive.executor.fetch_count == 1
     lost = drive.executor.records[1]
     assert lost.lost
     assert lost.end.time - drive.disturbed[0] < 0.11
@@ -190,7 +190,7 @@ def test_a_chain_without_a_fetching_step_cannot_fetch() -> None:
     start = call("goToPose", -ROBOT.hold, 0.0)
     chain = TopChain((start, call("dribbleBall", 2.0, 0.5, 0.3)))
     drive = Drive(chain, once(1, 1.0, away), fetches=3)
-    assert (drive.status, drive.executor.fetched) == (Status.FAILED, 0)
+    assert (drive.status, drive.executor.fetch_count) == (Status.FAILED, 0)
 
 
 def test_a_failed_shot_is_no_lost_ball() -> None:

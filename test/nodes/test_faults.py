@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from arena import LONGEST_STOP, Arena, Visit, arena_with
+from arena import LONGEST_STOP_TIME, Arena, Visit, arena_with
 from chain_client import Sent
 from nav_msgs.msg import Odometry
 from ros_client import Client, stamp
@@ -96,7 +96,7 @@ def test_an_input_falls_silent(arena: Arena, relay: Relay, name: str, stage: Sta
     assert outcome.code == Outcome.INPUT_LOST
     assert f"{name} is missing" in outcome.reason
     _, stood = arena.stops()[stops]
-    assert stood - relay.last[name] <= LONGEST_STOP + 1e-6
+    assert stood - relay.last[name] <= LONGEST_STOP_TIME + 1e-6
 
 
 @pytest.mark.long

@@ -7,7 +7,7 @@ from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import Top, TopCall
 from ator_ros.tops.conditions import Condition, Term
-from ator_ros.tops.objects import fetched, followed, has_left
+from ator_ros.tops.objects import followed, has_left, object_fetched_by
 from ator_ros.world.state import ObjectState, RobotState, World
 
 ROBOT = load_robot()
@@ -29,7 +29,7 @@ def world(**places: tuple[float, float]) -> World:
 def test_a_role_that_two_objects_could_have_goes_to_the_first_by_name() -> None:
     names = ("cup", "box", "tray", "ball", "can")
     top = Top("fetch", "drive", both(*(near(name, "goal") for name in names)), near("hold", "ball"))
-    assert followed(top) == fetched(top) == "ball"
+    assert followed(top) == object_fetched_by(top) == "ball"
 
 
 def test_only_the_followed_object_leaves_a_goal() -> None:
