@@ -157,7 +157,7 @@ def unconnected(node: Node, topic: str, kind: type, known: Collection[str] | Non
     ]
     text, short = f"no node {does} {resolved} in ROS domain {domain}", _short(type_name(kind))
     if not elsewhere:
-        return f"{text}, and there is no other topic of type {short}: start what publishes it"
+        return f"{text}, and there is no other topic of type {short}: start the node that {does} it"
     return f"{text}; of type {short} there is {several(elsewhere)}: remap with -r {topic}:={elsewhere[0]}"
 
 

@@ -52,7 +52,7 @@ def test_the_cause_of_missing_odometry(client: Client) -> None:
 
     assert cause().endswith(
         f"no node publishes /odom in ROS domain {client.domain}, and there is no other topic of type "
-        "nav_msgs/Odometry: start the base's driver"
+        "nav_msgs/Odometry: start the node that publishes it"
     )
     client.within(lambda: node.create_publisher(Odometry, "odom", SENSOR_DATA))
     client.eventually(lambda: node.count_publishers("odom"), "the graph")

@@ -30,8 +30,8 @@ def test_a_choice_keeps_away_from_a_dip_among_high_costs() -> None:
     averages = Averages([[CIRCLE]], [[WIDTH]])
     careful = search(dip_and_valley, [[CIRCLE]], given, averages=averages)
     assert careful.values[0][0] == pytest.approx(-1.0, abs=math.radians(3.0))
-    assert careful.given == pytest.approx(5.0 - math.exp(-1.0), abs=0.05)
-    assert followed.given is None
+    assert careful.given_cost == pytest.approx(5.0 - math.exp(-1.0), abs=0.05)
+    assert followed.given_cost is None
 
 
 def test_a_choice_does_not_lean_over_a_step() -> None:
