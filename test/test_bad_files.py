@@ -148,6 +148,14 @@ def replace_one(tree: Any, data: st.DataObject) -> None:
         return
 
 
+@pytest.mark.parametrize("name", ["model.json", "gate.json", "calibration.json"])
+def test_files_of_more_than_20_mb_are_refused(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(b" " * 20_000_001)
+    load, error = LOADERS[name]
+    with pytest.raises(error, match=f"{name}: .*expected at most 20 MB, got more"):
+        load(tmp_path / name)
+
+
 PIONEER = resource_path("config", "pioneer.yaml").read_text(encoding="utf-8")
 
 

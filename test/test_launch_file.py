@@ -103,6 +103,12 @@ def default_of(argument: str) -> str:
     return entry.get("default", "")
 
 
+def test_rviz_comes_with_goal_pose_also_without_the_simulation() -> None:
+    (rviz,) = [node for node in LAUNCH.iter("node") if node.get("pkg") == "rviz2"]
+    assert rviz.get("if") == GOAL_POSE.get("if") == "$(var rviz)"
+    assert {rviz, GOAL_POSE} <= set(LAUNCH.findall("group")[0])
+
+
 def test_robot_and_domain_reach_every_node() -> None:
     for node in (*OURS.values(), GOAL_POSE):
         assert value_of(node, "domain") == "$(var domain)", node.get("exec")

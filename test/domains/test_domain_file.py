@@ -14,6 +14,7 @@ from domain_files import CHAIN, PLACE, TOUR, changed, file_of
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
+from ator_ros.actions.remote import Timeouts
 from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.domain import Domain, DomainError, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
@@ -46,7 +47,9 @@ def test_a_file_declares_objects_tops_actions_and_variables(tour: Domain) -> Non
     )
     assert fetch.point is Point.HOLD
     assert tour.actions()["goToPose"] is SOCCER.actions()["goToPose"]
-    assert tour.actions()["navigate"].remote is not None
+    remote = tour.actions()["navigate"].remote
+    assert remote is not None
+    assert remote.timeouts == Timeouts(server=2.0, acceptance=2.0, silence=3.0, result=120.0, cancel=1.0)
 
 
 def test_a_variable_has_its_declared_range(tour: Domain) -> None:
@@ -167,6 +170,9 @@ def test_what_is_wrong_is_told_with_its_place(
         ("a: &a [1]\nb: *a\n", "expected no alias, got *a"),
         ("name: [", "expected a readable YAML file"),
         ("name: !!python/object:os.system x", "expected a readable YAML file"),
+        ("# " + "x" * 200_000, "expected at most 0.2 MB"),
+        ("format: ator_ros domain\nname: x\n", "schema_version: expected 1, got None"),
+        ("schema_version: 1\nname: x\n", "format: expected 'ator_ros domain', got None"),
     ],
 )
 def test_what_is_no_domain_at_all_is_told_too(tmp_path: Path, text: str, expected: str) -> None:

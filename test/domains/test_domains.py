@@ -33,6 +33,12 @@ def test_an_unknown_name_is_refused_with_the_names_there_are() -> None:
         find_domain("chess")
 
 
+def test_each_has_models_of_its_own_and_what_no_file_describes_is_a_point() -> None:
+    assert find_domain("tour").shipped_models == SOCCER.shipped_models / "tour"
+    more = dataclasses.replace(SOCCER, objects=(*SOCCER.objects, "cart")).robot()
+    assert more.scene.radius("cart") == 0.0 < more.scene.radius("ball")
+
+
 def test_a_domain_of_another_package_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     install(monkeypatch, "ator_ros.domains.soccer.domain:SOCCER")
     assert find_domain("other") is SOCCER

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import pytest
 
@@ -13,6 +14,7 @@ from ator_ros.examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotat
 from ator_ros.geometry import Pose
 from ator_ros.simulation.run import place, run_action
 from ator_ros.simulation.simulation import Simulation
+from ator_ros.tools import train
 from ator_ros.world.state import Command, RobotState, World
 
 ROBOT = find_domain("tour").robot()
@@ -52,6 +54,16 @@ def test_it_turns_follows_and_turns(start: Pose, first: Phase, backward: bool) -
     assert end.distance(goal) < 0.1
     assert abs(end.yaw - goal.yaw) < 0.16
     assert commands[-1] == Command()
+    if first is Phase.ROTATING_TO_PATH:
+        assert phase[1] is Phase.PAUSING
+        turns, half = [abs(command.w) for command in commands], len(commands) // 2
+        assert max(turns[:half]) > 1.3 * max(turns[half:])
+
+
+def test_the_learned_rules_split_where_its_behavior_changes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert train.main(["--domain", "tour", "--rules", "drive_to"]) == 0
+    splits = re.findall(r"angle_to_dest <= ([\d.]+)", capsys.readouterr().out)
+    assert {45, 83, 126} <= {round(float(split)) for split in splits}
 
 
 def test_it_gives_up_after_its_time() -> None:

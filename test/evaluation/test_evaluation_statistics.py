@@ -40,7 +40,7 @@ def test_table_of_known_runs() -> None:
     assert row["improvement_percent"] == pytest.approx(3.0)
     assert (row["higher"], row["equal"], row["lower"]) == (1, 1, 1)
     assert row["mean_gain_higher_percent"] == pytest.approx(20.0)
-    assert row["mean_loss_lower_percent"] == pytest.approx(10.0)
+    assert row["mean_loss_lower_percent"] == row["worst_loss_percent"] == pytest.approx(10.0)
     assert row["oracle_captured_percent"] == pytest.approx(100.0 * 0.9 / 4.0)
     assert row["failures"] == 0
 

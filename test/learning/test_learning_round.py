@@ -19,7 +19,7 @@ from ator_ros.learning.sets import RECORDS, current_set, digest_of, read_manifes
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import direct_of
-from ator_ros.refinement.gate import load_gate
+from ator_ros.refinement.gate import ThresholdGate, load_gate
 
 NAME = "default/goToPose"
 
@@ -122,7 +122,7 @@ def test_cold_start_waits_until_predictions_are_worth_something(tmp_path: Path) 
     assert round_of(folder, nothing)["made"]
     place = current_set(folder)
     assert place is not None
-    assert load_gate(place / "gate.json").kind == "threshold"
+    assert load_gate(place / "gate.json") == ThresholdGate(gain=0.05, spread_factor=0.5)
 
 
 def test_a_store_with_garbage_and_a_damaged_part_is_learned_from(tmp_path: Path, shipped: Path) -> None:

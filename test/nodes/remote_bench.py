@@ -49,6 +49,9 @@ class Bench:
         """Let the other node do nothing more, as where it was killed: DDS still counts it."""
         self._executor.remove_node(self.theirs)
 
+    def thaw(self) -> None:
+        self._executor.add_node(self.theirs)
+
     def spin(self) -> None:
         """Let both nodes work for a tick."""
         end = time.monotonic() + PERIOD

@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from ros_client import Client
 
 from ator_ros.nodes.commands import CommandPublisher
-from ator_ros.nodes.diagnosis import Diagnosis
+from ator_ros.nodes.diagnosis import Diagnosis, rival_senders
 from ator_ros.nodes.inputs import Input, TfListener
 from ator_ros.nodes.qos import NEWEST, SENSOR_DATA
 
@@ -56,6 +56,8 @@ def test_the_cause_of_missing_odometry(client: Client) -> None:
     )
     client.within(lambda: node.create_publisher(Odometry, "odom", SENSOR_DATA))
     client.eventually(lambda: node.count_publishers("odom"), "the graph")
+    client.within(lambda: [node.create_publisher(Odometry, "ball", SENSOR_DATA) for _ in range(2)])
+    client.eventually(lambda: "ball: expected one pub" in rival_senders(node, ["odom", "ball"]), "rivals")
     for came, expected in (
         (cause(), "odom: /test_client publishes it, but sends no messages"),
         (cause(error=ValueError("odom: bad")), "messages of /test_client are ignored: odom: bad"),

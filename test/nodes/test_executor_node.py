@@ -173,6 +173,8 @@ def test_an_impossible_chain_is_refused_in_words(chains: ChainClient, calls: lis
 def test_a_newer_goal_preempts(chains: ChainClient) -> None:
     older = chains.send(PATROL)
     chains.until_moving()
+    assert chains.send([]).outcome().code == Outcome.REFUSED
+    assert not older.ended()
     newer = chains.send([call("goToPose", Pose(-0.5, -1.0, 0.0))])
     assert older.outcome().code == Outcome.PREEMPTED
     assert newer.outcome().code == Outcome.SUCCEEDED
@@ -215,6 +217,7 @@ def test_a_reset_ends_the_goal(chains: ChainClient) -> None:
 
 def test_health_is_published(chains: ChainClient) -> None:
     health = chains.ros.listen(DiagnosticArray, "/diagnostics", RESULTS)
+    assert chains.send([call("goToPose", Pose(-1.8, 0.0, 0.0))]).outcome().code == Outcome.SUCCEEDED
 
     def known() -> bool:
         # Refused anew each time: whatever else the executor notes in the meantime replaces its last error.
@@ -225,3 +228,5 @@ def test_health_is_published(chains: ChainClient) -> None:
         return any("chain.calls: expected 1 to 32 items, got 0" in error for error in errors)
 
     chains.ros.eventually(known, "diagnostics with the last error")
+    names = {value.key for told in health[-20:] for value in told.status[0].values}
+    assert {"odom", "longest tick (ms)", "99 % of the last 1000 ticks within (ms)"} <= names

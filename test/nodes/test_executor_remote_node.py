@@ -9,10 +9,13 @@ from chain_client import call
 from conftest import Start
 from diagnostic_msgs.msg import DiagnosticArray
 from hall import Hall
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
 from ator_ros.nodes.qos import RESULTS
+from ator_ros.world.state import RobotState
 
 
 def test_a_chain_is_executed_by_a_server_while_cmd_vel_is_silent(hall: Hall) -> None:
@@ -69,6 +72,25 @@ def test_a_newer_goal_waits_for_the_server_that_drives(hall: Hall) -> None:
     hall.client.within(lambda: server.finish("canceled"))
     hall.reach(server, 2, Pose(2.0, 0.5, 0.3))
     assert new.outcome().code == Outcome.SUCCEEDED
+
+
+LIVE = {"latency": 0.0, "start_timeout": 1.0, "odom_timeout": 2.0, "refinement_timeout": 1.0}
+LIVE |= {"action_timeout": 1.0, "refine_again_after": 0.0, "cart_timeout": 1.0}
+
+
+@pytest.mark.parametrize(("x", "code"), [(9.0, Outcome.OUT_OF_BOUNDS), (0.1, Outcome.FAILED)])
+def test_the_fence_and_a_time_limit_set_meanwhile_end_a_goal(hall: Hall, x: float, code: int) -> None:
+    wanted = [Parameter(name, value=value).to_parameter_msg() for name, value in LIVE.items()]
+    request = SetParameters.Request(parameters=wanted)
+    results = hall.client.call(SetParameters, "executor/set_parameters", request).results
+    assert all(result.successful for result in results)
+    server = hall.serve()
+    sent = hall.chains.send([call("visit", Pose(1.0, 0.5, 0.3))])
+    hall.client.eventually(lambda: server.goals, "a goal")
+    hall.base.state = RobotState(Pose(x, 0.0, 0.0))
+    hall.client.eventually(lambda: server.canceled, "a cancellation")
+    hall.client.within(lambda: server.finish("canceled"))
+    assert sent.outcome().code == code
 
 
 @pytest.mark.long

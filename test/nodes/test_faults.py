@@ -156,17 +156,19 @@ def test_the_simulation_is_killed(arena: Arena, stage: Stage) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("stage", few(STAGES, refining))
-def test_refinement_is_killed(arena: Arena, stage: Stage) -> None:
+@pytest.mark.parametrize("frozen", [False, True])
+def test_refinement_is_killed_or_freezes(arena: Arena, stage: Stage, frozen: bool) -> None:
     visit = arena.visit()
     sent = stage(arena, visit)
-    arena.nodes["refinement"].kill()
+    arena.nodes["refinement"].send(signal.SIGSTOP if frozen else signal.SIGKILL)
     if stage is waiting:
         visit.place()
     result = visit.ended(sent)
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
     if stage is refining:
         assert "executed as sent, refinement failed: no answer within 3 s" in result.record.refinement
-    recovers(arena, "refinement")
+    if not frozen:
+        recovers(arena, "refinement")
 
 
 ORDERS = list(itertools.permutations(["executor", "refinement", "simulation"]))

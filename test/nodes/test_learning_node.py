@@ -22,6 +22,7 @@ from ator_interfaces.msg import ActionPerformance, ObjectState, Outcome
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.store import read_records
+from ator_ros.files import exclusive_folder
 from ator_ros.learning.round import Source, learn
 from ator_ros.learning.sets import RECORDS, current_set, point_to, publish, read_manifest
 from ator_ros.nodes.messages import pose_of
@@ -129,6 +130,8 @@ def test_learning_can_be_frozen_and_asked_for(
     refused = client.call(Trigger, "learning/learn_now", Trigger.Request())
     assert (refused.success, refused.message) == (False, "learning is frozen")
     assert values_of(client)["frozen"] == "True"
+    with pytest.raises(OSError, match="another command is writing there"), exclusive_folder(folder):
+        pass
     assert current_set(folder) is None
     assert client.call(SetBool, "learning/freeze", SetBool.Request(data=False)).success
     assert client.call(Trigger, "learning/learn_now", Trigger.Request()).success
@@ -150,6 +153,15 @@ def test_it_goes_on_after_a_kill(
     tell(*told[30:])
     client.eventually(lambda: current_set(folder), "a set", patience=90.0)
     assert stored_in(folder) == 45
+
+
+def test_the_executor_takes_over_a_set(host: Host, client: Client, tmp_path: Path, models: Path) -> None:
+    folder = tmp_path / "learned"
+    node = host("executor", models=models, learned=folder)
+    stored(folder / RECORDS, episodes(60, slower=2.0))
+    made = learn(Source(folder, SOCCER, ROBOT, models), time="2026-01-01T00:00:00Z")
+    publish(folder, Path(made["made"]))
+    client.eventually(lambda: f"switched to the learned set {made['digest']}" in node.output, "the switch")
 
 
 def test_the_refinement_node_takes_over_a_set(

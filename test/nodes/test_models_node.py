@@ -59,12 +59,19 @@ def test_a_damaged_model_is_a_problem(host: Host, client: Client, models: Path, 
     (models / "bezier").mkdir()
     text = (models / "goToPose.json").read_text(encoding="utf-8")
     (models / "bezier" / "goToPose.json").write_text(text[: len(text) // 2], encoding="utf-8")
+    (models / "shoot.json").write_text(text.replace('"goToPose"', '"shoot"', 1), encoding="utf-8")
     node = host(name, models=models)
     status = status_of(client, name)
     assert status.level == DiagnosticStatus.WARN
+    assert "predictions of shoot are not corrected" in node.output
     assert "action set bezier: " in status.message
     assert "goToPose.json: expected a readable JSON file" in status.message
     assert "[WARN]" in node.output
+
+
+@BOTH
+def test_a_folder_of_models_that_is_not_there_is_a_warning(host: Host, tmp_path: Path, name: str) -> None:
+    assert "nowhere" in host(name, models=tmp_path / "nowhere").output.partition("[WARN]")[2]
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from ator_ros.nodes.messages import answer_of, pose_of
 from ator_ros.nodes.refinement import refine_request
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.refiner import Refiner
+from ator_ros.world.messages import MessageError
 
 
 def request(*calls: TopCall) -> RefineSubgoal.Request:
@@ -123,6 +124,11 @@ class TestAlternatives:
         answer = answered(asked)
         assert answer.chosen == 0
         assert "alternatives[0].action_set" in answer.alternatives[1].reason
+
+    def test_those_with_a_step_without_a_model_come_last_and_eight_are_refused(self) -> None:
+        assert answered(self.asked(self.near, self.far[:2]), "shoot").chosen == 1
+        with pytest.raises(MessageError, match="alternatives: expected 0 to 7 items, got 8"):
+            answered(self.asked(*[self.far] * 9))
 
     def test_one_chain_has_no_list(self) -> None:
         answer = answered(self.asked(self.far))

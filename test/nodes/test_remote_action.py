@@ -58,6 +58,24 @@ def test_a_result_that_is_no_success_is_reported(bench: Bench, end: dict[str, An
         raise AssertionError(step.message)
 
 
+def test_a_goal_that_is_rejected_fails_at_once(bench: Bench) -> None:
+    Server(bench.theirs, accepts=False)
+    bench.begin()
+    step, took = bench.outcome()
+    assert step.message == "drive rejected the goal"
+    assert took < SLACK
+
+
+def test_a_goal_that_is_accepted_too_late_is_canceled(bench: Bench) -> None:
+    server = Server(bench.theirs)
+    bench.begin()
+    bench.freeze()
+    late = "drive did not answer the goal: expected that within 0.5 s"
+    assert bench.outcome()[0].message == late
+    bench.thaw()
+    bench.until(lambda: server.canceled)
+
+
 def test_without_a_server_it_fails_after_its_time(bench: Bench) -> None:
     bench.action.start(bench.world(), GOAL)
     step, took = bench.outcome()
@@ -93,6 +111,7 @@ def test_a_killed_server_is_noticed_long_before_dds_gives_it_up(bench: Bench) ->
     assert step.message == "drive is gone or hangs: expected a sign of life within 0.6 s, got none"
     assert step.status is Status.FAILED
     assert 0.4 < took < 0.6 + SLACK
+    bench.until(lambda: "it may still move the robot" in bench.server.warning())
 
 
 def test_feedback_is_a_sign_of_life(bench: Bench) -> None:

@@ -220,6 +220,8 @@ def test_rviz_and_robot_state_publisher_find_what_they_need(world: Client) -> No
     client = world
     client.place(robot=Pose(1.0, -0.5, 2.0), ball=(2.0, 1.0))
     by_default = QoSProfile(depth=10)  # reliable: what a subscriber gets who asks for nothing
+    (commands,) = client.node.get_subscriptions_info_by_topic("/cmd_vel")
+    assert commands.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
     odometry, balls = (client.listen(Odometry, name, by_default) for name in ("odom", "ball"))
     transforms = client.listen(TFMessage, "tf", by_default)
     joints = client.listen(JointState, "joint_states", by_default)

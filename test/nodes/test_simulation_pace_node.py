@@ -24,7 +24,8 @@ def test_time_can_go_faster_while_it_runs(host: Host, client: Client) -> None:
 
 
 def test_as_fast_as_possible_waits_for_who_steers(host: Host, client: Client) -> None:
-    host("simulation", real_time_factor=0.0, command_wait=10.0)
+    host("simulation", real_time_factor=0.0, command_wait=0.5)
+    assert set_number(client, "command_wait", 10.0)
     steer_a_little(client)
     # What was published before may still be on its way.
     client.eventually(lambda: is_silent(client), "the simulation waits", patience=9.0)

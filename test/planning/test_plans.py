@@ -162,6 +162,8 @@ def test_the_tool_prints_chains_and_predictions(capsys: pytest.CaptureFixture[st
     assert len(lines) == 3
     durations = [float(line.split()[0]) for line in lines]
     assert durations == sorted(durations)
+    assert plan_main([]) == 0
+    assert "ball_in_goal" in capsys.readouterr().out
     assert plan_main(["ball_in_goal"]) == 1
     refused = capsys.readouterr().err
     assert refused.startswith("plan: goToBall needs the ball, which is unknown; ")

@@ -49,7 +49,7 @@ def evaluate(models: Path, out: Path, *words: str, situations: int = 3, workers:
 @pytest.fixture(scope="module")
 def finished(models: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     out = tmp_path_factory.mktemp("out")
-    return out, evaluate(models, out, *ORACLE)
+    return out, evaluate(models, out, *ORACLE, "--oracle-margin", "0.2")
 
 
 def test_summary_has_every_field_of_every_policy(finished: tuple[Path, dict[str, Any]]) -> None:
@@ -66,6 +66,7 @@ def test_summary_has_every_field_of_every_policy(finished: tuple[Path, dict[str,
         assert {"mean_loss_lower_percent", "oracle_captured_percent", "failures"} <= row.keys()
     assert summary["naive"]["improvement_percent"] == 0.0
     assert summary["oracle"]["improvement_percent"] >= 0.0
+    assert any(None in durations for durations in finished[1]["runs"]["oracle"]["durations"])  # margin
     assert summary["oracle_speed"]["mean_duration_s"] <= summary["oracle"]["mean_duration_s"]
 
 
@@ -123,9 +124,10 @@ def test_gate_keeps_room_to_stop_and_learns_a_calibration(tmp_path: Path) -> Non
     ours.mkdir()
     for action in ("goToPose", "dribbleBall"):
         shutil.copy(SOCCER.shipped_models / f"{action}.json", ours)
-    sizes = ["--situations", "24", "--seed", "306", "--jobs", "1"]
+    sizes = ["--situations", "24", "--seed", "306", "--jobs", "1", "--draw-errors"]
     assert gate_main([*sizes, "--models", str(ours), "--work", str(work), "--room", "--calibrate"]) == 0
     assert load_gate(ours / GATE).room > 1.0
+    assert load_gate(ours / GATE).kind == "threshold"
     assert load_gate(ours / GATE).corrected
     shipped = load_gate(SOCCER.shipped_models / GATE)
     assert (shipped.room, shipped.corrected) == (0.0, False)

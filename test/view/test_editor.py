@@ -97,6 +97,10 @@ def test_the_best_alternative_is_chosen_and_executed(editor: Editor, backend: In
     assert backend.executed[0].calls[1].goal.pose == near
     editor.step([lambda: editor.move_object("ball", Pose(0.3, 0.3, 0.0))])
     assert {chain.calls[0].goal.pose[:2] for chain in editor.draft.alternatives} == {(0.3, 0.3)}
+    for x in range(8):
+        editor.edit(Draft.with_alternative)
+        editor.move_goal(1, Pose(0.1 * x, 1.0, 0.0))
+    assert len(editor.draft.alternatives) == 7
     editor.step([lambda: editor.edit(Draft.without_alternatives)])
     assert editor.answer is not None
     assert editor.answer.candidates == ()

@@ -141,6 +141,7 @@ def test_a_port_that_is_taken_is_passed_over_and_a_host_of_others_refused() -> N
         port = taken.getsockname()[1]
         server = serve(SOCCER, ROBOT, port=port)
         assert server.get_port() > port
+        assert server.get_host() == "127.0.0.1"
         assert server.request_share_url() is None  # nor do clients get one
         server.stop()
     with pytest.raises(OSError, match=r"expected an address of this machine, got '203\.0\.113\.7': "):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 from view.in_process import InProcessBackend
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.view.backend import Answer
 from ator_ros.view.shapes import (
@@ -17,6 +19,7 @@ from ator_ros.view.shapes import (
     executed_chain_shapes,
     refinement_shapes,
     ring,
+    surroundings,
 )
 
 
@@ -43,6 +46,11 @@ def test_the_ring_is_nearest_where_the_chain_is_fastest_and_marks_the_chosen_hea
     assert math.atan2(*-across[::-1]) == pytest.approx(centre.yaw)
     step = np.diff(headings).max()  # the search looks between these headings as well
     assert headings[np.argmin(costs)] == pytest.approx(centre.yaw, abs=step)
+
+
+def test_area_lines_of_the_domain_and_bays_surround_them() -> None:
+    ruled = dataclasses.replace(SOCCER, lines=lambda _: [[(0.0, -3.0), (0.0, 3.0)]])
+    assert [drawn.name for drawn in surroundings(ruled, SOCCER.robot())][:2] == ["area", "line0"]
 
 
 def test_without_searched_headings_there_is_no_ring(answer: Answer) -> None:
