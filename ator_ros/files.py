@@ -120,13 +120,13 @@ def is_name(value: object) -> bool:
 
 
 def portable_command(name: str, words: Sequence[str]) -> str:
-    """Return a command line to be recorded: files without the folders of this machine; topics stay."""
+    """Return a command line to be recorded: absolute paths without the folders of this machine."""
     return shlex.join([name, *(Path(word).name if _is_path(word) else word for word in words)])
 
 
 def _is_path(word: str) -> bool:
     parent = Path(word).parent
-    return "/" in word and parent != Path("/") and parent.is_dir()
+    return word.startswith("/") and parent != Path("/") and parent.is_dir()  # else the name of a topic
 
 
 class FileError(ValueError):

@@ -5,8 +5,8 @@
     python3 -m ator_ros.examples.call /execute_chain ator_interfaces/action/ExecuteChain "{refine: true, ...}"
     python3 -m ator_ros.examples.call echo /performance/chain
 
-The values are YAML; fields that are not named keep their defaults. Feedback of an action is printed as it
-comes, and Ctrl-C cancels the goal. The program needs rclpy, PyYAML and the interfaces, and nothing else.
+The values are YAML; fields that are not named keep their defaults. With --feedback that of a goal is printed
+as it comes. Ctrl-C cancels the goal. The program needs rclpy, PyYAML and the interfaces, and nothing else.
 """
 
 from __future__ import annotations
@@ -123,8 +123,8 @@ def call(node: Node, service: str, kind: Any, values: Any) -> None:
     print(text(_answer(node, client.call_async(filled(kind.Request, values)), service)), end="")
 
 
-def send_goal(node: Node, action: str, kind: Any, values: Any) -> None:
-    """Send a goal to an action, and print its feedback and its result; Ctrl-C cancels the goal."""
+def send_goal(node: Node, action: str, kind: Any, values: Any, *, feedback: bool) -> None:
+    """Send a goal to an action, and print its result, before it `feedback` too; Ctrl-C cancels the goal."""
     client = ActionClient(node, kind, action)
     if not client.wait_for_server(timeout_sec=_TIMEOUT):
         raise CallError(f"expected the action {action} of this type within {_TIMEOUT:g} s, found none")
@@ -132,7 +132,9 @@ def send_goal(node: Node, action: str, kind: Any, values: Any) -> None:
     def show(message: Any) -> None:
         print(yaml.safe_dump({"feedback": _plain(message.feedback)}, sort_keys=False), end="", flush=True)
 
-    sent = client.send_goal_async(filled(kind.Goal, values, "goal"), feedback_callback=show)
+    sent = client.send_goal_async(
+        filled(kind.Goal, values, "goal"), feedback_callback=show if feedback else None
+    )
     handle = _answer(node, sent, action)
     if not handle.accepted:
         raise CallError(f"{action}: expected the goal to be accepted, it was rejected")
@@ -166,7 +168,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("type", help="such as std_srvs/srv/Trigger; of echo the topic")
     parser.add_argument("values", nargs="?", default="{}", help="of the request's or goal's fields, as YAML")
     parser.add_argument("--once", action="store_true", help="of echo: end after one message")
-    parser.add_argument("-f", "--feedback", action="store_true", help="as of `ros2`; it is always printed")
+    parser.add_argument("-f", "--feedback", action="store_true", help="print the feedback of a goal")
     options = parser.parse_args(arguments)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C first cancels the goal
     node = rclpy.create_node("call")
@@ -174,9 +176,11 @@ def main(arguments: list[str] | None = None) -> int:
         if options.name == "echo":
             echo(node, options.type, once=options.once)
         else:
-            kind = interface(options.type)
-            run = send_goal if hasattr(kind, "Goal") else call
-            run(node, options.name, kind, yaml.safe_load(options.values))
+            kind, values = interface(options.type), yaml.safe_load(options.values)
+            if hasattr(kind, "Goal"):
+                send_goal(node, options.name, kind, values, feedback=options.feedback)
+            else:
+                call(node, options.name, kind, values)
         sys.stdout.flush()
     except BrokenPipeError:  # of `| head`; Python would write the rest at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

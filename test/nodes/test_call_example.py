@@ -63,7 +63,7 @@ def test_a_goal_is_sent_and_feedback_and_result_printed_and_an_interrupt_cancels
     start("simulation")
     executor = host("executor")
     client.robot()
-    with started(*EXECUTE, domain=domain) as sent:
+    with started(*EXECUTE, "--feedback", domain=domain) as sent:
         client.eventually(lambda: client.robot().v > 0.1, "the robot drives")
         sent.send_signal(signal.SIGINT)
         output, errors = sent.communicate(timeout=60.0)
