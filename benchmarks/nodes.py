@@ -150,7 +150,7 @@ class Driver:
     """
 
     def __init__(self, node: Node) -> None:
-        self.ticks = ""
+        self.diagnosed, self.ticks = False, ""
         self._robot = node.create_client(PlaceRobot, "place_robot")
         self._ball = node.create_client(PlaceObject, "place_ball")
         self._chains = ActionClient(node, ExecuteChain, "execute_chain")
@@ -159,6 +159,7 @@ class Driver:
     def _diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == "/executor":
+                self.diagnosed = True
                 self.ticks = next((each.value for each in status.values if each.key == TICKS), self.ticks)
 
     def drive(self, times: int) -> None:
@@ -189,7 +190,7 @@ def measure(seconds: float, chains: int) -> dict[str, Any]:
     try:
         with spun("driver") as node:
             driver = Driver(node)
-            until(lambda: bool(driver.ticks), "diagnostics of the executor")
+            until(lambda: driver.diagnosed, "diagnostics of the executor")
             time.sleep(SETTLED)
             idle = shares(pids, lambda: time.sleep(seconds))
             driver.drive(1)
