@@ -32,9 +32,8 @@ class ActionSpec:
         cannot do: such episodes fail, and nothing is learned from them.
     features : tuple of str
         Names of the candidate features of its performance model, from which the model tree selects: general
-        ones (`ator_ros.performance.features.GENERAL`) and those that the domain adds (`Domain.features`). One
-        of them may be the action's ideal time (`Feature.ideal`): how long it would take at the robot's
-        limits. Empty: all general candidates. The action's own goal variables are candidates besides.
+        ones (`ator_ros.performance.features.GENERAL`) and those that the domain adds (`Domain.features`).
+        Empty: `CANDIDATES`. The action's own goal variables are candidates besides.
     remote : RemoteCall or None
         The action server that executes it; None: the action of the factory executes it.
     goal_variables : tuple of GoalVariable

@@ -36,7 +36,7 @@ from ator_ros.domains.declared import (
     drawn_drive,
 )
 from ator_ros.files import FileError, content_with_optional_header, read_yaml
-from ator_ros.performance.features import CANDIDATES, GENERAL, OBSERVED, Feature, goal_feature, names_of
+from ator_ros.performance.features import CANDIDATES, GENERAL, Feature, goal_feature
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot, load_robot
@@ -443,7 +443,6 @@ def _remote_spec(action: DeclaredAction, point: Point, time_limit: float, where:
         action.name,
         factory,
         sample,
-        names_of(OBSERVED),
         remote=action.remote,
         goal_variables=action.goal_variables,
     )

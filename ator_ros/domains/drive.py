@@ -15,7 +15,6 @@ from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer import chains, situations
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.tops import GO_TO_POSE
-from ator_ros.performance.features import OBSERVED, names_of
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
@@ -66,7 +65,7 @@ def tops_for(robot: Robot) -> tuple[Top, ...]:
 DRIVE = Domain(
     "drive",
     (GO_TO_POSE,),
-    {DEFAULT_SET: (ActionSpec("goToPose", GoToPose, go_to_pose, names_of(OBSERVED)),)},
+    {DEFAULT_SET: (ActionSpec("goToPose", GoToPose, go_to_pose),)},
     chains={"passing": partial(chains.drive, time_limit=TIME_LIMIT)},
     variables=RANGES,
     description=resource_path("config", "turtlebot4.yaml"),

@@ -18,10 +18,8 @@ _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_N
 class RoundProcess:
     """A round of learning under way; the arguments are parameters of the node, and `time` is for `learn`."""
 
-    def __init__(
-        self, folder: Path, *, domain: str, robot: str, models: str, observed: bool, time: str
-    ) -> None:
-        arguments = json.dumps([str(folder), domain, robot, models, observed, time])
+    def __init__(self, folder: Path, *, domain: str, robot: str, models: str, time: str) -> None:
+        arguments = json.dumps([str(folder), domain, robot, models, time])
         self._process = subprocess.Popen(
             [sys.executable, "-m", "ator_ros.learning.process", arguments],
             stdin=subprocess.DEVNULL,
@@ -64,10 +62,10 @@ def main() -> None:
     from ator_ros.domains.domain import domain_for
     from ator_ros.learning.round import Source, learn
 
-    folder, name, robot, models, observed, time = json.loads(sys.argv[1])
+    folder, name, robot, models, time = json.loads(sys.argv[1])
     domain = domain_for(name, robot)
     place = Path(models) if models else domain.shipped_models
-    source = Source(Path(folder), domain, domain.robot(robot or None), place, observed)
+    source = Source(Path(folder), domain, domain.robot(robot or None), place)
     sys.stdout.write(json.dumps(learn(source, time=time), allow_nan=False))
 
 

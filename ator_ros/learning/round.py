@@ -15,7 +15,6 @@ import pandas as pd
 
 from ator_ros.actions.goal_variables import direct_name
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.gate_from_episodes import usual_widths
 from ator_ros.experience.columns import goal_variables_of_columns
 from ator_ros.experience.store import NUMBER, action_sets_in, read_records
 from ator_ros.experience.table import library_versions
@@ -23,7 +22,7 @@ from ator_ros.files import FileError
 from ator_ros.learning.candidates import TrainingData, constant, training_data
 from ator_ros.learning.judging import RoundVerdict, judge
 from ator_ros.learning.sets import RECORDS, current_set, new_set_folder, read_manifest, seal, sets_in
-from ator_ros.performance.features import OBSERVED, PATHS, Feature, declared_by, kinds_of, with_kinds
+from ator_ros.performance.features import PATHS, Feature, declared_by
 from ator_ros.performance.model import MEASURES, UNOBSERVED, PerformanceModel
 from ator_ros.performance.model_file import (
     RobotMismatchWarning,
@@ -32,7 +31,7 @@ from ator_ros.performance.model_file import (
     models_folder,
     save_model,
 )
-from ator_ros.performance.training import observed_driving
+from ator_ros.performance.observation import observed_driving
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.refinement.calibration import (
     CALIBRATION,
@@ -74,16 +73,10 @@ def improved(
     else:
         driving = observed_driving(rows, robot) if set(features) & set(PATHS) and len(rows) else None
     present = [current] if current is not None else []
-    kinds = next(filter(None, (kinds_of(m.features.values()) for m in present or former.values())), {})
-    former = {
-        name: model
-        for name, model in former.items()
-        if model.driving == driving and kinds_of(model.features.values()) == kinds
-    }
+    former = {name: model for name, model in former.items() if model.driving == driving}
     known = {feature.name: feature for feature in features}
     for model in (*former.values(), *present):
         known |= model.features
-    known = with_kinds(known, kinds) if kinds else known  # also those that no model uses
     data = training_data(rows, robot, tuple(known.values()), driving)
     trees = dict(current.trees) if current is not None else {}
     verdicts = {
@@ -137,21 +130,13 @@ def _means(data: Mapping[str, TrainingData]) -> dict[str, ModelTree]:
 class Source:
     """What a round of learning starts from: `folder` has the learned sets and the store of records.
 
-    The folder `models`, with which the node was started, may be missing. If `observed`, only observed
-    features are used, without ideal times of actions.
+    The folder `models`, with which the node was started, may be missing.
     """
 
     folder: Path
     domain: Domain
     robot: Robot
     models: Path
-    observed: bool = False
-
-    def features(self, action: str, action_set: str) -> tuple[Feature, ...]:
-        """Return the candidate features of an action."""
-        if not self.observed:
-            return self.domain.candidates(action, action_set)
-        return (*OBSERVED, *self.domain.goal_features(action, action_set))
 
     def model(self, place: Path, action: str, action_set: str) -> PerformanceModel | None:
         """Return the model of an action in the folder of a set; None if there is no usable one."""
@@ -191,7 +176,7 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
                 str(action),
                 rows,
                 source.robot,
-                source.features(str(action), action_set),
+                source.domain.candidates(str(action), action_set),
                 current=source.model(place or source.models, str(action), action_set),
                 seen={measure: seen.get(_key(name, measure), 0) for measure in MEASURES},
                 former=_former(source, place, str(action), action_set),
@@ -260,9 +245,7 @@ def _make_set(
         }
         save_model(folder / f"{action}.json", dataclasses.replace(model, metadata=metadata))
         if not (folder / GATE).exists():
-            widths = usual_widths(source.robot) if source.observed else {}
-            cautious = dataclasses.replace(CAUTION, widths=widths)
-            save_gate(folder / GATE, cautious, {"command": "learning"}, action_set)
+            save_gate(folder / GATE, CAUTION, {"command": "learning"}, action_set)
         # Trees fitted to executed chains have no bias: their corrections go.
         calibration = load_calibration_if_any(folder)
         if action in calibration.shortfalls:

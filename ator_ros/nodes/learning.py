@@ -42,7 +42,6 @@ PARAMETERS = (
     Parameter("records", ["performance/action"], "topics of the records, of one or several robots"),
     Parameter("batch", 20, "new records after which to learn again", 5, 10_000),
     Parameter("most_episodes", 20_000, "episodes of each action set that are kept", 1000, 1_000_000),
-    Parameter("observed", False, "whether to learn without the times that domains describe of actions"),
 )
 _PERIOD = 0.25
 _WARNING_PERIOD = 2.0
@@ -75,7 +74,7 @@ class LearningNode(Node):
         topics = settings["records"]
         folder = Path(settings["learned"]).expanduser() if settings["learned"] else _HOME
         self._open = contextlib.ExitStack()
-        named = {name: settings[name] for name in ("domain", "robot", "models", "observed")}
+        named = {name: settings[name] for name in ("domain", "robot", "models")}
         try:
             self._open.enter_context(exclusive_folder(folder))
             self._learner = Learner(

@@ -11,11 +11,10 @@ import numpy as np
 
 from ator_ros.compiled import compiled
 from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
-from ator_ros.motion.durations import drive_time, rates_of, turn_time
+from ator_ros.motion.durations import turn_time
 from ator_ros.motion.families import Family, Motions, fastest_motions
 from ator_ros.performance.direct import HOLD, SPEEDG, XG, YAW, YAWG, YG, Direct, V, W, X, Y, direct_table
 from ator_ros.performance.driving import DrivingStyle, plain_driving
-from ator_ros.performance.paths import path_times
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import AT_REST
 
@@ -270,38 +269,19 @@ class Geometry:
 
     @cached_property
     def path(self) -> Motions:
-        """The fastest turn-straight-turn path at the limits that were observed.
-
-        Where none leads there it is turning on the spot, driving and turning, at the robot's limits.
-        """
-        d, (from_x, from_y, yaw, opening) = self.direct, self.openings
-        x, y = self.destination
-        dx, dy, cos, sin = x - from_x, y - from_y, np.cos(yaw), np.sin(yaw)
-        turn = wrap_angles(d["yawg"] - yaw)
-        ends = np.column_stack([cos * dx + sin * dy, cos * dy - sin * dx, turn, d["v"], d["speedg"]])
-        time, turned = np.empty(len(ends)), np.empty(len(ends))
-        for holding in (False, True):
-            rows = (d["hold"] > 0.5) == holding
-            if rows.any():
-                found = path_times(ends[rows], self.driving, hold=self.robot.hold, holding=holding)
-                time[rows], turned[rows] = found.time, found.turn
-        # Where no path leads there the robot must turn on the spot, drive, and turn again.
-        missing = ~np.isfinite(time)
-        time[missing] = self.turn_drive_turn()[missing]
-        turned[missing] = (np.abs(self.to_dest) + np.abs(self.at_dest))[missing]
-        return self.with_turns(Motions(time, turned).after(opening), self.driving.limits)
-
-    def turn_drive_turn(self, *, reverse: bool = False) -> FloatArray:
-        """Return the time in s of turning on the spot, driving, and turning again."""
-        first, last = np.abs(self.to_dest), np.abs(self.at_dest)
-        if reverse:
-            first, last = np.pi - first, np.pi - last
-        rates = rates_of(self.robot.limits)
-        rest = np.zeros_like(self.dist)
-        driving = drive_time(self.dist, rest, self.direct["speedg"], rates)
-        turning = turn_time(first, rates.w, rates.aw)
-        result: FloatArray = turning + driving + turn_time(last, rates.w, rates.aw)
-        return result
+        """The fastest turn-straight-turn path as the action was observed to drive."""
+        driving, speeds = self.driving, (self.direct["yawg"], self.direct["speedg"])
+        holding = self.direct["hold"] > 0.5
+        if not holding.any():
+            found = self.fastest_to(driving.drive_paths, *self.destination, *speeds)
+        else:
+            found = self.fastest_to(driving.approach_paths, *self.destination, *speeds)
+            if driving.approaches and not holding.all():
+                free = self.fastest_to(driving.drive_paths, *self.destination, *speeds)
+                found = Motions(
+                    np.where(holding, found.time, free.time), np.where(holding, found.turn, free.turn)
+                )
+        return self.with_turns(found, driving.limits)
 
 
 def _from_hold(geometry: Geometry) -> tuple[FloatArray, FloatArray]:

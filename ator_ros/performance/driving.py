@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
+from functools import cached_property, lru_cache
 from typing import Annotated
 
+from ator_ros.motion.families import Family, Kind, TurnProfile, needed_kinds
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.schema import Within, require
 
-LEVELS = 10
-"""Ranges of speed, of equal width up to the greatest, for which turn rates are kept."""
-_FULL = (1.0,) * LEVELS
 _Observed = Annotated[float, Within(1e-6, 1000.0)]
-_Share = Annotated[float, Within(0.0, 1.0)]
+_KIND = 9
+"""Numbers of a kind of path."""
+
+StoredKind = tuple[float | None, ...]
+"""A `Kind` in a file: the fields of both turn profiles and the others; None where one does not apply."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,30 +38,139 @@ class DrivingStyle:
 
     Attributes
     ----------
-    run : float or None
-        Length in m of the straight run up to the object held at the goal; None where the run is as long as
-        its change of speed needs.
+    forward : bool
+        Whether it never drives backward.
+    run : float
+        Length in m of the straight run up to the object held at the goal, of an action that also drives
+        backward; the run of one that does not is as long as its change of speed needs.
     passing : float
         Distance in m that a straight drive keeps from the object held at the goal.
-    steady, braking : tuple of float, LEVELS of them
-        Greatest turn rate at each range of speeds as a share of `limits.w`: at a steady speed, and while
-        losing speed.
+    drives, approaches : tuple
+        The kinds of paths whose fastest counts, to a pose and to one at which the robot holds an object;
+        without approaches these are as the drives.
     """
 
     limits: ObservedLimits
-    backward: bool = True
-    run: Annotated[float, Within(0.0)] | None = 0.0
+    drives: tuple[StoredKind, ...]
+    approaches: tuple[StoredKind, ...] = ()
+    forward: bool = False
+    run: Annotated[float, Within(0.0)] = 0.0
     passing: Annotated[float, Within(0.0)] = 0.0
-    steady: tuple[_Share, ...] = _FULL
-    braking: tuple[_Share, ...] = _FULL
 
     def __post_init__(self) -> None:
-        """Check the number of turn rates."""
-        for name in ("steady", "braking"):
-            count = len(getattr(self, name))
-            require(count == LEVELS, name, f"{LEVELS} turn rates", count)
+        """Check the kinds."""
+        require(bool(self.drives), "drives", "at least one kind of path", 0)
+        for kind in (*self.drives, *self.approaches):
+            require(len(kind) == _KIND, "drives, approaches", f"kinds of {_KIND} numbers", len(kind))
+
+    @cached_property
+    def drive_paths(self) -> Family:
+        """The paths to a pose."""
+        kinds = tuple(map(restored_kind, self.drives))
+        return Family(self.limits, kinds, run=None if self.forward else 0.0, forward=self.forward)
+
+    @cached_property
+    def approach_paths(self) -> Family:
+        """The paths to a pose at which the robot holds an object."""
+        if not self.approaches:
+            return self.drive_paths
+        kinds = tuple(map(restored_kind, self.approaches))
+        run = None if self.forward else self.run
+        return Family(self.limits, kinds, run=run, passing=self.passing, forward=self.forward)
 
 
+def stored_kind(kind: Kind) -> StoredKind:
+    """Return a kind of path as a file holds it."""
+    numbers = (*kind.first, *kind.last, *kind[2:])
+    return tuple(number if math.isfinite(number) else None for number in numbers)
+
+
+def restored_kind(numbers: StoredKind) -> Kind:
+    """Return the kind of path with these numbers."""
+    change, rate, loss, last_rate, share, entry, start, arrival, direction = numbers
+    return Kind(
+        TurnProfile(change or 0.0, rate or 0.0),
+        TurnProfile(loss or 0.0, last_rate or 0.0),
+        math.nan if share is None else share,
+        math.nan if entry is None else entry,
+        -math.inf if start is None else start,
+        -math.inf if arrival is None else arrival,
+        1.0 if direction is None else direction,
+    )
+
+
+# What candidates are chosen from; all numbers are shares of the limits.
+_CHANGES = (-1.0, -0.6, -0.25, 0.0, 0.25, 0.6, 1.0)  # of speed in a turn
+RUNS = (0.0, 0.35, 0.8, 1.0)  # speeds at which a run of given length begins, from the least to the greatest
+_GAINS, _LOSSES = (0.0, 0.25, 0.5, 0.75, 1.0), (0.0, 0.5, 1.0)  # of speed, of actions that only drive forward
+_LEADS = (0.1, 0.2, 0.35, 0.55, 0.8)  # speeds to reach before the first turn
+_ARRIVALS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.75, 0.95)  # speeds after the last turn
+_LEAST = (0.0, 0.25, 0.5, 0.75)  # speeds at start or goal that decide how fast the robot may turn there
+_SLOWEST = 0.1  # share of the turn rate below which no turn is tried
+_MOST = 24
+"""Kinds of paths; the time of a prediction grows with their number."""
+
+TurnRates = Callable[[float, float], float]
+"""Returns the greatest turn rate (0: no turn) at a speed and a change of speed; all are shares of limits."""
+
+
+def free_kinds(limits: Limits, runs: Iterable[float] = (0.0,)) -> list[Kind]:
+    """Return the kinds of paths of a base that turns at its limit at any speed, forward and backward."""
+    return [
+        Kind(
+            TurnProfile(first * limits.a, limits.w),
+            TurnProfile(last * limits.a, limits.w),
+            share,
+            direction=direction,
+        )
+        for first, last, direction, share in itertools.product(_CHANGES, _CHANGES, (1.0, -1.0), runs)
+    ]
+
+
+def forward_kinds(limits: Limits, first_rate: TurnRates, last_rate: TurnRates) -> list[Kind]:
+    """Return the kinds of paths forward, whose turns are as fast as `first_rate` and `last_rate` allow."""
+    begins = [
+        (
+            gain * limits.a,
+            first_rate(speed, gain) * limits.w,
+            entry * limits.v,
+            least * limits.v if least else -math.inf,
+        )
+        for speed, entry, least in (
+            *((least, math.nan, least) for least in _LEAST),
+            *((lead, lead, 0.0) for lead in _LEADS),
+        )
+        for gain in _GAINS
+    ]
+    ends = [
+        (
+            loss * limits.brake,
+            last_rate(speed, -loss) * limits.w,
+            share,
+            least * limits.v if least else -math.inf,
+        )
+        for speed, share, least in (
+            *((speed, speed, 0.0) for speed in _ARRIVALS),
+            *((least, math.nan, least) for least in _LEAST),
+        )
+        for loss in _LOSSES
+    ]
+    slowest = _SLOWEST * limits.w
+    return [
+        Kind(TurnProfile(gain, rate), TurnProfile(loss, other), share, entry, start, arrival)
+        for gain, rate, entry, start in begins
+        for loss, other, share, arrival in ends
+        if min(rate, other) > slowest
+    ]
+
+
+def chosen_kinds(paths: Family, *, hold: float) -> tuple[StoredKind, ...]:
+    """Return the kinds of `paths` that bring its times nearest to those of all, the most useful first."""
+    return tuple(stored_kind(paths.kinds[index]) for index in needed_kinds(paths, hold=hold)[:_MOST])
+
+
+@lru_cache(maxsize=8)
 def plain_driving(robot: Robot) -> DrivingStyle:
     """Return the assumption for an action that was not observed: all that the base can do."""
-    return DrivingStyle(ObservedLimits(**asdict(robot.limits)))
+    limits = ObservedLimits(**asdict(robot.limits))
+    return DrivingStyle(limits, chosen_kinds(Family(limits, tuple(free_kinds(limits))), hold=0.0))

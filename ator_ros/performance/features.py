@@ -1,13 +1,12 @@
 """Features: derived variables that correlate better with performance than the direct ones (paper, section 3).
 
 Those here hold for any action of a robot that drives; a domain adds its own, see `Domain.features`. One
-function, `feature_table`, serves learning and prediction. A feature is computed only if asked for. Kinds of
-ideal motions may be chosen for a robot; they are kept with the models that are learned with them.
+function, `feature_table`, serves learning and prediction. A feature is computed only if asked for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +17,6 @@ from ator_ros.performance.derived import BASICS, Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES, Direct
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.robot.description import Robot
-
-Kinds = Mapping[str, Sequence[Sequence[float | None]]]
-"""By name of a family of ideal motions: the numbers of each kind, None for one that does not apply."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,15 +31,8 @@ class Feature:
         Returns its values, shape (n,), in SI units.
     translation, rotation : bool
         Whether it stays the same when the world is moved or turned.
-    ideal, described : bool
-        Whether it is an ideal time, which the action would take at the robot's limits, or another quantity of
-        such an ideal motion.
     row : int or None
         The row of `Geometry.rows` that holds its values; None where only `compute` has them.
-    motions : MotionFeatures or None
-        How it is made of kinds of ideal motions; None where it is not.
-    kinds : Kinds or None
-        Those that were chosen for a robot; None: the domain's own.
     """
 
     name: str
@@ -52,28 +41,7 @@ class Feature:
     compute: Callable[[Geometry], FloatArray]
     translation: bool = True
     rotation: bool = True
-    ideal: bool = False
-    described: bool = False
     row: int | None = None
-    motions: MotionFeatures | None = None
-    kinds: Kinds | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class MotionFeatures:
-    """Features that are made of the same kinds of ideal motions.
-
-    Attributes
-    ----------
-    choose : callable
-        Returns the kinds that a robot needs; it takes seconds.
-    make : callable
-        Returns the features by name, of kinds that may be among others, and none without them; raises
-        ValueError where they are not what was expected.
-    """
-
-    choose: Callable[[Robot], Kinds]
-    make: Callable[[Kinds], Mapping[str, Feature]]
 
 
 def variables(words: str) -> frozenset[str]:
@@ -122,28 +90,18 @@ SIGNED = (
 )
 """Angles and turn rate relative to the side of the first turn, velocities, and the kind of goal."""
 
-_TO_POSE = variables(f"{_POSES} speedg")
-IDEAL = (
-    Feature("turn_drive_turn", "s", _TO_POSE, lambda g: g.turn_drive_turn(), ideal=True),
-    Feature("reverse_turn_drive_turn", "s", _TO_POSE, lambda g: g.turn_drive_turn(reverse=True)),
-)
-"""Times at the robot's limits to turn on the spot, drive and turn again, forward and in reverse."""
-
-_MOTION = _TO_POSE | {"v", "w"}
+_MOTION = variables(f"{_POSES} speedg v w")
 PATHS = (
     Feature("path_time", "s", _MOTION, lambda g: g.path.time),
     Feature("path_turn", "rad", _MOTION, lambda g: g.path.turn),
 )
-"""Time of and angle turned on the fastest path at the limits that odometry showed; see `Geometry.path`."""
+"""Time of and angle turned on the fastest path that the action was observed to drive; see `Geometry.path`."""
 
-GENERAL: dict[str, Feature] = {feature.name: feature for feature in (*PAPER_11, *SIGNED, *IDEAL, *PATHS)}
+GENERAL: dict[str, Feature] = {feature.name: feature for feature in (*PAPER_11, *SIGNED, *PATHS)}
 """The features that every domain has, by name."""
 
-CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *IDEAL)
+CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
 """Features from which the model tree of an action selects that names none; see `ActionSpec.features`."""
-
-OBSERVED: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
-"""The same for a model of observations alone: no ideal times of our own actions."""
 
 
 def goal_feature(variable: GoalVariable) -> Feature:
@@ -196,33 +154,3 @@ def derived_from(features: Iterable[Feature]) -> frozenset[str]:
 def declared_by(features: Iterable[Feature]) -> tuple[str, ...]:
     """Return those direct variables of `features` that stand for declared goal variables, sorted."""
     return tuple(sorted(derived_from(features) - DIRECT_VARIABLES.keys()))
-
-
-def chosen_for(features: Sequence[Feature], robot: Robot) -> tuple[Feature, ...]:
-    """Return the features, those of ideal motions with kinds chosen for a robot; it takes seconds."""
-    kinds: dict[str, Sequence[Sequence[float | None]]] = {}
-    for motions in dict.fromkeys(feature.motions for feature in features):
-        kinds |= motions.choose(robot) if motions is not None else {}
-    return tuple(with_kinds({feature.name: feature for feature in features}, kinds).values())
-
-
-def with_kinds(features: Mapping[str, Feature], kinds: Kinds) -> dict[str, Feature]:
-    """Return the same features by name, those of ideal motions with these kinds.
-
-    Raises
-    ------
-    ValueError
-        The kinds are not what the features are made of.
-    """
-    made: dict[str, Feature] = {}
-    for motions in dict.fromkeys(feature.motions for feature in features.values()):
-        made |= motions.make(kinds) if motions is not None else {}
-    return {name: made.get(name, feature) for name, feature in features.items()}
-
-
-def kinds_of(features: Iterable[Feature]) -> dict[str, Sequence[Sequence[float | None]]]:
-    """Return the kinds that were chosen for the features; none where they are the domain's own."""
-    kinds: dict[str, Sequence[Sequence[float | None]]] = {}
-    for feature in features:
-        kinds |= feature.kinds or {}
-    return kinds

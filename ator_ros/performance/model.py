@@ -36,8 +36,8 @@ class Prediction:
         Probability.
     accuracy, heading : ndarray or None
         Expected errors at the end in m and rad.
-    dist, ideal : ndarray or None
-        Distance in m to the destination, and time in s of the ideal motion; None where no feature is one.
+    dist : ndarray or None
+        Distance in m to the destination.
     """
 
     duration: FloatArray | None = None
@@ -46,7 +46,6 @@ class Prediction:
     accuracy: FloatArray | None = None
     heading: FloatArray | None = None
     dist: FloatArray | None = None
-    ideal: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -132,12 +131,6 @@ class PerformanceModel:
             for name, (low, high) in ranges.items()
         }
 
-    @cached_property
-    def ideal_time(self) -> Feature | None:
-        """The ideal time among the features that predict the duration; None if there is none."""
-        named = map(self.features.__getitem__, self.trees["duration"].names)
-        return next((feature for feature in named if feature.ideal), None)
-
     def predict(self, direct: Direct, measures: tuple[str, ...] = ("duration",)) -> Prediction:
         """Predict the performance of n situations at once.
 
@@ -171,8 +164,6 @@ class PerformanceModel:
             fields[name] = np.full(rows.shape[1], constant)
         if "dist" in measures:
             fields["dist"] = geometry.dist.copy()  # else predictions that are kept would keep all rows
-        if "ideal" in measures and self.ideal_time is not None:
-            fields["ideal"] = geometry.once(self.ideal_time.compute)
         return Prediction(**fields)
 
     def _set_at_goal(self, geometry: Geometry, fields: Mapping[str, FloatArray]) -> None:

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.files import FileError, is_name, load, save
 from ator_ros.performance.driving import DrivingStyle
-from ator_ros.performance.features import Feature, kinds_of, with_kinds
+from ator_ros.performance.features import Feature
 from ator_ros.performance.model import MEASURES, AtGoal, PerformanceModel
 from ator_ros.performance.tree.storage import StoredTree, restored, stored
 from ator_ros.printable import printable, quoted
@@ -38,7 +38,6 @@ class _ModelFile:
     accuracy: dict[str, Any]
     at_goal: AtGoal | None
     trees: dict[Annotated[str, OneOf(tuple(MEASURES))], StoredTree]
-    kinds: dict[str, Any] | None = None
     driving: DrivingStyle | None = None
 
     def __post_init__(self) -> None:
@@ -107,7 +106,6 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         accuracy=model.metadata.get("accuracy", {}),
         at_goal=model.at_goal,
         trees={measure: stored(tree) for measure, tree in model.trees.items()},
-        kinds=kinds_of(model.features.values()) or None,
         driving=model.driving,
     )
     save(path, KIND, file)
@@ -146,27 +144,11 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
             RobotMismatchWarning,
             stacklevel=2,
         )
-    named = {**{name: features[name] for name in units}, **_made(path, features, file.kinds)}
+    named = {name: features[name] for name in units}
     names = ("action", "action_set", "robot_digest", "training", "versions", "accuracy")
     metadata = {name: getattr(file, name) for name in names}
     trees = {measure: restored(tree) for measure, tree in file.trees.items()}
     return PerformanceModel(file.action, robot, trees, named, metadata, file.driving, file.at_goal)
-
-
-def _made(
-    path: Path | str, features: Mapping[str, Feature], kinds: dict[str, Any] | None
-) -> dict[str, Feature]:
-    """Return the features that are made of the kinds in a file, also those that no tree of it names."""
-    if kinds is None:
-        return {}
-    try:
-        made = {name: each for name, each in with_kinds(features, kinds).items() if each.kinds}
-    except ValueError as error:
-        raise FileError(f"{path}: kinds.{error}") from error
-    known = kinds_of(made.values())
-    if not known or set(known) != set(kinds):
-        raise FileError(f"{path}: kinds: expected families of motion, got {quoted(kinds)}")
-    return made
 
 
 def _is_finite(value: Any) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import math
 from collections.abc import Sequence
@@ -16,7 +15,7 @@ from ator_ros.experience.columns import ExperienceError, goal_variables_of_colum
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.derived import ANGLE_BETWEEN, Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.driving import LEVELS, DrivingStyle, ObservedLimits
+from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import (
     CANDIDATES,
     PATHS,
@@ -26,19 +25,12 @@ from ator_ros.performance.features import (
     names_of,
 )
 from ator_ros.performance.model import UNOBSERVED, AtGoal, PerformanceModel, narrowed
+from ator_ros.performance.observation import observed_driving
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import CONTROL_PERIOD
 
-_EPISODES = 300  # more do not change the estimates
-_GREATEST, _OFTEN = 0.995, 0.95  # quantiles taken as the greatest speed and acceleration
-_BACKWARD = (-0.1, 0.01)  # m/s, and the share of rows that are faster backward in an action that drives so
-_STEADY = 0.08  # m/s^2 up to which the speed counts as steady
-_LEAST_SAMPLES = 10  # for a quantile
-_RUNS: tuple[float | None, ...] = (0.0, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, None)
-_PASSINGS = (0.0, 0.2, 0.3, 0.35, 0.4, 0.5)
-_BETTER = 0.97  # share of the error that a change of run or passing must leave at most
 _SMOOTHING = 60.0
 """Where M5' takes 15: with a few hundred starts the leaves are small, and a search along a heading runs into
 the jumps between them. 10-fold cross-validation on the training episodes falls until about here."""
@@ -57,90 +49,6 @@ _LEAST_AT_GOAL = 3
 _ALIKE = 0.15
 """Greatest difference in s of durations that count as the same there: three ticks."""
 _ENOUGH, _RARE = 15, 0.05  # episodes that make a deceleration known, or this share of them if that is less
-
-
-def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
-    """Return how an action drives.
-
-    Parameters
-    ----------
-    rows : pandas.DataFrame
-        Its rows of an experience table.
-    robot : Robot
-        Its limits hold where too little was observed.
-    """
-    rows = rows[rows["episode"].isin(rows["episode"].unique()[:_EPISODES])]
-    seen = from_odometry(rows, robot)
-    starts = rows[(rows["t"] == 0.0) & rows["success"]]
-    return _best_approach(seen, starts, robot)
-
-
-def from_odometry(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
-    """Return limits, whether the action drives backward, and its turn rates by speed."""
-    v, w = rows["v"].to_numpy(dtype=float), rows["w"].to_numpy(dtype=float)
-    time, episode = rows["t"].to_numpy(dtype=float), rows["episode"].to_numpy()
-    after = np.flatnonzero((episode[1:] == episode[:-1]) & (time[1:] > time[:-1])) + 1
-    step = time[after] - time[after - 1]
-    change = (np.abs(v[after]) - np.abs(v[after - 1])) / step
-    base = robot.limits
-    greatest, turning = _quantile(np.abs(v), _GREATEST, base.v), _quantile(np.abs(w), _GREATEST, base.w)
-    limits = ObservedLimits(
-        greatest,
-        turning,
-        _quantile(change[change > 0.0], _OFTEN, base.a),
-        _quantile(-change[change < 0.0], _OFTEN, base.brake),
-        _quantile(np.abs(w[after] - w[after - 1]) / step, _OFTEN, base.aw),
-    )
-    speed = 0.5 * np.abs(v[after] + v[after - 1]) / greatest
-    level = np.clip((speed * LEVELS).astype(int), 0, LEVELS - 1)
-    rates = np.abs(w[after]) / turning
-    steady, braking = (
-        _envelope(level[which], rates[which]) for which in (np.abs(change) < _STEADY, change < -_STEADY)
-    )
-    backward = bool(np.mean(v < _BACKWARD[0]) > _BACKWARD[1])
-    return DrivingStyle(limits, backward, 0.0, 0.0, steady, braking)
-
-
-def _quantile(values: FloatArray, share: float, otherwise: float) -> float:
-    """Return a quantile, but what the base can do where (almost) nothing was observed."""
-    found = float(np.quantile(values, share)) if len(values) >= _LEAST_SAMPLES else 0.0
-    return found if found > 0.05 * otherwise else otherwise
-
-
-def _envelope(level: FloatArray, rates: FloatArray) -> tuple[float, ...]:
-    """Return the greatest rate at each level of speed; what goes at a lower speed goes at a higher one."""
-    greatest = [
-        float(np.quantile(rates[level == number], 0.98)) if np.sum(level == number) >= _LEAST_SAMPLES else 0.0
-        for number in range(LEVELS)
-    ]
-    rising = np.maximum.accumulate(np.minimum(greatest, 1.0))
-    seen = rising[rising > 0.0]
-    rising[rising == 0.0] = seen.min() if len(seen) else 1.0
-    return tuple(round(float(share), 3) for share in rising)
-
-
-def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> DrivingStyle:
-    """Choose run and passing with which the times of paths predict durations best."""
-    best, least = driving, _error(driving, starts, robot)
-    for _ in range(2):
-        for tried in (
-            [dataclasses.replace(best, run=run) for run in _RUNS],
-            [dataclasses.replace(best, passing=passing) for passing in _PASSINGS],
-        ):
-            errors = [_error(other, starts, robot) for other in tried]
-            if min(errors) < _BETTER * least:
-                best, least = tried[int(np.argmin(errors))], min(errors)
-    return best
-
-
-def _error(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> float:
-    """Return the mean error in s of the durations as a linear function of the times of paths."""
-    direct = {name: starts[name].to_numpy(dtype=float) for name in DIRECT_VARIABLES}
-    times = Geometry(direct, robot, driving).path.time
-    table = np.column_stack([np.ones(len(times)), times])
-    durations = starts["duration"].to_numpy(dtype=float)
-    weights = np.linalg.lstsq(table, durations, rcond=None)[0]
-    return float(np.mean(np.abs(durations - table @ weights)))
 
 
 def train(
@@ -306,7 +214,8 @@ def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
     """Return the least and the greatest value of the direct variables at the starts of episodes.
 
     Places are relative to the centre of the robot's area. `way` is the distance in m from axle or hold,
-    whichever comes to the goal, to the goal's place; `turn` is the angle in rad between both headings.
+    whichever comes to the goal, to the goal's place; `turn` is the angle in rad between both headings;
+    `braking` are decelerations in m/s^2 that enough episodes asked for, see `_braking`.
     """
     starts = rows[rows["t"] == 0.0]
     names = (name for name in DIRECT_VARIABLES if name not in ("yaw", "yawg", "hold"))
@@ -315,29 +224,21 @@ def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
     relative = {name: starts[name] - moved.get(name, 0.0) for name in names}
     turns = np.abs(wrap_angles((starts["yawg"] - starts["yaw"]).to_numpy(dtype=float)))
     columns = {**relative, "way": _distances(starts, robot), "turn": turns}
-    return {name: [float(values.min()), float(values.max())] for name, values in columns.items()}
+    ranges = {name: [float(values.min()), float(values.max())] for name, values in columns.items()}
+    return {**ranges, "braking": [0.0, _braking(starts[starts["success"]], robot)]}
 
 
-def observed_model(
-    action: str, rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]
-) -> PerformanceModel:
-    """Learn a model as `train` does, with the range of its episodes; see `observed_starts`."""
-    model = train(action, rows, robot, features=features)
-    return dataclasses.replace(model, metadata={"training": {"starts": observed_starts(rows, robot)}})
+def _braking(starts: pd.DataFrame, robot: Robot) -> float:
+    """Return the deceleration in m/s^2 that enough episodes asked for.
 
-
-def observed_starts(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
-    """Return what `start_ranges` does, and `braking`: decelerations in m/s^2 that enough episodes asked for.
-
-    The deceleration is that of a straight drive from the speed at the start to the speed at the goal. If
-    there is hardly room to brake, the robot makes a detour, and models without ideal times err by seconds.
-    Such starts are too rare to show in trees or spreads.
+    It is that of a straight drive from the speed at the start to the speed at the goal. If there is hardly
+    room to brake, the robot makes a detour, and models err by seconds. Such starts are too rare to show in
+    trees or spreads.
     """
-    starts = rows[(rows["t"] == 0.0) & rows["success"]]
     squares = starts["v"].to_numpy(dtype=float) ** 2 - starts["speedg"].to_numpy(dtype=float) ** 2
     asked = np.sort(np.maximum(squares, 0.0) / (2.0 * np.maximum(_distances(starts, robot), _NEAREST)))
     beyond = min(_ENOUGH, math.ceil(_RARE * len(asked)))
-    return {**start_ranges(rows, robot), "braking": [0.0, float(asked[-beyond])]}
+    return float(asked[-beyond]) if beyond else 0.0
 
 
 def _distances(starts: pd.DataFrame, robot: Robot) -> FloatArray:

@@ -11,7 +11,6 @@ unless the gate judges corrected predictions (`Gate.corrected`).
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -22,7 +21,6 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from ator_ros.files import load, save
-from ator_ros.performance.features import kinds_of
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.refinement.free_variables import analyse
@@ -227,8 +225,6 @@ def model_digest(model: Any) -> str:
     parts = (tree.feature, tree.threshold, tree.children, tree.intercept, tree.coefficients)
     for part in (*parts, tree.lower, tree.upper, tree.spread):
         sha.update(np.ascontiguousarray(part, dtype=float).tobytes())
-    if kinds := kinds_of(model.features[name] for name in tree.names):
-        sha.update(json.dumps(kinds, sort_keys=True).encode())
     return sha.hexdigest()[:16]
 
 

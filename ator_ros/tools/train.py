@@ -22,13 +22,12 @@ from ator_ros.experience.sources import read_sources
 from ator_ros.experience.table import Experience, library_versions
 from ator_ros.files import FileError, is_name
 from ator_ros.performance.accuracy import accuracy, brier, kinds
-from ator_ros.performance.features import OBSERVED, Feature, chosen_for
+from ator_ros.performance.features import Feature
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import is_model, load_model, model_path, save_model
 from ator_ros.performance.training import (
     cross_validated_errors,
     digest,
-    observed_starts,
     start_ranges,
 )
 from ator_ros.performance.training import train as train_model
@@ -50,7 +49,6 @@ def train(
     robot: Robot,
     action_set: str | None = None,
     topics: Mapping[str, str] | None = None,
-    observed: bool = False,
     gate: bool = True,
 ) -> None:
     """Learn a model of each action in the experience, and the gate, and write them.
@@ -65,8 +63,6 @@ def train(
         The command line, for the files.
     domain, robot, action_set, topics
         As for `read_sources`.
-    observed : bool
-        Learn from odometry, goals and results alone.
     gate : bool
         Learn the gate from the same episodes.
     """
@@ -77,10 +73,7 @@ def train(
     errors: list[str] = []
     used: dict[str, tuple[Feature, ...]] = {}
     for action, examples in by_action.items():
-        if observed:
-            features = (*OBSERVED, *domain.goal_features(action, action_set))
-        else:
-            features = _suited(domain.candidates(action, action_set), robot, domain)
+        features = domain.candidates(action, action_set)
         # A recording rarely holds enough episodes of every action. Each model is saved once it is learned.
         try:
             model = train_model(action, examples, robot, features=features)
@@ -96,7 +89,7 @@ def train(
             "digest": digest(examples),
             "episodes": int(examples["episode"].nunique()),
             "examples": len(examples),
-            "starts": (observed_starts if observed else start_ranges)(examples, robot),
+            "starts": start_ranges(examples, robot),
             "train_command": command,
         }
         metadata = {
@@ -155,13 +148,6 @@ def _learn_gate(
 def _is_own(robot: Robot, domain: Domain) -> bool:
     """Return whether a robot is the domain's own, for which models ship."""
     return robot.digest() == domain.robot(None).digest()
-
-
-def _suited(features: tuple[Feature, ...], robot: Robot, domain: Domain) -> tuple[Feature, ...]:
-    """Return the features with kinds of ideal motions that suit a robot other than the domain's own."""
-    if _is_own(robot, domain) or not any(each.motions for each in features):
-        return features
-    return chosen_for(features, robot)
 
 
 def _read(
@@ -243,11 +229,6 @@ def arguments() -> argparse.ArgumentParser:
             help=f"of {what} in recordings (default: {role} in any namespace)",
         )
     parser.add_argument(
-        "--observed",
-        action="store_true",
-        help="learn from odometry, goals and results alone, without ideal times of our own actions",
-    )
-    parser.add_argument(
         "--rules",
         metavar="MODEL",
         help="print the rules of a model, given by its action or file, and stop",
@@ -276,7 +257,6 @@ def _run(options: argparse.Namespace, domain: Domain, command: str) -> None:
         robot=robot,
         action_set=options.action_set,
         topics=topics,
-        observed=options.observed,
         gate=not options.no_gate,
     )
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from ator_ros.performance.paths import path_times
 
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle, ObservedLimits, plain_driving
 from ator_ros.performance.features import GENERAL, IDEAL, OBSERVED, feature_table
 from ator_ros.performance.model_file import load_model, save_model
-from ator_ros.performance.paths import path_times
 from ator_ros.performance.training import from_odometry, train
 from ator_ros.robot.description import load_robot
 

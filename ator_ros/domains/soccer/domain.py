@@ -12,39 +12,31 @@ from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer import situations
 from ator_ros.domains.soccer.bezier.actions import BezierDribbleBall, BezierGoToPose, BezierShoot
 from ator_ros.domains.soccer.chains import CHAINS
-from ator_ros.domains.soccer.features import MOTIONS, SHOT
+from ator_ros.domains.soccer.features import SHOT
 from ator_ros.domains.soccer.field import BALL, field_in, field_lines, field_of
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.holding import DribbleBall
 from ator_ros.domains.soccer.planned.shoot import Shoot
 from ator_ros.domains.soccer.thresholds import RANGES
 from ator_ros.domains.soccer.tops import TOPS, tops_for
-from ator_ros.performance.features import PAPER_3, SIGNED, names_of
+from ator_ros.performance.features import PAPER_11, PATHS, names_of
 from ator_ros.robot.description import Robot
 from ator_ros.tops.conditions import Condition
 
-# Chosen by `train --ablation`.
-_DRIVING = (*names_of(PAPER_3), "drive_time", "drive_turn", "v", "w_by_turn", "speedg", "hold")
-_DRIBBLING = (
-    *(name for name in (*names_of(PAPER_3), *names_of(SIGNED)) if name != "hold"),
-    "dribble_time",
-    "dribble_turn",
-)
-_SHOOTING = ("hold_dist", "hold_angle", "run_up_time", "hold_off_axis", "heading_off_axis", "v")
-# `BezierShoot` ends at a fixed place before the line, so its ideal time is `shot_time`.
-_SHOOTING_ALONG_CURVES = ("hold_dist", "hold_angle", "shot_time", "hold_off_axis", "heading_off_axis", "v")
+_SHOOTING = (*names_of(SHOT), "v", *names_of(PATHS))
+_PAPER = names_of(PAPER_11)
 
 ACTION_SETS: Mapping[str, tuple[ActionSpec, ...]] = MappingProxyType(
     {
         DEFAULT_SET: (
-            ActionSpec("goToPose", GoToPose, situations.go_to_pose, _DRIVING),
-            ActionSpec("dribbleBall", DribbleBall, situations.dribble_ball, _DRIBBLING),
+            ActionSpec("goToPose", GoToPose, situations.go_to_pose),
+            ActionSpec("dribbleBall", DribbleBall, situations.dribble_ball),
             ActionSpec("shoot", Shoot, situations.shoot_with_room, _SHOOTING),
         ),
         "bezier": (
-            ActionSpec("goToPose", BezierGoToPose, situations.go_to_pose, _DRIVING),
-            ActionSpec("dribbleBall", BezierDribbleBall, situations.dribble_ball, _DRIBBLING),
-            ActionSpec("shoot", BezierShoot, situations.shoot, _SHOOTING_ALONG_CURVES),
+            ActionSpec("goToPose", BezierGoToPose, situations.go_to_pose, _PAPER),
+            ActionSpec("dribbleBall", BezierDribbleBall, situations.dribble_ball, _PAPER),
+            ActionSpec("shoot", BezierShoot, situations.shoot, _PAPER),
         ),
     }
 )
@@ -70,7 +62,7 @@ SOCCER = Domain(
     CHAINS,
     variables=RANGES,
     bays=field_in,
-    features=(*MOTIONS, *SHOT),
+    features=SHOT,
     lines=field_lines,
     goals=goals,
     fitted=tops_for,

@@ -1,0 +1,185 @@
+"""How an action drives, read off odometry and durations: its limits, its turns, how it approaches objects.
+
+A path turns, drives straight and turns again. Which turns an action drives, at which speeds, and how fast,
+its runs show: a robot that pushes a ball turns more slowly while it brakes, a server that only turns on the
+spot turns at no other speed. From these turns the kinds of paths are made whose times are features
+(`ator_ros.performance.driving`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ator_ros.geometry import FloatArray
+from ator_ros.motion.families import Family
+from ator_ros.performance.derived import Geometry
+from ator_ros.performance.direct import DIRECT_VARIABLES
+from ator_ros.performance.driving import (
+    RUNS,
+    DrivingStyle,
+    ObservedLimits,
+    TurnRates,
+    chosen_kinds,
+    forward_kinds,
+    free_kinds,
+)
+from ator_ros.robot.description import Robot
+
+_EPISODES = 1000  # more do not change the estimates
+_GREATEST, _OFTEN = 0.995, 0.95  # quantiles taken as the greatest speed and acceleration
+_LEAST_SAMPLES = 10  # for a quantile
+_BACKWARD = (-0.1, 0.01)  # m/s, and the share of rows that are faster backward in an action that drives so
+_TURNING = 0.1  # share of the greatest turn rate above which the robot turns
+_SPEEDS: FloatArray = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0])
+_CHANGES: FloatArray = np.array([-1.0, -0.5, 0.0, 0.25, 0.5, 0.75, 1.0])
+"""Speeds, and changes of speed, for which turn rates are kept; shares of the limits."""
+_USUAL = 0.9  # quantile of the rates of alike turns
+_RUN_LENGTHS = (0.0, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)  # m
+_PASSINGS = (0.0, 0.2, 0.3, 0.35, 0.4, 0.5)  # m
+_BETTER = 0.97  # share of the error that a change of run or passing must leave at most
+
+
+def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
+    """Return how an action drives.
+
+    Parameters
+    ----------
+    rows : pandas.DataFrame
+        Its rows of an experience table.
+    robot : Robot
+        Its limits hold where too little was observed.
+    """
+    rows = rows[rows["episode"].isin(rows["episode"].unique()[:_EPISODES])]
+    limits = observed_limits(rows, robot)
+    if np.mean(rows["v"] < _BACKWARD[0]) <= _BACKWARD[1]:
+        turns = _turns(rows, limits)
+        kinds = forward_kinds(
+            limits, _rates(turns.start, turns.gain, turns), _rates(turns.end, turns.loss, turns)
+        )
+        paths = Family(limits, tuple(kinds), run=None, forward=True)
+        return DrivingStyle(limits, chosen_kinds(paths, hold=robot.hold), forward=True)
+    driving = DrivingStyle(limits, chosen_kinds(Family(limits, tuple(free_kinds(limits))), hold=0.0))
+    starts = rows[(rows["t"] == 0.0) & rows["success"] & (rows["hold"] > 0.5)]
+    return _best_approach(driving, starts, robot) if len(starts) else driving
+
+
+def observed_limits(rows: pd.DataFrame, robot: Robot) -> ObservedLimits:
+    """Return the greatest speeds and accelerations in m/s, rad/s, m/s^2, rad/s^2."""
+    v, w, time, after = _series(rows)
+    step = time[after] - time[after - 1]
+    change = (np.abs(v[after]) - np.abs(v[after - 1])) / step
+    base = robot.limits
+    return ObservedLimits(
+        _quantile(np.abs(v), _GREATEST, base.v),
+        _quantile(np.abs(w), _GREATEST, base.w),
+        _quantile(change[change > 0.0], _OFTEN, base.a),
+        _quantile(-change[change < 0.0], _OFTEN, base.brake),
+        _quantile(np.abs(w[after] - w[after - 1]) / step, _OFTEN, base.aw),
+    )
+
+
+def _series(rows: pd.DataFrame) -> tuple[FloatArray, FloatArray, FloatArray, np.ndarray]:
+    """Return speed, turn rate and time of all rows, and which of them follow another of their episode."""
+    v, w, time = (rows[name].to_numpy(dtype=float) for name in ("v", "w", "t"))
+    episode = rows["episode"].to_numpy()
+    return v, w, time, np.flatnonzero((episode[1:] == episode[:-1]) & (time[1:] > time[:-1])) + 1
+
+
+def _quantile(values: FloatArray, share: float, otherwise: float) -> float:
+    """Return a quantile, but what the base can do where (almost) nothing was observed."""
+    found = float(np.quantile(values, share)) if len(values) >= _LEAST_SAMPLES else 0.0
+    return found if found > 0.05 * otherwise else otherwise
+
+
+class _Turns(NamedTuple):
+    """The turns of an action as shares of its limits, arrays of shape (n,).
+
+    start, end: speeds. gain, loss: changes of speed in the first half of the turn, and in the second. rate:
+    greatest turn rate.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    gain: FloatArray
+    loss: FloatArray
+    rate: FloatArray
+
+
+def _turns(rows: pd.DataFrame, limits: ObservedLimits) -> _Turns:
+    v, w, time, after = _series(rows)
+    follows = np.zeros(len(v), dtype=bool)
+    follows[after] = True
+    turning = np.abs(w) > _TURNING * limits.w
+    goes_on = np.zeros(len(v), dtype=bool)
+    goes_on[1:] = follows[1:] & turning[1:] & turning[:-1] & (w[1:] * w[:-1] > 0.0)
+    begins = np.flatnonzero(turning & ~goes_on)
+    ends = np.flatnonzero(turning & ~np.append(goes_on[1:], False))
+    begins = np.where(follows[begins], begins - 1, begins)
+    ends = np.where(np.append(follows[1:], False)[ends], ends + 1, ends)
+    found = []
+    for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+        if end - begin < 3:  # too short to tell a change of speed
+            continue
+        part = slice(begin, end + 1)
+        changes = np.diff(v[part]) / np.diff(time[part])
+        half = max(2, len(changes) // 2)
+        found.append(
+            (v[begin], v[end], np.median(changes[:half]), np.median(changes[-half:]), np.abs(w[part]).max())
+        )
+    start, end, gain, loss, rate = np.array(found, dtype=float).reshape(-1, 5).T
+    shares = (np.where(change > 0.0, change / limits.a, change / limits.brake) for change in (gain, loss))
+    return _Turns(np.abs(start) / limits.v, np.abs(end) / limits.v, *shares, rate / limits.w)
+
+
+def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:
+    """Return the usual rates of turns with such a speed and change of speed at one end.
+
+    What goes at a lower speed is taken to go at a higher one, and everything where no turn was seen.
+    """
+    table = np.zeros((len(_CHANGES), len(_SPEEDS)))
+    row = np.argmin(np.abs(changes[:, None] - _CHANGES), axis=1)
+    column = np.argmin(np.abs(speeds[:, None] - _SPEEDS), axis=1)
+    for at in set(zip(row.tolist(), column.tolist(), strict=True)):
+        alike = (row == at[0]) & (column == at[1])
+        table[at] = np.quantile(turns.rate[alike], _USUAL)
+    table = np.minimum(np.maximum.accumulate(table, axis=1), 1.0) if len(speeds) else np.ones_like(table)
+
+    def rate(speed: float, change: float) -> float:
+        return float(np.interp(change, _CHANGES, [np.interp(speed, _SPEEDS, each) for each in table]))
+
+    return rate
+
+
+def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> DrivingStyle:
+    """Choose run and passing with which the times of paths predict durations best."""
+    kinds = tuple(free_kinds(driving.limits, RUNS))
+
+    def approaching(run: float) -> DrivingStyle:
+        paths = Family(driving.limits, kinds, run=run)
+        return dataclasses.replace(driving, run=run, approaches=chosen_kinds(paths, hold=robot.hold))
+
+    best = approaching(_RUN_LENGTHS[len(_RUN_LENGTHS) // 2])
+    least = np.inf
+    for _ in range(2):
+        for tried in (
+            [dataclasses.replace(best, run=run) for run in _RUN_LENGTHS],
+            [dataclasses.replace(best, passing=passing) for passing in _PASSINGS],
+        ):
+            errors = [_error(other, starts, robot) for other in tried]
+            if min(errors) < _BETTER * least:
+                best, least = tried[int(np.argmin(errors))], min(errors)
+    return dataclasses.replace(best, approaches=approaching(best.run).approaches)
+
+
+def _error(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> float:
+    """Return the mean error in s of the durations as a linear function of the times of paths."""
+    direct = {name: starts[name].to_numpy(dtype=float) for name in DIRECT_VARIABLES}
+    times = Geometry(direct, robot, driving).path.time
+    table = np.column_stack([np.ones(len(times)), times])
+    durations = starts["duration"].to_numpy(dtype=float)
+    weights = np.linalg.lstsq(table, durations, rcond=None)[0]
+    return float(np.mean(np.abs(durations - table @ weights)))
