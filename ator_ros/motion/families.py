@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -112,6 +112,7 @@ def look_up(table: FloatArray, low: int, share: float) -> float:
     return result
 
 
+@lru_cache(maxsize=6)
 def turn_tables(limits: Limits, profiles: tuple[TurnProfile, ...]) -> TurnTables:
     """Compute the tables of `profiles` for a robot's limits."""
     angles: FloatArray = np.linspace(0.0, (HALF + 1) * STEP, EDGE + 1)
