@@ -18,7 +18,7 @@ from ator_ros.domains.domain import Domain, find_domain, installed_domains
 from ator_ros.experience.table import read_experience
 from ator_ros.files import portable_command, write_text
 from ator_ros.performance.accuracy import accuracy
-from ator_ros.performance.features import IDEAL, PAPER_3, PAPER_11, SIGNED, Feature
+from ator_ros.performance.features import PAPER_3, PAPER_11, PATHS, SIGNED, Feature
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import is_model, load_model
 from ator_ros.performance.training import train
@@ -56,15 +56,9 @@ def accuracy_table(models: Iterable[PerformanceModel], published: Mapping[str, s
         paper = published.get(model.action, "-")
         for kind, numbers in {"at rest": measured, **measured.get("kinds", {})}.items():
             if numbers:
-                which = f"{model.action} | {_set(model)} | {kind}"
+                which = f"{model.action} | {model.metadata['action_set']} | {kind}"
                 yield f"| {which} | {_numbers(numbers)} | {paper} |"
             paper = ""
-
-
-def _set(model: PerformanceModel) -> str:
-    """Return the action set of a model, and whether it is an observed model."""
-    observed = ", observed" if model.driving is not None else ""
-    return f"{model.metadata['action_set']}{observed}"
 
 
 def success_table(models: Iterable[PerformanceModel]) -> Iterator[str]:
@@ -75,7 +69,7 @@ def success_table(models: Iterable[PerformanceModel]) -> Iterator[str]:
         success = model.metadata["accuracy"].get("success")
         if success:
             low, high = success["brier_gain_ci95"]
-            which = f"{model.action} | {_set(model)}"
+            which = f"{model.action} | {model.metadata['action_set']}"
             yield (
                 f"| {which} | {100 * success['success_rate']:.2f} % | "
                 f"{success['brier']:.4f} | {success['brier_base_rate']:.4f} | {low:+.4f} to {high:+.4f} |"
@@ -121,22 +115,13 @@ def ablation_table(
 
 
 def _rows(domain: Domain, action: str) -> dict[str, _Row]:
-    ideal = [feature for feature in domain.features if _is_ideal(feature) and feature.translation]
-    everything = (*PAPER_11, *SIGNED, *IDEAL, *ideal)
     chosen = domain.candidates(action)
-    observed = tuple(feature for feature in chosen if not _is_ideal(feature))
     return {
         **ABLATION,
-        "all, all 10 Hz examples": (everything, True),
-        "all, starts": (everything, False),
-        "chosen, without ideal times, starts": (observed, False),
-        "chosen, starts (shipped)": (chosen, False),
+        "shipped, but no path times, starts": (tuple(f for f in chosen if f not in PATHS), False),
+        "shipped, all 10 Hz examples": (chosen, True),
+        "shipped, starts": (chosen, False),
     }
-
-
-def _is_ideal(feature: Feature) -> bool:
-    """Return whether a feature describes the action's ideal motion."""
-    return feature.ideal or feature.described
 
 
 def _interval(numbers: Mapping[str, Any], name: str) -> str:

@@ -35,12 +35,10 @@ from ator_ros.experience.collect import collect
 from ator_ros.experience.table import join
 from ator_ros.files import write_text
 from ator_ros.geometry import Pose
-from ator_ros.performance.features import OBSERVED
 from ator_ros.performance.training import direct_of, train
 from ator_ros.planning.goals import PlanningError, statement_from
 from ator_ros.planning.planner import chains_for
 from ator_ros.refinement.chain_prediction import ChainPrediction
-from ator_ros.resources import resource_path
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import Command, ObjectState, RobotState, World
@@ -61,17 +59,11 @@ REFINED: dict[str, tuple[ToolsetSource, str, Opening]] = {
     "default_speed": (DEFAULT, "dribble", open_speeds),
     "default_shot": (DEFAULT, "shoot", open_speeds),
     "default_place": (DEFAULT, "shoot", open_places),
-    "observed_speed": (
-        ToolsetSource(models=str(resource_path("models", "observed"))), "dribble", open_speeds
-    ),
     "bezier_heading": (ToolsetSource(action_set="bezier"), "dribble", as_planned),
     "drive_speed": (ToolsetSource(domain="drive"), "", open_speeds),
     "tour_heading": (ToolsetSource(domain="tour"), "", as_planned),
 }  # fmt: skip
 """By name: source of robot, models and gate, the chain, and what is opened."""
-NAIVE = {"observed_speed": DEFAULT}
-"""The source of the naive chain, where it is another one."""
-
 TEST = Path(__file__).parent.parent / "test"
 EXECUTED: dict[str, tuple[ToolsetSource, str, str]] = {
     "dribble": (ToolsetSource(), "dribble", "gated_speed"),
@@ -104,7 +96,7 @@ def _trials(source: ToolsetSource, chain: str, seed: int, count: int) -> Iterato
 def refined(name: str, count: int) -> list[Json]:
     """Return what refinement decides in `count` situations of one of `REFINED`; no deadline."""
     source, chain, opening = REFINED[name]
-    tools, _ = tools_of(NAIVE.get(name, source))
+    tools, _ = tools_of(source)
     refiner = tools_of(source)[0].refiner(gated=True)
     found = []
     for trial in _trials(source, chain, 4001, count):
@@ -231,10 +223,9 @@ def trained(episodes: int) -> list[Json]:
     found = []
     for action, own in rows.groupby("action", sort=False):
         starts = own[own["t"] == 0.0]
-        for kind, features in (("described", domain.candidates(str(action))), ("observed", OBSERVED)):
-            model = train(str(action), own, robot, features=features)
-            durations = np.asarray(model.predict(direct_of(starts)).duration).tolist()
-            found.append({"model": f"{action}_{kind}", "rules": model.rules(), "durations": durations})
+        model = train(str(action), own, robot, features=domain.candidates(str(action)))
+        durations = np.asarray(model.predict(direct_of(starts)).duration).tolist()
+        found.append({"model": str(action), "rules": model.rules(), "durations": durations})
     return found
 
 

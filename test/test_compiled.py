@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 from ator_ros.compiled import use_cores
-from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.run_up_times import run_up_times
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.features import feature_table
+from ator_ros.performance.driving import plain_driving
+from ator_ros.performance.features import PATHS, feature_table
 from ator_ros.robot.description import load_robot
 
 WRAP = "from ator_ros.performance.derived import wrapped; print(wrapped(7.0))"
@@ -38,22 +37,17 @@ def one_core_again(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     use_cores(1)
 
 
-def results() -> tuple[FloatArray, FloatArray]:
+def results() -> FloatArray:
     rng = np.random.default_rng(23)
     count = 1500
     direct = {name: rng.uniform(-3.0, 3.0, count) for name in ("x", "y", "yaw", "xg", "yg", "yawg")}
     direct |= {"v": rng.uniform(0.0, 1.0, count), "w": np.zeros(count)}
     direct |= {"speedg": rng.uniform(0.0, 0.5, count), "hold": np.ones(count)}
-    names = ["drive_time", "drive_turn", "dribble_time", "dribble_turn", "path_time"]
-    table = feature_table(direct, load_robot(), [SOCCER.known_features[name] for name in names])
-    starts = np.stack(
-        [rng.uniform(-4.0, -1.0, count), *rng.uniform(-2.0, 2.0, (2, count)), 0.5 + 0.0 * direct["v"]]
-    )
-    return table, run_up_times(load_robot(), starts)
+    robot = load_robot()
+    return feature_table(direct, robot, PATHS, plain_driving(robot))
 
 
 def test_results_are_the_same_to_the_bit_however_they_are_shared() -> None:
     alone = results()
     use_cores(3)
-    for one, shared in zip(alone, results(), strict=True):
-        assert one.tobytes() == shared.tobytes()
+    assert results().tobytes() == alone.tobytes()

@@ -29,7 +29,6 @@ from ator_ros.performance.driving import (
 )
 from ator_ros.robot.description import Robot
 
-_EPISODES = 1000  # more do not change the estimates
 _GREATEST, _OFTEN = 0.995, 0.95  # quantiles taken as the greatest speed and acceleration
 _LEAST_SAMPLES = 10  # for a quantile
 _BACKWARD = (-0.1, 0.01)  # m/s, and the share of rows that are faster backward in an action that drives so
@@ -53,7 +52,6 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
     robot : Robot
         Its limits hold where too little was observed.
     """
-    rows = rows[rows["episode"].isin(rows["episode"].unique()[:_EPISODES])]
     limits = observed_limits(rows, robot)
     if np.mean(rows["v"] < _BACKWARD[0]) <= _BACKWARD[1]:
         turns = _turns(rows, limits)
@@ -127,26 +125,30 @@ def _turns(rows: pd.DataFrame, limits: ObservedLimits) -> _Turns:
         part = slice(begin, end + 1)
         changes = np.diff(v[part]) / np.diff(time[part])
         half = max(2, len(changes) // 2)
-        found.append(
-            (v[begin], v[end], np.median(changes[:half]), np.median(changes[-half:]), np.abs(w[part]).max())
+        gain, loss = (
+            change / (limits.a if change > 0.0 else limits.brake)
+            for change in (np.median(changes[:half]), np.median(changes[-half:]))
         )
-    start, end, gain, loss, rate = np.array(found, dtype=float).reshape(-1, 5).T
-    shares = (np.where(change > 0.0, change / limits.a, change / limits.brake) for change in (gain, loss))
-    return _Turns(np.abs(start) / limits.v, np.abs(end) / limits.v, *shares, rate / limits.w)
+        speeds = abs(v[begin]) / limits.v, abs(v[end]) / limits.v
+        found.append((*speeds, gain, loss, np.max(np.abs(w[part])) / limits.w))
+    return _Turns(*np.array(found, dtype=float).reshape(-1, 5).T)
 
 
 def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:
     """Return the usual rates of turns with such a speed and change of speed at one end.
 
-    What goes at a lower speed is taken to go at a higher one, and everything where no turn was seen.
+    What goes at a lower speed is taken to go at a higher one. An action of which no turn was seen, as its
+    odometry was not recorded, is taken to turn on the spot.
     """
+    if not len(speeds):
+        return lambda speed, change: float(speed == change == 0.0)
     table = np.zeros((len(_CHANGES), len(_SPEEDS)))
     row = np.argmin(np.abs(changes[:, None] - _CHANGES), axis=1)
     column = np.argmin(np.abs(speeds[:, None] - _SPEEDS), axis=1)
     for at in set(zip(row.tolist(), column.tolist(), strict=True)):
         alike = (row == at[0]) & (column == at[1])
         table[at] = np.quantile(turns.rate[alike], _USUAL)
-    table = np.minimum(np.maximum.accumulate(table, axis=1), 1.0) if len(speeds) else np.ones_like(table)
+    table = np.minimum(np.maximum.accumulate(table, axis=1), 1.0)
 
     def rate(speed: float, change: float) -> float:
         return float(np.interp(change, _CHANGES, [np.interp(speed, _SPEEDS, each) for each in table]))

@@ -32,10 +32,10 @@ from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import CONTROL_PERIOD
 
-_SMOOTHING = 60.0
-"""Where M5' takes 15: with a few hundred starts the leaves are small, and a search along a heading runs into
-the jumps between them. 10-fold cross-validation on the training episodes falls until about here."""
-_FOLDS = 10
+_SMOOTHINGS = (5.0, 60.0)
+"""Where M5' takes 15. With a few hundred starts the leaves are small, and a search along a heading runs into the
+jumps between them: much smoothing is better, unless an action changes its behavior at thresholds."""
+_FOLDS, _FEW_FOLDS = 10, 3
 _BASE = "path_time"
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
@@ -125,18 +125,32 @@ def duration_tree(table: pd.DataFrame, durations: FloatArray, groups: np.ndarray
     Where the time of the path is among them, the tree is learned of what drives take longer: linear models of
     whole durations undercut the time of the path where there is hardly room, which is where a search looks.
     """
-    learner = ModelTreeRegressor(smoothing=_SMOOTHING)
-    if _BASE not in table:
-        return narrowed(learner.fit(table, durations, groups=groups).tree_)
-    base = table[_BASE].to_numpy()
-    tree: ModelTree = learner.fit(table, durations - base, groups=groups).tree_
+    base = table[_BASE].to_numpy() if _BASE in table else np.zeros(len(table))
+    late = durations - base
+    learner = ModelTreeRegressor(smoothing=_best_smoothing(table, late, groups))
+    tree: ModelTree = learner.fit(table, late, groups=groups).tree_
     leaves = tree.apply(np.ascontiguousarray(table.to_numpy()))
     coefficients, lower, upper = tree.coefficients.copy(), tree.lower.copy(), tree.upper.copy()
-    coefficients[tree.is_leaf, tree.names.index(_BASE)] += 1.0
+    if _BASE in table:
+        coefficients[tree.is_leaf, tree.names.index(_BASE)] += 1.0
     for leaf in np.unique(leaves):
         least, most = np.min(durations[leaves == leaf]), np.max(durations[leaves == leaf])
         lower[leaf], upper[leaf] = 2.0 * least - most, 2.0 * most - least
     return narrowed(dataclasses.replace(tree, coefficients=coefficients, lower=lower, upper=upper))
+
+
+def _best_smoothing(table: pd.DataFrame, values: FloatArray, groups: np.ndarray | None) -> float:
+    """Return which of `_SMOOTHINGS` predicts rows of other groups best."""
+    labels = np.arange(len(values)) if groups is None else np.unique(groups, return_inverse=True)[1]
+    errors = []
+    for smoothing in _SMOOTHINGS:
+        learner, missed = ModelTreeRegressor(smoothing=smoothing), 0.0
+        for fold in range(_FEW_FOLDS):
+            held = labels % _FEW_FOLDS == fold
+            learner.fit(table[~held], values[~held], groups=labels[~held])
+            missed += float(np.abs(learner.predict(table[held]) - values[held]).sum())
+        errors.append(missed)
+    return _SMOOTHINGS[int(np.argmin(errors))]
 
 
 def cross_validated_errors(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]) -> FloatArray:

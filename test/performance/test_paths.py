@@ -1,4 +1,4 @@
-"""Times of paths at observed limits: what the paths are, and what is read off odometry."""
+"""Times of paths: what the paths are, what is read off odometry for them, and what a model keeps."""
 
 from __future__ import annotations
 
@@ -9,45 +9,44 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from ator_ros.performance.paths import path_times
 
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle, ObservedLimits, plain_driving
-from ator_ros.performance.features import GENERAL, IDEAL, OBSERVED, feature_table
+from ator_ros.performance.features import GENERAL, PATHS, feature_table
 from ator_ros.performance.model_file import load_model, save_model
-from ator_ros.performance.training import from_odometry, train
+from ator_ros.performance.observation import observed_driving
+from ator_ros.performance.training import train
 from ator_ros.robot.description import load_robot
 
 ROBOT = load_robot()
-SLOW = DrivingStyle(ObservedLimits(0.5, 1.0, 0.4, 0.3, 2.0))
+SLOW = DrivingStyle(ObservedLimits(0.5, 1.0, 0.4, 0.3, 2.0), plain_driving(ROBOT).drives)
 
 
-def time_to(x: float, y: float, turn: float, driving: DrivingStyle, *, speed: float = 0.0) -> float:
-    ends = np.array([[x, y, turn, 0.0, speed]])
-    return float(path_times(ends, driving, hold=0.31, holding=False).time[0])
+def time_to(x: float, y: float, turn: float, driving: DrivingStyle, *, hold: float = 0.0) -> float:
+    direct = dict.fromkeys(DIRECT_VARIABLES, 0.0) | {"xg": x, "yg": y, "yawg": turn, "hold": hold}
+    return float(feature_table(direct, ROBOT, PATHS, driving)[0, 0])
 
 
 @pytest.mark.parametrize(("x", "y", "turn"), [(1.5, 0.8, 0.7), (-0.6, 1.1, 2.0), (0.9, -0.9, -2.4)])
-def test_no_path_is_slower_than_turning_on_the_spot_or_faster_than_the_crow(
-    x: float, y: float, turn: float
-) -> None:
-    time = time_to(x, y, turn, SLOW)
-    direct = {name: np.zeros(1) for name in DIRECT_VARIABLES} | {"xg": np.array([x]), "yg": np.array([y])}
-    robot = dataclasses.replace(ROBOT, limits=SLOW.limits)
-    stops = feature_table({**direct, "yawg": np.array([turn])}, robot, IDEAL).min()
-    assert math.hypot(x, y) / 0.5 < time < stops + 0.05
+def test_no_path_is_faster_than_the_limits_allow(x: float, y: float, turn: float) -> None:
+    slow, usual = (
+        time_to(x, y, turn, dataclasses.replace(plain_driving(robot), limits=limits))
+        for robot, limits in ((ROBOT, SLOW.limits), (ROBOT, plain_driving(ROBOT).limits))
+    )
+    assert slow > math.hypot(x, y) / SLOW.limits.v
+    assert usual > math.hypot(x, y) / ROBOT.limits.v
 
 
 def test_what_stands_at_the_goal_is_not_driven_over() -> None:
-    ends = np.array([[1.5, 0.0, math.pi, 0.0, 0.0]])
-    free = dataclasses.replace(SLOW, run=0.2)
-    around = dataclasses.replace(free, passing=1.0)
-    times = [path_times(ends, driving, hold=0.31, holding=True).time[0] for driving in (free, around)]
+    plain = plain_driving(ROBOT)
+    through = dataclasses.replace(plain, approaches=plain.drives, run=0.2)
+    around = dataclasses.replace(through, passing=0.6)
+    times = [time_to(1.5, 0.0, math.pi, driving, hold=1.0) for driving in (through, around)]
     assert times[1] > times[0] + 0.1
 
 
-def episodes(count: int = 40) -> pd.DataFrame:
-    """Return drives straight ahead at 0.4 m/s, with a turn at 0.8 rad/s at the end of each."""
+def episodes(count: int = 40, *, turn_rate: float = 0.8) -> pd.DataFrame:
+    """Return drives straight ahead at 0.4 m/s, with a turn at that speed in the middle of each."""
     rows = []
     for number in range(count):
         length = 0.5 + 0.05 * number
@@ -55,7 +54,8 @@ def episodes(count: int = 40) -> pd.DataFrame:
         speed = np.clip(np.minimum(0.2 * times, 0.4), 0.0, np.maximum(0.0, 0.1 * (times[-1] - times)))
         for time, v in zip(times, speed, strict=True):
             row = dict.fromkeys(DIRECT_VARIABLES, 0.0) | {"v": v, "xg": length}
-            row |= {"w": 0.8 if v > 0.35 else 0.0, "t": round(time, 1), "episode": number, "action": "drive"}
+            turning = turn_rate if v > 0.35 else 0.0
+            row |= {"w": turning, "t": round(time, 1), "episode": number, "action": "drive"}
             left = times[-1] - time
             row |= {"time_to_go": left, "duration": times[-1], "success": True}
             rows.append(row | {"position_error": 0.0, "heading_error": 0.0})
@@ -63,21 +63,27 @@ def episodes(count: int = 40) -> pd.DataFrame:
 
 
 def test_limits_are_read_off_odometry() -> None:
-    seen = from_odometry(episodes(), ROBOT)
+    seen = observed_driving(episodes(), ROBOT)
     assert seen.limits.v == pytest.approx(0.4, abs=0.01)
     assert seen.limits.w == pytest.approx(0.8, abs=0.01)
     assert seen.limits.a == pytest.approx(0.2, rel=0.05)
     assert seen.limits.brake == pytest.approx(0.1, rel=0.05)
-    assert not seen.backward
+    assert seen.forward
+
+
+def test_paths_turn_only_as_the_action_was_seen_to_turn() -> None:
+    seen = observed_driving(episodes(), ROBOT)
+    able = dataclasses.replace(seen, drives=plain_driving(ROBOT).drives, forward=False)
+    # It has never turned on the spot, so it needs a wide turn to a goal behind it.
+    assert time_to(-1.0, 0.0, math.pi, seen) > time_to(-1.0, 0.0, math.pi, able) + 1.0
 
 
 def test_a_model_keeps_how_its_action_drives(tmp_path: Path) -> None:
-    model = train("drive", episodes(), ROBOT, features=OBSERVED)
+    model = train("drive", episodes(), ROBOT)
     assert model.driving is not None
     save_model(tmp_path / "drive.json", model)
     read = load_model(tmp_path / "drive.json", ROBOT, GENERAL)
     assert read.driving == model.driving
-    assert read.driving != plain_driving(ROBOT)
     direct = dict.fromkeys(DIRECT_VARIABLES, 0.1) | {"xg": 2.0}
     again, once = read.predict(direct).duration, model.predict(direct).duration
     assert again is not None
