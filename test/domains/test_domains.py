@@ -103,7 +103,7 @@ def test_collect_takes_the_actions_that_the_set_has(monkeypatch: pytest.MonkeyPa
 
 
 def test_features_that_there_are_not_and_names_that_are_taken_are_refused() -> None:
-    with pytest.raises(DomainError, match=r"'default': goToPose: features: expected .*got \['drive_time'"):
+    with pytest.raises(DomainError, match=r"'default': shoot: features: expected .*got \['hold_dist'"):
         dataclasses.replace(SOCCER, features=())
     with pytest.raises(DomainError, match=r"features: expected each name once; got \['dist'\]"):
         dataclasses.replace(SOCCER, features=(*SOCCER.features, GENERAL["dist"]))

@@ -21,4 +21,4 @@ def test_chosen_paths_are_nearly_as_fast_as_all_of_the_grid(robot: Robot) -> Non
     drawn = drawn_ends(limits, 150, np.random.default_rng(1))
     mine, best = (fastest_motions(drawn, some, hold=robot.hold).time for some in (chosen, grid))
     assert np.isfinite(mine).all()
-    assert float(np.mean(mine) / np.mean(np.minimum(mine, best))) < 1.01
+    assert float(np.mean(mine) / np.mean(np.minimum(mine, best))) < 1.02

@@ -46,11 +46,11 @@ def test_it_says_where_it_comes_from_and_how_accurate_it_is(file: Path) -> None:
     assert len(training["digest"]) == 16
     assert {"python", "numpy", "scikit-learn"} <= model.metadata["versions"].keys()
     assert model.action == file.stem
-    expected = "default" if file.parent.name in ("models", "observed", "drive") else file.parent.name
+    expected = "default" if file.parent.name in ("models", "drive") else file.parent.name
     assert model.metadata["action_set"] == expected
 
 
-def test_that_of_the_tour_was_learned_from_few_drives_over_ros_without_ideal_times() -> None:
+def test_that_of_the_tour_was_learned_from_few_drives_over_ros() -> None:
     tour = find_domain("tour")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -60,7 +60,6 @@ def test_that_of_the_tour_was_learned_from_few_drives_over_ros_without_ideal_tim
     assert training["episodes"] <= 400
     assert training["seed"] != accuracy["seed"]
     assert accuracy["relative_error"] < 0.05
-    assert not any(tour.known_features[name].ideal for name in model.used_features)
 
 
 def test_the_table_of_accuracy_is_theirs() -> None:
