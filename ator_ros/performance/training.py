@@ -33,8 +33,8 @@ from ator_ros.robot.description import Robot
 from ator_ros.world.state import CONTROL_PERIOD
 
 _SMOOTHINGS = (5.0, 60.0)
-"""Where M5' takes 15. With a few hundred starts the leaves are small, and a search along a heading runs into the
-jumps between them: much smoothing is better, unless an action changes its behavior at thresholds."""
+"""Where M5' takes 15. With a few hundred starts the leaves are small, and a search along a heading runs into
+the jumps between them: much smoothing is better, unless an action changes its behavior at thresholds."""
 _FOLDS, _FEW_FOLDS = 10, 3
 _BASE = "path_time"
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
