@@ -13,8 +13,11 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.holding import DribbleBall
+from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
+from ator_ros.motion.manoeuvre import Manoeuvre
+from ator_ros.motion.planning import SLICE, Planning
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.tops.chain import TopCall, TopChain
@@ -50,10 +53,8 @@ def test_a_ball_that_rolls_is_followed() -> None:
             simulation.tick()
         world = simulation.world()
     assert step.status is Status.SUCCEEDED
-    assert ball_of(world) is not None
     assert ball_of(world).x > 0.2
-    hold = ROBOT.hold_point(world.robot.pose)
-    assert math.hypot(hold.x - ball_of(world).x, hold.y - ball_of(world).y) < 0.06
+    assert ROBOT.hold_offset(world, BALL) < 0.06
 
 
 @pytest.mark.parametrize("angle", [30.0, -120.0])
@@ -135,7 +136,6 @@ def approach(late: int, unseen: int = 0) -> tuple[float, float]:
             simulation.command(STOP if tick < late else step.command)
             simulation.tick()
         assert step.status is Status.SUCCEEDED, step.message
-        assert ball_of(world) is not None
         return world.time, abs(ball_of(world).x) + abs(ball_of(world).y)
 
 
@@ -159,6 +159,24 @@ def test_a_robot_that_never_starts_does_not_make_the_plan_wait_for_ever() -> Non
             simulation.tick()
         assert step.status is Status.FAILED
         assert "gave up after 20 new plans" in step.message
+
+
+def test_a_long_search_goes_on_in_the_next_ticks() -> None:
+    class LongPlanning(PlannedAction):
+        name, verb = "long", "driving"
+
+        def plan(self, world: World) -> Planning[Manoeuvre]:
+            for points in (SLICE, 1, SLICE // 2, SLICE // 2, SLICE):
+                yield points
+                batches.append(points)
+            raise ActionError(f"no way at {world.time:g} s")
+
+    action, batches = LongPlanning(ROBOT, ROBOT.limits), list[int]()
+    action.start(AT_ORIGIN, Goal(Pose(1.0, 0.0, 0.0)))
+    for tick, done in enumerate((1, 3, 4), start=1):
+        assert len(batches) == done
+        step = action.step(World(tick * TICK, AT_ORIGIN.robot))
+    assert (len(batches), step.message) == (5, "no way at 0 s")
 
 
 def test_a_tick_begins_one_action_at_most() -> None:
