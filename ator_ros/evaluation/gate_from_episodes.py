@@ -39,7 +39,7 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import CONTROL_PERIOD
 
 DRAWS = 20
-"""Errors drawn for each judgement."""
+"""Errors drawn for each judgment."""
 _YAW = math.radians(6.0)
 _SPEED = 0.05  # of the robot's greatest speed
 KEPT = 0.85

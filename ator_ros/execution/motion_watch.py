@@ -382,7 +382,7 @@ class MotionWatch:
 
     With odometry below 6.7 Hz (at the default `odom_timeout`) the robot is commanded to stand between two
     messages. Then a late base and frozen odometry look alike. Some frozen odometry is not noticed, and the
-    robot moves by centimetres meanwhile.
+    robot moves by centimeters meanwhile.
 
     Parameters
     ----------

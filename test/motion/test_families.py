@@ -1,4 +1,4 @@
-"""Families of ideal motions: those of any robot are nearly as fast as all combinations of a fine grid."""
+"""Families of ideal motions: for any robot they are nearly as fast as a fine grid."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from ator_ros.robot.description import Limits, Robot
 
 
 def ends(limits: Limits, count: int = 150) -> FloatArray:
-    """Return starts and destinations on the field, (5, 1, n); others than kinds are chosen with."""
+    """Return starts and goals on the field, (5, 1, n), independent of those that kinds are chosen with."""
     return drawn_ends(limits, count, np.random.default_rng(1))
 
 
 def excess(family: Family, grid: Family, robot: Robot) -> float:
-    """Return by how much a family's motions are longer in the mean than those of a grid, as a share."""
+    """Return the mean relative excess of a family's durations over those of a grid."""
     drawn = ends(family.limits)
     mine, best = (fastest_motions(drawn, some, hold=robot.hold).time for some in (family, grid))
     assert np.isfinite(mine).all()

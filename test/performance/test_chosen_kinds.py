@@ -1,4 +1,4 @@
-"""Kinds of ideal motions that are chosen for a robot are kept with its models."""
+"""Kinds of ideal motions chosen for a robot are stored with its models."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from experience_rows import made_up_experience
+from experience_rows import synthetic_experience
 from robots import FIFTH, PIONEER
 
 from ator_ros.domains.soccer.domain import SOCCER
@@ -27,8 +27,8 @@ CHOSEN = chosen_for(SOCCER.candidates("goToPose"), FIFTH)
 
 
 def rows_by_ideal_time() -> pd.DataFrame:
-    """Return episodes that take a little longer than the ideal motions of the chosen kinds."""
-    rows = made_up_experience("goToPose")
+    """Return episodes slightly longer than the ideal motions of the chosen kinds."""
+    rows = synthetic_experience("goToPose")
     ideal = next(feature for feature in CHOSEN if feature.ideal and feature.kinds)
     durations = 0.2 + 1.1 * feature_table(direct_of(rows), FIFTH, [ideal])[:, 0]
     return rows.assign(duration=durations, time_to_go=durations, success=True)
@@ -54,7 +54,7 @@ def durations(model: PerformanceModel) -> np.ndarray:
     return found
 
 
-def test_a_loaded_model_has_the_kinds_that_it_was_learned_with(model: PerformanceModel, file: Path) -> None:
+def test_a_loaded_model_has_the_kinds_of_its_training(model: PerformanceModel, file: Path) -> None:
     loaded = load_model(file, FIFTH, SOCCER.known_features)
     assert np.array_equal(durations(loaded), durations(model))
     assert kinds_of(loaded.features.values()) == kinds_of(model.features.values())
@@ -70,7 +70,7 @@ def test_a_loaded_model_has_the_kinds_that_it_was_learned_with(model: Performanc
         ({"drive": [[1.0]]}, r"kinds.drive.0: expected 4 values \(first, last, backward, share\), got"),
     ],
 )
-def test_kinds_that_are_none_are_refused(file: Path, kinds: Any, message: str) -> None:
+def test_invalid_kinds_are_rejected(file: Path, kinds: Any, message: str) -> None:
     data = json.loads(file.read_text())
     data["kinds"] = kinds
     file.write_text(json.dumps(data))
@@ -92,7 +92,7 @@ def test_train_chooses_kinds_for_robots_other_than_the_domains_own(tmp_path: Pat
     assert set(trained(tmp_path, "--robot", str(FIFTH_FILE))["kinds"]) == {"drive", "approach"}
 
 
-def test_models_of_another_robot_do_not_replace_those_that_ship(
+def test_models_of_another_robot_do_not_replace_shipped_ones(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     metadata = {"seed": 1, "robot_digest": FIFTH.digest(), "action_set": "default"}

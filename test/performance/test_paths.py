@@ -1,4 +1,4 @@
-"""Times of paths at observed limits: what the paths are, and what is read off odometry."""
+"""Path durations at observed limits: the paths, and limits estimated from odometry."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def time_to(x: float, y: float, turn: float, driving: DrivingStyle, *, speed: fl
 
 
 @pytest.mark.parametrize(("x", "y", "turn"), [(1.5, 0.8, 0.7), (-0.6, 1.1, 2.0), (0.9, -0.9, -2.4)])
-def test_no_path_is_slower_than_turning_on_the_spot_or_faster_than_the_crow(
+def test_path_durations_are_between_straight_line_and_turn_on_the_spot(
     x: float, y: float, turn: float
 ) -> None:
     time = time_to(x, y, turn, SLOW)
@@ -38,7 +38,7 @@ def test_no_path_is_slower_than_turning_on_the_spot_or_faster_than_the_crow(
     assert math.hypot(x, y) / 0.5 < time < stops + 0.05
 
 
-def test_what_stands_at_the_goal_is_not_driven_over() -> None:
+def test_paths_avoid_an_object_at_the_goal() -> None:
     ends = np.array([[1.5, 0.0, math.pi, 0.0, 0.0]])
     free = dataclasses.replace(SLOW, run=0.2)
     around = dataclasses.replace(free, passing=1.0)
@@ -62,16 +62,16 @@ def episodes(count: int = 40) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def test_limits_are_read_off_odometry() -> None:
-    seen = from_odometry(episodes(), ROBOT)
-    assert seen.limits.v == pytest.approx(0.4, abs=0.01)
-    assert seen.limits.w == pytest.approx(0.8, abs=0.01)
-    assert seen.limits.a == pytest.approx(0.2, rel=0.05)
-    assert seen.limits.brake == pytest.approx(0.1, rel=0.05)
-    assert not seen.backward
+def test_limits_are_estimated_from_odometry() -> None:
+    style = from_odometry(episodes(), ROBOT)
+    assert style.limits.v == pytest.approx(0.4, abs=0.01)
+    assert style.limits.w == pytest.approx(0.8, abs=0.01)
+    assert style.limits.a == pytest.approx(0.2, rel=0.05)
+    assert style.limits.brake == pytest.approx(0.1, rel=0.05)
+    assert not style.backward
 
 
-def test_a_model_keeps_how_its_action_drives(tmp_path: Path) -> None:
+def test_a_model_stores_the_driving_style_of_its_action(tmp_path: Path) -> None:
     model = train("drive", episodes(), ROBOT, features=OBSERVED)
     assert model.driving is not None
     save_model(tmp_path / "drive.json", model)
