@@ -27,7 +27,6 @@ CRAWLER = dataclasses.replace(
     TURTLEBOT, name="crawler", limits=Limits(v=0.05, w=0.3, a=0.1, brake=0.1, aw=0.6)
 )
 ROBOTS = {robot.name: robot for robot in (PIONEER, TURTLEBOT, HEAVY, CRAWLER)}
-ONE_MESSAGE = 0.05  # s
 
 
 def go(robot: Robot, pose: Pose) -> TopChain:
@@ -148,7 +147,7 @@ def test_each_failure_is_detected_at_each_moment(name: str) -> None:
     worst = stops(robot, (0.5, 1.0), ("bend", "ahead", "turn"))
     for key, (time, case) in sorted(worst.items()):
         print(f"{name} {key:22} {time:.2f} s  {case[:90]}")
-    assert slow(robot, worst, 0.5 + ONE_MESSAGE) == ""
+    assert slow(robot, worst, 0.5) == ""
 
 
 def test_a_dribbling_base_that_stops_turning_is_stopped() -> None:
