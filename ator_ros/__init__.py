@@ -1,3 +1,3 @@
-"""Optimised execution of action chains with learned performance models (Stulp and Beetz, IJCAI 2005)."""
+"""Optimized execution of action chains with learned performance models (Stulp and Beetz, IJCAI 2005)."""
 
 __version__ = "0.1.0"

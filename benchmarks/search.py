@@ -3,7 +3,7 @@
     scripts/run python benchmarks/search.py --seed 2051 --situations 125
 
 With up to three free variables the reference is brute force: every combination of a fine grid, 1 degree of
-each heading (2 where three are open) and 0.05 m/s (0.1) of each speed. With more it is a global optimiser.
+each heading (2 where three are open) and 0.05 m/s (0.1) of each speed. With more it is a global optimizer.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ NEAR = 0.005
 SPEED_STEP = 0.05
 """Distance in m/s between candidates of a speed, for each degree between those of an angle."""
 POPULATION, GENERATIONS = 32, 400
-"""Of the optimiser: individuals for each variable, and generations."""
+"""Of the optimizer: individuals for each variable, and generations."""
 OUTSIDE = 1000.0
 """Cost in s of values outside a region."""
 
@@ -91,7 +91,7 @@ class Reference:
             grids.append(np.vstack([given, grid]) if lines else grid)
         return self._with(least_path(self._model.step_cost, grids, self._model.given).values)
 
-    def optimised(self, seed: int) -> TopChain:
+    def optimized(self, seed: int) -> TopChain:
         """Return what differential evolution finds (Storn and Price 1997, SciPy)."""
         bounds = [(domain.low, domain.high) for axes in self._axes for domain in axes]
         found = differential_evolution(
@@ -147,7 +147,7 @@ def compared(tools: Toolset, library: TopLibrary, case: Case, seed: int, index: 
     refiner = tools.refiner(gated=True)
     chain = refiner.naive(trial.world, case.opened(trial.chain))
     known = Reference(tools, trial, chain)
-    best = known.optimised(index) if case.degrees is None else known.brute_force(case.degrees)
+    best = known.optimized(index) if case.degrees is None else known.brute_force(case.degrees)
     numbers = []
     for found in (refiner.refine(trial.world, chain).best, best):
         objective = expected_time(refiner.failure_cost)
@@ -174,7 +174,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         above, later = cost / least - 1.0, taken - least_taken
         low, high = mean_interval(later)
         print(
-            f"| {name} | {'global optimiser' if case.degrees is None else 'brute force'} "
+            f"| {name} | {'global optimizer' if case.degrees is None else 'brute force'} "
             f"| {100.0 * (above <= NEAR).mean():.1f} % | {100.0 * above.mean():.3f} % "
             f"| {later.mean():+.4f} ({low:+.4f} to {high:+.4f}) |",
             flush=True,

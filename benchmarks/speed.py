@@ -176,7 +176,7 @@ def hard_situations(robot: Robot, count: int, seed: int) -> Iterator[tuple[str, 
             )
             world = World(0.0, RobotState(pose, v), {BALL: ObjectState(ball.x, ball.y)})
             side = 1 if rng.random() < 0.5 else -1
-            mouth = Goal(Pose(*field.goal_centre(side), 0.0), 0.0, Point.HOLD)
+            mouth = Goal(Pose(*field.goal_center(side), 0.0), 0.0, Point.HOLD)
             post = Goal(at_post(), 0.0, Point.HOLD)
             yield ("shoot", world, mouth) if kind == 2 else ("dribbleBall", world, post)
 

@@ -20,11 +20,11 @@ import sys
 import casadi as ca
 import numpy as np
 
-HOLD = 0.31                       # m from axle to the centre of a held ball
+HOLD = 0.31                       # m from axle to the center of a held ball
 ROLL = 0.7                        # m/s^2, what rolling costs the ball
 DRIVE = {"v": 1.2, "w": 2.4, "a": 0.8, "brake": 0.8, "aw": 4.0}
 DRIBBLE = {"v": 1.0, "w": 1.2, "a": 0.8, "brake": 0.5, "aw": 3.0}
-BODY = (0.46, 0.33)               # m, half axes of the ellipse that the ball's centre stays out of
+BODY = (0.46, 0.33)               # m, half axes of the ellipse that the ball's center stays out of
 NODES = 45
 
 

@@ -26,10 +26,10 @@ from ator_ros.performance.features import feature_table
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.chain_prediction import ChainModel
-from ator_ros.refinement.free_variables import analyse, names_of
+from ator_ros.refinement.free_variables import analyze, names_of
 from ator_ros.refinement.objective import Objective
 from ator_ros.robot.description import Robot
-from ator_ros.tools.demo import BLUE, GREY, ORANGE, draw_robot, new_figure
+from ator_ros.tools.demo import BLUE, GRAY, ORANGE, draw_robot, new_figure
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -68,7 +68,7 @@ def figure4(model: PerformanceModel) -> Any:
     axes.fill_between(degrees, times - spread, times + spread, color=BLUE, alpha=0.15, lw=0)
     for begin, end in zip([0, *changes], [*changes, len(angles)], strict=True):
         axes.plot(degrees[begin:end], times[begin:end], color=BLUE, lw=1.5)
-    axes.axvline(math.degrees(EXAMPLE), color=GREY, lw=0.8)
+    axes.axvline(math.degrees(EXAMPLE), color=GRAY, lw=0.8)
     axes.set(xlabel="angle_at_dest (degree)", ylabel="predicted execution time (s)", xlim=(-180, 180))
     axes.set_xticks(range(-180, 181, 60))
     axes.set_ylim(bottom=0.0)
@@ -80,7 +80,7 @@ def figure4(model: PerformanceModel) -> Any:
     polar.set_rlim(0.0, float(times.max()) * 1.08)
     polar.tick_params(labelsize=7)
     rule = model.explain(situations(model.robot, np.array([EXAMPLE]))).splitlines()[0]
-    lower.text(0.02, 0.9, f"rule at {math.degrees(EXAMPLE):.0f}°:", fontsize=7, va="top", color=GREY)
+    lower.text(0.02, 0.9, f"rule at {math.degrees(EXAMPLE):.0f}°:", fontsize=7, va="top", color=GRAY)
     lower.text(0.02, 0.72, textwrap.fill(rule, 118), fontsize=6.5, va="top", family="DejaVu Sans Mono")
     figure.suptitle(f"{model.action} to the ball: dist = {DISTANCE:g} m, angle_to_dest = 0°", fontsize=10)
     return figure
@@ -103,7 +103,7 @@ def curves(
 ) -> tuple[FloatArray, list[FloatArray]]:
     """Return headings (rad), shape (n,), and the predicted durations (s) of both actions there."""
     world, chain = example(library)
-    free = analyse(chain, models, robot).free
+    free = analyze(chain, models, robot).free
     model = ChainModel(world, chain, robot, models=models, names=names_of(chain, free), objective=Objective())
     headings, nothing = np.linspace(-math.pi, math.pi, CANDIDATES, endpoint=False), np.zeros((1, 0))
     first = model.step_cost(0, nothing, headings[:, None])
@@ -120,17 +120,17 @@ def figure6(robot: Robot, models: Mapping[str, Any], library: TopLibrary) -> Any
     for column, (title, values) in enumerate(zip(titles, (first, second, total), strict=True), start=1):
         axes = figure.add_subplot(2, 3, column, projection="polar")
         axes.plot(np.append(headings, headings[0]), np.append(values, values[0]), color="black", lw=1.2)
-        for index, colour in ((naive, ORANGE), (best, BLUE)):
-            axes.plot([headings[index]] * 2, [0.0, values[index]], color=colour, lw=1.5)
-            axes.plot(headings[index], values[index], "o", color=colour, ms=4)
+        for index, color in ((naive, ORANGE), (best, BLUE)):
+            axes.plot([headings[index]] * 2, [0.0, values[index]], color=color, lw=1.5)
+            axes.plot(headings[index], values[index], "o", color=color, ms=4)
         axes.set_title(f"{title}\n{values[naive]:.1f} s alone, {values[best]:.1f} s together", fontsize=9)
         axes.set_ylim(0.0, float(total.max()))
         axes.tick_params(labelsize=7)
-    for position, index, name, colour in ((4, naive, "naive", ORANGE), (6, best, "refined", BLUE)):
+    for position, index, name, color in ((4, naive, "naive", ORANGE), (6, best, "refined", BLUE)):
         axes = figure.add_subplot(2, 3, position)
-        draw_robot(axes, robot, START, GREY)
-        draw_robot(axes, robot, robot.pose_holding(BALL._replace(yaw=float(headings[index]))), colour)
-        draw_robot(axes, robot, robot.pose_holding(GOAL), GREY)
+        draw_robot(axes, robot, START, GRAY)
+        draw_robot(axes, robot, robot.pose_holding(BALL._replace(yaw=float(headings[index]))), color)
+        draw_robot(axes, robot, robot.pose_holding(GOAL), GRAY)
         axes.plot(BALL.x, BALL.y, "o", color="black", ms=5)
         axes.set_title(f"{name}: {total[index]:.1f} s predicted in all", fontsize=9)
         axes.set_aspect("equal")

@@ -97,7 +97,7 @@ def record(
     topics: tuple[str, ...] = ("/robot/odom", "/robot/cmd_vel"),
     jump: float = 0.0,
 ) -> list[float]:
-    """Record two drives with pauses as the nodes would, and give their durations in s.
+    """Record two drives with pauses as the nodes do, and return their durations in s.
 
     The robot's clock jumps by `jump` s between them.
     """

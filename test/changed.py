@@ -1,4 +1,4 @@
-"""Robots whose physics is not what their description says, for evaluations of learning."""
+"""Robots whose physics differs from their description, for evaluations of learning."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Changed:
     wheels: tuple[float, float] = (1.0, 1.0)
 
     def robot(self, described: Robot) -> Robot:
-        """Return the robot as it is, which the simulation is made of; the described one still plans."""
+        """Return the simulated robot; actions still plan with the described one."""
         limits, share = described.limits, self.acceleration
         slower = Limits(limits.v, limits.w, share * limits.a, limits.brake, share * limits.aw)
         lag = self.lag or described.motor_time_constant

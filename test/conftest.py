@@ -1,4 +1,4 @@
-"""What all tests need."""
+"""Configuration and fixtures of all tests."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import pytest
 
 
 def pytest_configure() -> None:
-    """Take signals as usual: what a shell starts in the background ignores Ctrl-C, under nohup also SIGHUP.
+    """Restore default signal handlers: background jobs of a shell ignore SIGINT, and under nohup SIGHUP.
 
-    Children inherit that.
+    Child processes inherit ignored signals.
     """
     for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
         if signal.getsignal(number) is signal.SIG_IGN:
@@ -20,7 +20,7 @@ def pytest_configure() -> None:
 
 @pytest.fixture(autouse=True)
 def signals_as_before() -> Iterator[None]:
-    """Fail a test that leaves signals handled in another way: later commands could not be stopped."""
+    """Fail a test that changes signal handlers, since later commands could not be stopped."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = {number: signal.getsignal(number) for number in numbers}
     yield

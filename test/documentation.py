@@ -25,14 +25,14 @@ _COMMENT = re.compile(r"\s+#\s.*$")
 
 @dataclass(frozen=True)
 class Printed:
-    """A command as a page prints it: the page's name and the text, in one line where it was joined."""
+    """A printed command: the page's name and the text, with continued lines joined."""
 
     page: str
     text: str
 
 
 def commands() -> list[Printed]:
-    """Return every command, of indented blocks and of code spans, each once a page."""
+    """Return the commands in indented blocks and code spans, each once per page."""
     found: dict[Printed, None] = {}
     for page in PAGES:
         text = _FILE.sub("", page.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""A domain as a YAML file, for the tests of what such a file declares and of what is wrong in one."""
+"""A domain as a YAML file, for tests of valid and invalid domain files."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ CHAIN: dict[str, Any] = {"name": "walk", "start": [PLACE], "steps": [{"top": "vi
 
 
 class _Plain(yaml.SafeDumper):
-    """Writes no aliases, which are refused."""
+    """Writes no YAML aliases, since domain files must not contain them."""
 
     def ignore_aliases(self, data: object) -> bool:
         return True

@@ -1,4 +1,4 @@
-"""Goals executed in a simulated world of their own, as the node executes them, on bases of many kinds."""
+"""Goals executed in simulation, as the executor node does, on various bases."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ def same(world: World) -> World:
 
 @dataclass(frozen=True)
 class Base:
-    """How the base and its sensors differ from what the executor's description says.
+    """How the base and its sensors differ from the described robot.
 
     Attributes
     ----------
     sensors : SensorConfig
         Errors of the sensors.
     latency : float
-        What the executor foresees in s.
+        Latency in s that the executor compensates.
     motor_lag : float
         Time constant of the motors in s; 0: as described.
     dead_zone : Command
         Speeds up to which a command does nothing.
     scale : float
-        Speeds and accelerations that the base reaches, as a share of the described ones.
+        Speeds and accelerations of the base, as a share of the described ones.
     """
 
     sensors: SensorConfig = field(default_factory=SensorConfig)
@@ -53,12 +53,12 @@ class Base:
     scale: float = 1.0
 
     def robot(self, robot: Robot) -> Robot:
-        """Return the robot as it is."""
+        """Return the actual robot."""
         lag = self.motor_lag or robot.motor_time_constant
         return dataclasses.replace(robot, motor_time_constant=lag, limits=robot.limits.scaled(self.scale))
 
-    def obey(self, command: Command) -> Command:
-        """Return what the base makes of a command."""
+    def respond(self, command: Command) -> Command:
+        """Return the motion that the base makes of a command."""
         v = 0.0 if abs(command.v) <= self.dead_zone.v else command.v
         w = 0.0 if abs(command.w) <= self.dead_zone.w else command.w
         return Command(v, w)
@@ -66,7 +66,7 @@ class Base:
 
 @dataclass
 class Drive:
-    """What came of a goal: its execution, the true states and the commands, a tick after the other."""
+    """Result of a goal: its execution, and the true state and the command of each tick."""
 
     execution: Supervisor
     worlds: list[World] = field(default_factory=list)
@@ -76,12 +76,12 @@ class Drive:
 
     @property
     def ending(self) -> Ending | None:
-        """How it ended."""
+        """The ending."""
         return self.execution.ending
 
     @property
     def reason(self) -> str:
-        """Why."""
+        """The reason of the ending."""
         return self.execution.reason
 
 
@@ -97,9 +97,9 @@ def drive(
     motors: Callable[[float, Command], Command] | None = None,
     limit: float = _LONGEST,
 ) -> Drive:
-    """Execute a goal from `start` until it has ended, or for `limit` s.
+    """Execute a goal from `start` until it ends, at most for `limit` s.
 
-    `odometry` changes what is told of the world, `motors` what the base makes of a command at a time (s).
+    `odometry` changes the observed world, `motors` the response of the base to a command at a time (s).
     """
     base, robot = base or Base(), library.robot
     execution = execution_of(chain, library=library, again_after=0.0, now=0.0, fence=fence)
@@ -114,15 +114,15 @@ def drive(
             )
         while execution.phase is not Phase.ENDED and simulation.time < limit:
             world = simulation.world()
-            seen, now = sensors.observe(world), world.time
-            if ball_of(seen) is not None:
-                seen = seen.with_object(BALL, tracker.update(seen.time, ball_of(seen)))
-            seen = odometry(seen)
-            if seen.time > last:
-                last = seen.time
-                command = execution.tick(driving.ahead(seen), now, fault=driving.fault(seen, now))
-                driving.sent(seen.time, command)
-                simulation.command(motors(now, command) if motors else base.obey(command))
+            observed, now = sensors.observe(world), world.time
+            if ball_of(observed) is not None:
+                observed = observed.with_object(BALL, tracker.update(observed.time, ball_of(observed)))
+            observed = odometry(observed)
+            if observed.time > last:
+                last = observed.time
+                command = execution.tick(driving.ahead(observed), now, fault=driving.fault(observed, now))
+                driving.sent(observed.time, command)
+                simulation.command(motors(now, command) if motors else base.respond(command))
                 if done.ended is None and execution.ending is not None:
                     done.ended = now
                 done.commands.append(command)

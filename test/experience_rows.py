@@ -1,4 +1,4 @@
-"""Experience made up for tests: durations follow a simple law, so that learning takes no simulator."""
+"""Synthetic experience for tests: durations follow a simple law, without a simulator."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ator_ros.performance.training import train
 from ator_ros.robot.description import Robot
 
 
-def made_up_experience(action: str, *, episodes: int = 300, seed: int = 1) -> pd.DataFrame:
+def synthetic_experience(action: str, *, episodes: int = 300, seed: int = 1) -> pd.DataFrame:
     """Return starts of episodes whose duration grows with distance and turn; far ones fail more often."""
     rng = np.random.default_rng(seed)
     x, y, xg, yg = rng.uniform(-3, 3, (4, episodes))
@@ -32,6 +32,6 @@ def made_up_experience(action: str, *, episodes: int = 300, seed: int = 1) -> pd
     return frame[list(columns(SOCCER.objects))]
 
 
-def made_up_model(action: str, robot: Robot) -> PerformanceModel:
-    """Return a model learned from such experience, with the candidate features that the action ships with."""
-    return train(action, made_up_experience(action), robot, features=SOCCER.candidates(action))
+def synthetic_model(action: str, robot: Robot) -> PerformanceModel:
+    """Return a model learned from synthetic experience, with the shipped candidate features."""
+    return train(action, synthetic_experience(action), robot, features=SOCCER.candidates(action))

@@ -1,4 +1,4 @@
-"""Files that are not what they are taken for, as users have them: damaged, of another kind, or no files."""
+"""Invalid files: damaged, of another kind, or not regular files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ GATE = resource_path("models", "gate.json").read_text(encoding="utf-8")
 
 
 def contents() -> dict[str, bytes]:
-    """Return contents that no file should have, by name."""
+    """Return invalid contents by name."""
     return {
         "empty": b"",
         "noise": bytes(range(256)) * 40,
@@ -26,7 +26,7 @@ def contents() -> dict[str, bytes]:
         "json of another kind": b'{"format": "ator_ros study", "schema_version": 1}',
         "json of the future": GATE.replace('"schema_version": 1', '"schema_version": 99').encode(),
         "a gate": GATE.encode(),
-        "yaml unknown fields": (PIONEER + "\ncolour: red\n").encode(),
+        "yaml unknown fields": (PIONEER + "\ncolor: red\n").encode(),
         "yaml tab": b"robot:\n\tname: x\n",
         "yaml nan": PIONEER.replace("mass: 9.0", "mass: .nan").encode(),
         "yaml object": b"!!python/object/apply:os.system ['true']\n",
@@ -36,14 +36,14 @@ def contents() -> dict[str, bytes]:
 
 
 def other_table() -> bytes:
-    """Return a valid Parquet file that is no experience."""
+    """Return a valid Parquet file that is not experience."""
     with io.BytesIO() as file:
         parquet.write_table(pa.table({"price": [1.5, 2.5], "reason": ["a", "b"]}), file)
         return file.getvalue()
 
 
 def odd_files(folder: Path, suffix: str, wanted: Callable[[str], bool] = lambda _: True) -> list[Path]:
-    """Write odd files with a suffix to `folder`; return the paths, those that hold no file among them."""
+    """Write odd files with a suffix to `folder`; return all paths, including those without a regular file."""
     folder.mkdir(parents=True)
     files = []
     for name, content in contents().items():

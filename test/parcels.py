@@ -1,4 +1,4 @@
-"""A small domain for tests: a robot carries between two objects, and knows neither a ball nor a field."""
+"""A small domain for tests: a robot transports between two objects, without ball or field."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def place(rng: np.random.Generator) -> Pose:
 
 
 def objects(rng: np.random.Generator) -> dict[str, ObjectState]:
-    """Draw both objects, out of the robot's way."""
+    """Draw both objects, away from the robot's path."""
     return {"box": ObjectState(3.0, float(rng.uniform(1.5, 2.0))), "cart": ObjectState(-3.0, -2.0)}
 
 

@@ -1,6 +1,6 @@
-"""Execution of a chain that is refined again along the way, as the executor node does it, without ROS.
+"""Execution of a chain that is refined again during execution, as in the executor node, without ROS.
 
-An instance takes the place of the chain executor in `ator_ros.evaluation.chain_run.run_chain`.
+An instance replaces the chain executor in `ator_ros.evaluation.chain_run.run_chain`.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from ator_ros.world.state import World
 
 @dataclass(frozen=True)
 class Along:
-    """What it takes to refine a chain again along the way.
+    """Settings to refine a chain again during execution.
 
     Attributes
     ----------
     plans : tuple of TopChain
-        The plans of the goal, with what they open.
+        The plans of the goal, with their open variables.
     chosen : int
-        Number of the plan that refinement chose at the start.
+        Index of the plan that refinement chose at the start.
     refiner : Refiner
-        Answers the questions.
+        The refiner that answers questions.
     again_after : float
-        Distance in m by which the world must differ from what refinement was told; 0: never again.
+        Distance in m between the world and the refined forecast that causes a question; 0: never.
     """
 
     plans: tuple[TopChain, ...]
@@ -46,11 +46,11 @@ class Along:
 
 
 class RefinedAlong:
-    """Executes a chain as `ChainExecutor` does; answers of refinement come a tick after their questions.
+    """Executes a chain as `ChainExecutor` does; answers of refinement arrive one tick after questions.
 
     Attributes
     ----------
-    asked, again : int
+    questions, again : int
         Numbers of questions after the start, and of answers that changed the chain.
 
     Parameters
@@ -58,15 +58,15 @@ class RefinedAlong:
     library : TopLibrary
         TOPs and actions.
     chain : TopChain
-        The chain to begin with, as refinement chose it.
+        The initial chain, chosen by refinement.
     along : Along
-        How it is refined again.
+        Settings of the refinement during execution.
     time_limit : float
         Time in s that each step may take.
     """
 
     def __init__(self, library: TopLibrary, chain: TopChain, along: Along, *, time_limit: float) -> None:
-        self.asked = 0
+        self.questions = 0
         self._chain, self._along = chain, along
         self._supervisor = execution(
             *along.plans,
@@ -89,7 +89,7 @@ class RefinedAlong:
         return self._supervisor.executor.records
 
     def step(self, world: World) -> Step:
-        """Return the command of this tick; the answer to the first question is known already."""
+        """Return the command of this tick; the first question is answered immediately."""
         run = self._supervisor
         if not self._begun:
             self._begun = True
@@ -97,18 +97,18 @@ class RefinedAlong:
             run.refined_to(self._chain, True, "as chosen before", chosen=self._along.chosen)
         self._answer()
         command = run.tick(world, world.time)
-        self.asked += run.question is not None
+        self.questions += run.question is not None
         status = Status.RUNNING
         if run.ending is not None:
             status = Status.SUCCEEDED if run.ending is Ending.SUCCEEDED else Status.FAILED
         return Step(command, status, run.reason)
 
     def break_off(self, world: World, ending: Ending, why: str) -> None:
-        """End the action under way, if any."""
+        """End the active action, if any."""
         self._supervisor.end(ending, why)
 
     def _answer(self) -> None:
-        """Answer the question of the tick before, as the refinement node would."""
+        """Answer the question of the previous tick, as the refinement node does."""
         run, question = self._supervisor, self._supervisor.question
         if question is None:
             return
@@ -123,7 +123,7 @@ class RefinedAlong:
 
 
 def refining_along(tools: Toolset, library: TopLibrary, trial: Trial) -> tuple[TopChain, RefinedAlong]:
-    """Return a refined chain (headings and speeds), and what refines it again behind the gate."""
+    """Return a refined chain (headings and speeds), and its executor with a gate."""
     choice = POLICIES["refined_speed"](tools, trial)
     assert choice.refinement is not None
     along = Along((choice.refinement.original,), tools.refiner(gated=True))

@@ -28,7 +28,7 @@ ALL = frozenset({"x", "y", "yaw", "speed"})
 
 
 class FakeModel:
-    """Predicts what `duration` says of the direct variables; success falls with the arrival speed."""
+    """Predicts `duration` of the direct variables; success decreases with the arrival speed."""
 
     def __init__(
         self, duration: Callable[[Mapping[str, Any]], Any], used: frozenset[str], spread: float = 0.1
@@ -49,7 +49,7 @@ class FakeModel:
 
 
 def turning_time(direct: Mapping[str, Any]) -> Any:
-    """Turn, drive, turn, with speeds that want to be matched: all the shape a search needs."""
+    """Turn, drive, turn, with a cost of speed differences."""
     dx, dy = direct["xg"] - direct["x"], direct["yg"] - direct["y"]
     bearing = np.arctan2(dy, dx)
     turns = 1.3 * np.abs(wrap_angles(bearing - direct["yaw"])) + np.abs(wrap_angles(direct["yawg"] - bearing))
@@ -93,6 +93,6 @@ def three_steps(opened: frozenset[str] = ANGLE) -> TopChain:
 
 
 def after(checks: int) -> Deadline:
-    """Return a deadline that passes after so many checks."""
+    """Return a deadline that passes after `checks` checks."""
     numbers = itertools.count()
     return lambda: next(numbers) >= checks

@@ -1,4 +1,4 @@
-"""Robots unlike the Pioneer, for tests of what is derived from a robot's description."""
+"""Robots other than the Pioneer, for tests of values derived from a description."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ OTHERS = (SLOW, HEAVY, QUICK, FIFTH)
 
 
 def loaded(data: dict[str, Any], folder: Path) -> Robot:
-    """Return the robot that a file with this content describes."""
+    """Return the robot of a description file with this content."""
     file = folder / "own.yaml"
     file.write_text(yaml.safe_dump(data), encoding="utf-8")
     return load_robot(file)

@@ -1,4 +1,4 @@
-"""Which of the many cases of a test run in the ordinary suite."""
+"""Selection of test cases for the default suite."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ import pytest
 
 
 def few(values: Iterable[Any], *kept: Any) -> list[Any]:
-    """Return the parameters of a test, of which those that are not `kept` run in `make test-long` only."""
+    """Return the parameters of a test; those not in `kept` run only in `make test-long`."""
     return [pytest.param(value, marks=() if value in kept else pytest.mark.long) for value in values]

@@ -1,4 +1,4 @@
-"""Made-up episodes and rounds of learning for tests; durations follow a simple law."""
+"""Synthetic episodes and learning rounds for tests; durations follow a simple law."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def episodes(
 ) -> Iterator[Episode]:
     """Yield episodes whose duration grows with distance and turn, `slower` times as long as usual.
 
-    Their goals have the declared goal variables `values`.
+    `values` are the goal variables.
     """
     rng = np.random.default_rng(seed)
     for _ in range(count):
@@ -58,7 +58,7 @@ def episodes(
 
 
 def stored(folder: Path, *streams: Iterator[Episode], most: int = 20_000) -> RecordStore:
-    """Return a store to which the episodes have been appended."""
+    """Return a store with the episodes."""
     store = RecordStore(folder, INFO, most=most)
     for stream in streams:
         for episode in stream:
@@ -67,7 +67,7 @@ def stored(folder: Path, *streams: Iterator[Episode], most: int = 20_000) -> Rec
 
 
 def round_of(folder: Path, models: Path = SOCCER.shipped_models) -> dict[str, Any]:
-    """Do a round of learning and publish its set, if there is one; return the result."""
+    """Run a learning round and publish its set, if any; return the result."""
     result = learn(Source(folder, SOCCER, ROBOT, models), time="2026-01-01T00:00:00Z")
     if result["made"]:
         publish(folder, Path(result["made"]))

@@ -1,4 +1,4 @@
-"""The house: imports point down, and only the nodes and what runs them know ROS."""
+"""The layers: imports point down, and only nodes and tools depend on ROS."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ator_ros"
-FLOORS = [
+LAYERS = [
     "geometry",
     "printable",
     "resources",
@@ -37,7 +37,7 @@ FLOORS = [
     "nodes",
     "tools",
 ]
-"""Modules and folders of the package, ground floor first; each imports only from itself and those before."""
+"""Modules and folders of the package, lowest layer first; each imports only from itself and lower ones."""
 WITH_ROS = {"examples", "nodes", "tools"}
 ROS = {
     "action_msgs",
@@ -60,12 +60,12 @@ ROS = {
     "unique_identifier_msgs",
     "visualization_msgs",
 }
-"""Packages of ROS; without `ament_index_python`, with which `resources` finds installed files."""
+"""Packages of ROS, without `ament_index_python`, which `resources` uses to find installed files."""
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 
 def imports(file: Path) -> Iterator[str]:
-    """Yield the dotted names of the modules that a file imports, at its head or in a function."""
+    """Yield the dotted names of the modules that a file imports."""
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -77,36 +77,36 @@ def imports(file: Path) -> Iterator[str]:
             yield node.module
 
 
-def floor_of(file: Path) -> str:
+def layer_of(file: Path) -> str:
     return file.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
-def test_every_floor_is_known() -> None:
-    assert {floor_of(file) for file in FILES} - {"__init__"} == set(FLOORS)
+def test_every_layer_is_listed() -> None:
+    assert {layer_of(file) for file in FILES} - {"__init__"} == set(LAYERS)
 
 
-@pytest.mark.parametrize("floor", FLOORS)
-def test_imports_point_down(floor: str) -> None:
-    allowed = set(FLOORS[: FLOORS.index(floor) + 1])
+@pytest.mark.parametrize("layer", LAYERS)
+def test_imports_point_down(layer: str) -> None:
+    allowed = set(LAYERS[: LAYERS.index(layer) + 1])
     upward = {
         f"{file.relative_to(PACKAGE)} imports {name}"
         for file in FILES
-        if floor_of(file) == floor
+        if layer_of(file) == layer
         for name in imports(file)
         if name.startswith("ator_ros.") and name.split(".")[1] not in allowed
     }
     assert not upward
 
 
-def test_only_nodes_and_tools_know_ros() -> None:
-    knowing = {floor_of(file) for file in FILES if {name.split(".")[0] for name in imports(file)} & ROS}
-    assert knowing == WITH_ROS
+def test_only_nodes_and_tools_import_ros() -> None:
+    importing = {layer_of(file) for file in FILES if {name.split(".")[0] for name in imports(file)} & ROS}
+    assert importing == WITH_ROS
 
 
-def test_nodes_start_without_what_only_learning_needs() -> None:
+def test_nodes_start_without_the_packages_of_learning() -> None:
     names = [f"ator_ros.nodes.{name}" for name in ("executor", "refinement", "simulation")]
     names.append("ator_ros.domains.soccer.domain")
     heavy = ["sklearn", "pandas", "pyarrow", "scipy.stats", "matplotlib", "viser"]
     script = f"import sys, {', '.join(names)}; print([name for name in {heavy} if name in sys.modules])"
-    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
-    assert told.strip() == "[]"
+    output = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    assert output.strip() == "[]"

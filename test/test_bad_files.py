@@ -1,4 +1,4 @@
-"""Files that are damaged or claim more than any machine has are read, or refused with an error of our own."""
+"""Damaged or excessive files are read, or rejected with an error of this package."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 import yaml
 from bags import record
-from experience_rows import made_up_experience
+from experience_rows import synthetic_experience
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -66,12 +66,12 @@ PATIENT = settings(
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with one good file of each kind."""
+    """Return a folder with a valid file of each kind."""
     folder = tmp_path_factory.mktemp("whole")
     shutil.copy(resource_path("config", "pioneer.yaml"), folder)
     shutil.copy(resource_path("models", "gate.json"), folder)
     shutil.copy(resource_path("models", "calibration.json"), folder)
-    rows = made_up_experience("goToPose")
+    rows = synthetic_experience("goToPose")
     save_model(folder / "model.json", train("goToPose", rows, ROBOT))
     write_experience(folder / "table.parquet", Experience(rows, {"robot_digest": ROBOT.digest()}))
     record(folder / "bag")
@@ -80,13 +80,13 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def read_or_refuse(file: Path, name: str) -> None:
-    """Read a file; only the error of its kind may come out, in one line that names the file."""
+    """Read a file; only the error of its kind may be raised, in one line with the file name."""
     load, error = LOADERS[name]
     refusal = name
     try:
         load(file)
-    except error as told:
-        refusal = str(told)
+    except error as raised:
+        refusal = str(raised)
     assert name in refusal
 
 
@@ -99,14 +99,14 @@ def copy_of(name: str, content: bytes) -> Any:
 
 
 @pytest.mark.parametrize("name", LOADERS)
-def test_the_files_are_good_before_they_are_damaged(whole: Path, name: str) -> None:
+def test_the_files_are_valid_before_they_are_damaged(whole: Path, name: str) -> None:
     LOADERS[name][0](whole / name)
 
 
 @pytest.mark.parametrize("name", LOADERS)
 @PATIENT
 @given(data=st.data())
-def test_damaged_bytes_are_refused(whole: Path, name: str, data: st.DataObject) -> None:
+def test_damaged_bytes_are_rejected(whole: Path, name: str, data: st.DataObject) -> None:
     content = bytearray((whole / name).read_bytes())
     place = data.draw(st.integers(0, len(content) - 1))
     kind = data.draw(st.sampled_from(["truncated", "overwritten", "inserted"]))
@@ -124,7 +124,7 @@ def test_damaged_bytes_are_refused(whole: Path, name: str, data: st.DataObject) 
 @pytest.mark.parametrize("name", STRUCTURED)
 @PATIENT
 @given(data=st.data())
-def test_other_values_are_refused(whole: Path, name: str, data: st.DataObject) -> None:
+def test_other_values_are_rejected(whole: Path, name: str, data: st.DataObject) -> None:
     parse, write = STRUCTURED[name]
     tree = parse((whole / name).read_text(encoding="utf-8"))
     replace_one(tree, data)
@@ -133,7 +133,7 @@ def test_other_values_are_refused(whole: Path, name: str, data: st.DataObject) -
 
 
 def replace_one(tree: Any, data: st.DataObject) -> None:
-    """Put anything in the place of one value of a tree of lists and dictionaries, or take it away."""
+    """Replace or remove one value in a tree of lists and dictionaries."""
     while True:
         keys = list(tree) if isinstance(tree, dict) else list(range(len(tree)))
         key = data.draw(st.sampled_from(keys))
@@ -149,7 +149,7 @@ def replace_one(tree: Any, data: st.DataObject) -> None:
 
 
 @pytest.mark.parametrize("name", ["model.json", "gate.json", "calibration.json"])
-def test_files_of_more_than_20_mb_are_refused(name: str, tmp_path: Path) -> None:
+def test_files_larger_than_20_mb_are_rejected(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(b" " * 20_000_001)
     load, error = LOADERS[name]
     with pytest.raises(error, match=f"{name}: .*expected at most 20 MB, got more"):
@@ -159,8 +159,8 @@ def test_files_of_more_than_20_mb_are_refused(name: str, tmp_path: Path) -> None
 PIONEER = resource_path("config", "pioneer.yaml").read_text(encoding="utf-8")
 
 
-def laughs() -> str:
-    """Return a YAML text that names 10^9 values with nine lines of aliases."""
+def alias_bomb() -> str:
+    """Return a YAML text that expands to 10^9 values with nine lines of aliases."""
     lines = ['a0: &a0 ["ha", "ha"]']
     lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 10)]
     return "\n".join([*lines, "robot: *a9", ""])
@@ -169,7 +169,7 @@ def laughs() -> str:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (laughs(), "line 2: expected no alias, got *a0"),
+        (alias_bomb(), "line 2: expected no alias, got *a0"),
         ('"a\\e[31mX": 1\n"a\\e[31mX": 2\n', "line 2: expected each key once, got a\\x1b[31mX again"),
         ("# " + "x" * 200_000, "expected at most 0.1 MB"),
         (PIONEER.replace("v: 1.2", "v: 1200", 1), "limits.v: expected a number from 0.01 to 20; got 1200"),
@@ -178,7 +178,7 @@ def laughs() -> str:
         ("format: ator_ros robot\nschema_version: 2\n" + PIONEER, "schema_version: expected 1, got 2"),
     ],
 )
-def test_robots_that_cannot_be_are_refused_in_one_line(text: str, message: str, tmp_path: Path) -> None:
+def test_invalid_robots_are_rejected_in_one_line(text: str, message: str, tmp_path: Path) -> None:
     assert text != PIONEER
     file = tmp_path / "robot.yaml"
     file.write_text(text, encoding="utf-8")
@@ -191,7 +191,7 @@ def test_robots_that_cannot_be_are_refused_in_one_line(text: str, message: str, 
     assert len(str(refusal.value).splitlines()) <= 4  # a YAML error shows where
 
 
-def test_the_gate_of_other_actions_is_refused() -> None:
+def test_a_gate_of_other_actions_is_rejected() -> None:
     gate = resource_path("models", "bezier", "gate.json")
     assert load_gate(gate, "bezier")
     with pytest.raises(FileError, match="action_set: expected 'default', got 'bezier'"):

@@ -1,11 +1,11 @@
-"""The measurements in benchmarks/, each on very few situations."""
+"""The benchmarks, each with few situations."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
-from experience_rows import made_up_experience
+from experience_rows import synthetic_experience
 
 from ator_ros.experience.table import Experience, join, write_experience
 from benchmarks import learners, search, speed
@@ -23,7 +23,7 @@ def test_each_part_of_the_speed_is_measured(part: str, capsys: pytest.CaptureFix
 def test_learners_are_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = tmp_path / "experience.parquet"
     metadata = {"seed": 1, "domain": "soccer", "action_set": "default"}
-    write_experience(table, Experience(join([made_up_experience("goToPose")]), metadata))
+    write_experience(table, Experience(join([synthetic_experience("goToPose")]), metadata))
     assert learners.main([str(table), str(table)]) == 0
     rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ator_ros")]
     assert len(rows) == 2
@@ -38,4 +38,4 @@ def test_the_search_is_compared_with_references(
     assert search.main([*names, "--situations", "2", "--seed", "3"]) == 0
     output = capsys.readouterr().out
     assert "| heading | brute force" in output
-    assert "| place, headings and speeds | global optimiser" in output
+    assert "| place, headings and speeds | global optimizer" in output

@@ -1,4 +1,4 @@
-"""Compiled functions, and loops that several cores share: every item once, the same results."""
+"""Compiled functions and parallel loops: every item once, with identical results."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WRAP = "from ator_ros.performance.derived import wrapped; print(wrapped(7.0))"
 
 
 @pytest.mark.long
-def test_functions_run_where_no_folder_takes_machine_code(tmp_path: Path) -> None:
+def test_functions_run_without_a_writable_cache_folder(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     nowhere = str(tmp_path / "file" / "folder")
     environment = {**os.environ, "NUMBA_CACHE_DIR": nowhere, "HOME": nowhere, "XDG_CACHE_HOME": nowhere}
@@ -31,7 +31,7 @@ def test_functions_run_where_no_folder_takes_machine_code(tmp_path: Path) -> Non
 
 @pytest.fixture(autouse=True)
 def one_core_again(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Pretend that there are four cores, and use one again in the end."""
+    """Use four cores, and one again afterwards."""
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2, 3})
     yield
     use_cores(1)
@@ -47,7 +47,7 @@ def results() -> FloatArray:
     return feature_table(direct, robot, PATHS, plain_driving(robot))
 
 
-def test_results_are_the_same_to_the_bit_however_they_are_shared() -> None:
+def test_results_are_bit_identical_for_any_number_of_threads() -> None:
     alone = results()
     use_cores(3)
     assert results().tobytes() == alone.tobytes()

@@ -1,4 +1,4 @@
-"""Every command that the documentation prints is executed by a test, or it says here why it cannot be."""
+"""Every command in the documentation is executed by a test, or listed here with a reason."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ SMALL = {
     "evaluate": "--situations 2 --oracle 2 --out results --jobs 1",
     "demo": "--situations 1 --out demo.png",
 }
-"""Words that make a tool's work small and keep its results in the folder in which it runs."""
+"""Arguments that shorten a tool's run and keep its results in the working folder."""
 
 OUR_MODELS = ("gate", "calibrate_predictions")
-"""Tools that write beside the models, which must not be the shipped ones where the command names none."""
+"""Tools that write beside the models: commands without models must not use the shipped ones."""
 
 _VIEW = "nodes/test_view_browser.py"
 _ROS = "nodes/test_documented_commands.py"
 BY_TEST = {
     r"make demo": "test_documentation.py::test_the_demo_runs",
-    r"(PARTS=\w+ )?make reproduce": "test_documentation.py::test_everything_can_be_made_again",
-    r"(ros2 run ator_ros )?calibrate( .*)?": "nodes/test_calibrate_node.py::test_a_base_is_described",
-    r"(ros2 run ator_ros )?study .*": "tools/test_tools_study.py::test_it_says_what_the_actions_and_ref",
+    r"(PARTS=\w+ )?make reproduce": "test_documentation.py::test_all_results_can_be_reproduced",
+    r"(ros2 run ator_ros )?calibrate( .*)?": "nodes/test_calibrate_node.py::test_a_description_is_written",
+    r"(ros2 run ator_ros )?study .*": "tools/test_tools_study.py::test_a_study_reports_actions_and_ref",
     r"make view|(ros2 run ator_ros )?view": f"{_VIEW}::test_the_page_shows_the_robot_",
     r"view --attach --robots ann bob": "nodes/test_view_backend.py::test_two_robots_of_one_simulation_",
     r"scripts/run python scripts/golden\.py .*": "test_golden.py::test_the_command_writes_and_compares",
@@ -46,24 +46,24 @@ BY_TEST = {
     r"collect .*my_domain\.yaml --over-ros": "nodes/test_tour_node.py::test_drives_over_ros_take_as_long",
     r"dask .*|.*--backend dask.*": "test_documentation.py::test_a_cluster_collects",
     r".*examples\.call|ros2 (service|action) \w+": "nodes/test_call_example.py::test_a_service_is_",
-    r"make run EXE=executor .*my_config.*": f"{_ROS}::test_a_copy_of_the_configuration_is_honoured",
+    r"make run EXE=executor .*my_config.*": f"{_ROS}::test_a_copy_of_the_configuration_is_used",
     r"ros2 action send_goal /execute_chain .*": f"{_ROS}::test_the_printed_requests",
-    r"make run EXE=simulation .*": f"{_ROS}::test_a_node_runs_without_the_command_ros2",
+    r"make run EXE=simulation .*": f"{_ROS}::test_a_node_runs_without_the_ros2_command",
     r"ros2 service call /(refine_subgoal|reset|place_ball) .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 service call /plan_chains .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 action send_goal --feedback .*": f"{_ROS}::test_the_printed_requests",
-    r"ros2 action send_goal /(ann|bob)/.*": f"{_ROS}::test_two_robots_play_at_the_same_time",
-    r"ros2 run ator_ros simulation .*robots:=.*": f"{_ROS}::test_two_robots_play_at_the_same_time",
-    r"ros2 run ator_ros \w+ .*__ns:=/(ann|bob) .*": f"{_ROS}::test_two_robots_play_at_the_same_time",
+    r"ros2 action send_goal /(ann|bob)/.*": f"{_ROS}::test_two_robots_drive_at_the_same_time",
+    r"ros2 run ator_ros simulation .*robots:=.*": f"{_ROS}::test_two_robots_drive_at_the_same_time",
+    r"ros2 run ator_ros \w+ .*__ns:=/(ann|bob) .*": f"{_ROS}::test_two_robots_drive_at_the_same_time",
     r"ros2 topic echo .*/performance/(action|chain) .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 launch ator_ros .*real_time_factor.*": f"{_ROS}::test_the_printed_requests",
     r"ros2 launch ator_ros .*learning:=.*": "test_launch_file.py::test_it_starts_the_nodes_in_one_namespace",
-    r"(cp -rL|ros2 launch ator_ros) .*my_config": f"{_ROS}::test_a_copy_of_the_configuration_is_honoured",
+    r"(cp -rL|ros2 launch ator_ros) .*my_config": f"{_ROS}::test_a_copy_of_the_configuration_is_used",
     r"cd ~/ws && git clone .*": f"{_ROS}::test_a_workspace_is_built",
     r"colcon build --base-paths .*": f"{_ROS}::test_a_workspace_is_built",
     r"\. install/setup\.sh && .*": f"{_ROS}::test_a_workspace_is_built",
     r"(scripts/run python -m )?colcon build": f"{_ROS}::test_a_checkout_is_built_by_hand",
-    r"export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET": "nodes/test_network.py::test_what_the_user_has_set_stays",
+    r"export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET": "nodes/test_network.py::test_user_settings_are_kept",
     r"ros2 run ator_ros \w+ .*domain:=stat.*": "nodes/test_executor_remote_node.py::test_a_",
     r"ros2 run ator_ros learning": "nodes/test_learning_node.py::test_learning_can_be_frozen_and_",
     r"scripts/run pip install .* \./my_package": "nodes/test_outside_domain.py::test_a_domain_from_another_",
@@ -72,7 +72,7 @@ BY_TEST = {
     r"make run EXE=(collect|train|demo) ARGS='.*~/ws/src/shuttle/.*'": "nodes/test_own_server.py::test_own_",
     r"ros2 run ator_ros train rosbag2_.*": "nodes/test_recording_node.py::test_the_installed_train_learns_",
 }
-"""Commands, as regular expressions, and the test that executes them, shrunk or at another place."""
+"""Commands, as regular expressions, and the test that executes them, shortened or in another folder."""
 
 NOT_HERE = {
     r"make (test|test-long|lint|format|test-apt-versions)": "runs these tests and checks themselves",
@@ -94,8 +94,8 @@ NOT_HERE = {
 
 
 @functools.cache
-def made_again() -> list[set[str]]:
-    """Return the words of each command of scripts/reproduce at its full size, paths by their last part."""
+def reproduced() -> list[set[str]]:
+    """Return the words of each full-size command of scripts/reproduce, with paths reduced to names."""
     text = (ROOT / "scripts" / "reproduce").read_text(encoding="utf-8").replace("\\\n", " ")
     values = dict(re.findall(r"^(\w+)=\$\{\w+:-(\S+)\}$", text, flags=re.MULTILINE))
     text = re.sub(r"\$\{\w+:?-(\d+|--.*?)\}", r"\1", text)
@@ -105,14 +105,14 @@ def made_again() -> list[set[str]]:
     return [{Path(word).name for word in line} for line in lines]
 
 
-def is_made_again(text: str) -> bool:
-    """Return whether a command, perhaps abbreviated with `…`, is one of scripts/reproduce."""
+def is_reproduced(text: str) -> bool:
+    """Return whether a command, possibly abbreviated with `…`, is in scripts/reproduce."""
     words = {Path(word).name for word in text.split() if word != "…" and not word.isupper()}
-    return len(words) > 1 and any(words <= line for line in made_again())
+    return len(words) > 1 and any(words <= line for line in reproduced())
 
 
 def tool_words(text: str) -> list[str] | None:
-    """Return the words of a command that runs one of our tools, the tool first; None for any other."""
+    """Return the words of a command of a tool, the tool first; None for other commands."""
     text = text.removeprefix("ros2 run ator_ros ")
     if found := re.fullmatch(r"make run EXE=(\w+)(?: ARGS='(.*)')?", text):
         text = " ".join(word for word in found.groups() if word)
@@ -122,10 +122,10 @@ def tool_words(text: str) -> list[str] | None:
 
 @functools.cache
 def runnable() -> list[str]:
-    """Return the commands of our tools that are to be executed as they are printed, with `SMALL` words."""
+    """Return the tool commands to execute as printed, with `SMALL` words."""
     found = set()
     for printed in commands():
-        named = " " not in printed.text  # a name in a sentence
+        named = " " not in printed.text  # a tool's name in a sentence
         named |= re.fullmatch(r"\w+( --[\w-]+)+", printed.text) is not None
         other = any(re.fullmatch(key, printed.text) for key in BY_TEST)
         if tool_words(printed.text) and not (named or other or "…" in printed.text):
@@ -133,21 +133,21 @@ def runnable() -> list[str]:
     return sorted(found)
 
 
-def ways(printed: Printed) -> list[str]:
-    """Return how a command is executed, or why not; empty if nothing is said about it."""
+def coverage_of(printed: Printed) -> list[str]:
+    """Return how a command is executed, or why not; empty if it is not covered."""
     found = [way for key, way in (BY_TEST | NOT_HERE).items() if re.fullmatch(key, printed.text)]
-    found += ["scripts/reproduce"] * is_made_again(printed.text)
+    found += ["scripts/reproduce"] * is_reproduced(printed.text)
     found += ["test_a_printed_tool_runs"] * (printed.text in runnable())
     found += ["a name in a sentence"] * (printed.text in TOOLS)
     return found
 
 
 @pytest.mark.parametrize("printed", commands(), ids=lambda printed: f"{printed.page}: {printed.text[:60]}")
-def test_a_printed_command_is_executed_somewhere(printed: Printed) -> None:
-    assert ways(printed), f"{printed.page}: no test executes {printed.text!r}"
+def test_a_printed_command_is_covered(printed: Printed) -> None:
+    assert coverage_of(printed), f"{printed.page}: no test executes {printed.text!r}"
 
 
-def test_what_is_said_of_commands_holds() -> None:
+def test_the_lists_of_commands_are_valid() -> None:
     texts = [printed.text for printed in commands()]
     unused = [key for key in BY_TEST | NOT_HERE if not any(re.fullmatch(key, text) for text in texts)]
     assert not unused
@@ -158,7 +158,7 @@ def test_what_is_said_of_commands_holds() -> None:
 
 @pytest.fixture(scope="module")
 def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with the files that the printed commands name."""
+    """Return a folder with the files of the printed commands."""
     folder = tmp_path_factory.mktemp("workshop")
     shutil.copytree(ROOT / "models", folder / "models")
     for name in ("config", "my_config"):
@@ -174,7 +174,7 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(words: list[str], cwd: Path) -> None:
-    """Run one of our tools; fail with its output where it fails."""
+    """Run a tool; on failure report its output."""
     done = subprocess.run(
         [str(BIN / words[0]), *words[1:]], cwd=cwd, capture_output=True, text=True, check=False, timeout=900
     )
@@ -213,8 +213,8 @@ def test_the_demo_runs(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_everything_can_be_made_again(tmp_path: Path) -> None:
-    """As scripts/reproduce says for a small run; most of what ships comes out."""
+def test_all_results_can_be_reproduced(tmp_path: Path) -> None:
+    """Run scripts/reproduce at a small size; it writes most of the shipped files."""
     script = (ROOT / "scripts" / "reproduce").read_text(encoding="utf-8")
     (small,) = re.findall(r"^#     (EPISODES=.*) make reproduce$", script, flags=re.MULTILINE)
     sizes = dict(word.split("=") for word in small.split())
@@ -231,7 +231,7 @@ def test_everything_can_be_made_again(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_a_cluster_collects(tmp_path: Path) -> None:
-    """On this machine, with the printed commands of a scheduler, a worker and `collect`."""
+    """Run the printed commands of a scheduler, a worker and `collect` on this machine."""
     texts = [printed.text for printed in commands() if "dask" in printed.text]
     (scheduler,) = [text for text in texts if text.startswith("dask scheduler")]
     (worker,) = [text for text in texts if text.startswith("dask worker")]
@@ -255,7 +255,7 @@ def test_a_cluster_collects(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_the_source_files_that_a_page_names_exist(page: Path) -> None:
+def test_source_files_named_on_a_page_exist(page: Path) -> None:
     folders = (ROOT / name for name in ("ator_ros", "test", "benchmarks", "scripts"))
     paths = [f"/{file.relative_to(ROOT)}" for folder in folders for file in folder.rglob("*.py")]
     named = re.findall(r"`((?:[\w.]+/)*\w+\.py)", page.read_text(encoding="utf-8"))

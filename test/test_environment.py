@@ -1,4 +1,4 @@
-"""`scripts/run`, and `. scripts/env.sh` in the shells of people: the checkout sourced last is in force."""
+"""`scripts/run`, and `. scripts/env.sh` in interactive shells: the last sourced checkout applies."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SHELLS = [
 
 
 def checkout(folder: Path, ros: str = "wheels") -> Path:
-    """Make what env.sh needs of a checkout."""
+    """Create the files of a checkout that env.sh uses."""
     (folder / "scripts").mkdir(parents=True)
     shutil.copy(ENV_SH, folder / "scripts")
     (folder / ".venv" / "lib" / "python3.11").mkdir(parents=True)
@@ -26,7 +26,7 @@ def checkout(folder: Path, ros: str = "wheels") -> Path:
 
 
 def after(shell: str, commands: str, cwd: Path, **variables: str) -> dict[str, str]:
-    """Return the environment that a program sees which `shell` starts after `commands`."""
+    """Return the environment of a program that `shell` starts after `commands`."""
     environment = {"PATH": "/usr/bin:/bin", "HOME": str(cwd), **variables}
     done = subprocess.run(
         [shell, "-c", f"{commands}\nenv -0"],
@@ -60,7 +60,7 @@ def test_a_second_checkout_replaces_the_first(shell: str, one: Path, two: Path) 
 
 
 @pytest.mark.parametrize("shell", SHELLS)
-def test_a_workspace_that_was_sourced_before_stays_behind_ours(shell: str, one: Path, tmp_path: Path) -> None:
+def test_a_previously_sourced_workspace_has_lower_precedence(shell: str, one: Path, tmp_path: Path) -> None:
     prefix, humble = tmp_path / "ws" / "install" / "fleet", tmp_path / "humble"
     (humble / "share" / "rclpy").mkdir(parents=True)
     packages = f"{prefix}/lib/python3.11/site-packages"

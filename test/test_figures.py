@@ -1,4 +1,4 @@
-"""The script that draws figures 4 and 6."""
+"""The script of figures 4 and 6."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of ours: what fits is read, what does not is refused in one line with its place in the file."""
+"""Files of this package: valid ones are read, errors are reported in one line with their location."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ GOOD: dict[str, Any] = {
 }
 
 
-def test_what_fits_is_structured() -> None:
+def test_valid_data_is_structured() -> None:
     assert structured(GOOD, Cart) == Cart("a", (Wheel(1.0), Wheel(2.5, "right")), {"x": 1.0})
 
 
@@ -61,13 +61,13 @@ def test_what_fits_is_structured() -> None:
         ({"extra": 1}, "cart: expected the fields loads, name, wheels [number]; unknown extra"),
     ],
 )
-def test_what_does_not_fit_is_refused_with_its_place(change: dict[str, Any], message: str) -> None:
+def test_invalid_data_is_rejected_with_its_location(change: dict[str, Any], message: str) -> None:
     with pytest.raises(SchemaError) as refused:
         structured(GOOD | change, Cart, "cart", closed=True)
     assert str(refused.value) == message
 
 
-def test_what_is_saved_is_loaded_again(tmp_path: Path) -> None:
+def test_saved_data_is_loaded_unchanged(tmp_path: Path) -> None:
     file, cart = tmp_path / "cart.json", structured(GOOD, Cart)
     save(file, "cart", cart)
     assert json.loads(file.read_text()) == {"format": "ator_ros cart", "schema_version": 1} | unstructured(
@@ -86,7 +86,7 @@ def test_what_is_saved_is_loaded_again(tmp_path: Path) -> None:
         ("9" * 400, "format: expected 'ator_ros cart', got no table"),
     ],
 )
-def test_another_file_is_refused_by_its_name(tmp_path: Path, text: str, message: str) -> None:
+def test_an_invalid_file_is_rejected_with_its_name(tmp_path: Path, text: str, message: str) -> None:
     file = tmp_path / "cart.json"
     file.write_text(text)
     with pytest.raises(FileError, match=rf"cart\.json: {message}"):
@@ -95,6 +95,6 @@ def test_another_file_is_refused_by_its_name(tmp_path: Path, text: str, message:
         load(tmp_path / "none.json", "cart", Cart)
 
 
-def test_a_recorded_command_names_no_folder_of_this_machine_and_its_topics_whole(tmp_path: Path) -> None:
+def test_a_recorded_command_has_full_topics_but_no_local_folders(tmp_path: Path) -> None:
     words = [str(tmp_path / "bag"), "--odom", "/robot1/odom", "--cmd-vel", "robot1/cmd_vel"]
     assert portable_command("train", words) == "train bag --odom /robot1/odom --cmd-vel robot1/cmd_vel"

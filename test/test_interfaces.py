@@ -1,4 +1,4 @@
-"""Every field of the interfaces says what it is."""
+"""Every field of the interfaces is documented."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ UNITLESS = {"string", "bool", "uint8", "uint32", "string[]"}
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.name)
-def test_every_field_is_commented_and_numbers_name_their_unit(file: Path) -> None:
+def test_every_field_has_a_comment_and_numbers_have_a_unit(file: Path) -> None:
     above = ""
     for line in file.read_text(encoding="utf-8").splitlines():
         if line.startswith("#"):
@@ -31,6 +31,6 @@ def test_every_field_is_commented_and_numbers_name_their_unit(file: Path) -> Non
         above = ""
 
 
-def test_all_interfaces_are_looked_at() -> None:
+def test_all_interfaces_are_checked() -> None:
     assert {file.suffix for file in FILES} == {".msg", ".srv", ".action"}
     assert {file.stem for file in FILES} >= {"TopChain", "RefineSubgoal", "ExecuteChain", "ChainPerformance"}

@@ -1,6 +1,6 @@
-"""The launch file starts what is installed, with files and parameters that are there.
+"""The launch file starts installed executables, with existing files and parameters.
 
-`ros2 launch` itself is not among the wheels: this reads the file as XML.
+The file is parsed as XML, since `ros2 launch` is not available as a wheel.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ator_ros.resources import PACKAGE, share_folder
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.urdf import robot_urdf
 
-LAUNCH = ET.parse(share_folder() / "launch" / "ator.launch.xml").getroot()  # noqa: S314 - a file of ours
+LAUNCH = ET.parse(share_folder() / "launch" / "ator.launch.xml").getroot()  # noqa: S314 - our own file
 OURS = {node.get("exec"): node for node in LAUNCH.iter("node") if node.get("pkg") == PACKAGE}
 VIEW = OURS.pop("view")
 GOAL_POSE = OURS.pop("goal_pose")
@@ -40,7 +40,7 @@ PARAMETERS = {
 
 
 def command_of(value: str, **given: Path) -> list[str]:
-    """Return the words of a command that the launch file runs, with the arguments that are given."""
+    """Return the words of a command of the launch file, with the given arguments."""
     command = value.removeprefix("$(command '").removesuffix("')")
     for name, path in given.items():
         command = command.replace(f"$(var {name})", str(path))
@@ -56,7 +56,7 @@ def test_it_starts_the_nodes_in_one_namespace() -> None:
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
-def test_its_files_hold_parameters_that_the_nodes_have(name: str) -> None:
+def test_parameters_in_its_files_exist_in_the_nodes(name: str) -> None:
     known = {parameter.name: parameter for parameter in PARAMETERS[name]}
     files = [param.get("from", "") for param in OURS[name].iter("param") if param.get("from")]
     assert files == [f"$(var config)/{name}.yaml"]
@@ -67,7 +67,7 @@ def test_its_files_hold_parameters_that_the_nodes_have(name: str) -> None:
     assert named <= set(known)
 
 
-def test_robot_state_publisher_gets_the_description_of_the_robot_that_is_named() -> None:
+def test_robot_state_publisher_has_the_description_of_the_given_robot() -> None:
     (publisher,) = [node for node in LAUNCH.iter("node") if node.get("pkg") == "robot_state_publisher"]
     (value,) = [param.get("value", "") for param in publisher.iter("param")]
     words = command_of(value, robot=CONFIG / "pioneer.yaml")
@@ -75,20 +75,22 @@ def test_robot_state_publisher_gets_the_description_of_the_robot_that_is_named()
     assert printed.strip() == robot_urdf(load_robot(CONFIG / "pioneer.yaml")).strip()
 
 
-@pytest.mark.parametrize(("there", "told"), [(True, "true"), (False, "false")])
-def test_robot_state_publisher_starts_where_it_is_installed(tmp_path: Path, there: bool, told: str) -> None:
+@pytest.mark.parametrize(("installed", "expected"), [(True, "true"), (False, "false")])
+def test_robot_state_publisher_starts_if_it_is_installed(
+    tmp_path: Path, installed: bool, expected: str
+) -> None:
     (publisher,) = [node for node in LAUNCH.iter("node") if node.get("pkg") == "robot_state_publisher"]
-    assert publisher.get("if") == "$(var robot_state_publisher)"  # whatever rviz is
+    assert publisher.get("if") == "$(var robot_state_publisher)"  # independent of rviz
     (group,) = LAUNCH.findall("group")
     assert publisher in list(group)  # in each namespace
     marker = tmp_path / "share" / "ament_index" / "resource_index" / "packages" / "robot_state_publisher"
     marker.parent.mkdir(parents=True)
-    if there:
+    if installed:
         marker.touch()
     prefixes = {"AMENT_PREFIX_PATH": f"{tmp_path}:{share_folder().parents[1]}"}
     words = command_of(default_of("robot_state_publisher"))
     done = subprocess.run(words, capture_output=True, text=True, env={**os.environ, **prefixes})
-    assert (done.returncode, done.stdout, done.stderr) == (0, told, "")
+    assert (done.returncode, done.stdout, done.stderr) == (0, expected, "")
     empty = {**os.environ, "AMENT_PREFIX_PATH": ""}
     assert subprocess.run(words, capture_output=True, text=True, env=empty).stdout == "false"
 
@@ -103,13 +105,13 @@ def default_of(argument: str) -> str:
     return entry.get("default", "")
 
 
-def test_rviz_comes_with_goal_pose_also_without_the_simulation() -> None:
+def test_rviz_starts_goal_pose_even_without_the_simulation() -> None:
     (rviz,) = [node for node in LAUNCH.iter("node") if node.get("pkg") == "rviz2"]
     assert rviz.get("if") == GOAL_POSE.get("if") == "$(var rviz)"
     assert {rviz, GOAL_POSE} <= set(LAUNCH.findall("group")[0])
 
 
-def test_robot_and_domain_reach_every_node() -> None:
+def test_robot_and_domain_are_passed_to_every_node() -> None:
     for node in (*OURS.values(), GOAL_POSE):
         assert value_of(node, "domain") == "$(var domain)", node.get("exec")
         assert value_of(node, "robot") == "$(var robot)", node.get("exec")
@@ -121,20 +123,20 @@ def test_robot_and_domain_reach_every_node() -> None:
 @pytest.mark.parametrize(
     ("content", "domain"),
     [
-        (None, ""),  # the shipped one: by the robot
+        (None, ""),  # the shipped one: determined by the robot
         ("/**/executor:\n  ros__parameters:\n    domain: tour\n", "tour"),
         ("{", ""),
     ],
 )
-def test_robot_and_domain_are_by_default_what_the_configuration_says(
+def test_defaults_of_robot_and_domain_are_those_of_the_configuration(
     tmp_path: Path, content: str | None, domain: str
 ) -> None:
-    assert default_of("robot") == "$(var config)/pioneer.yaml"  # a copy of the folder brings its own robot
+    assert default_of("robot") == "$(var config)/pioneer.yaml"  # a copy of the folder has its own robot
     folder = CONFIG if content is None else tmp_path
     if content is not None:
         (tmp_path / "executor.yaml").write_text(content, encoding="utf-8")
     done = subprocess.run(command_of(default_of("domain"), config=folder), capture_output=True, text=True)
-    assert (done.returncode, done.stdout, done.stderr) == (0, domain, "")  # of anything else launch fails
+    assert (done.returncode, done.stdout, done.stderr) == (0, domain, "")  # launch fails on any other output
 
 
 def test_the_document_lists_the_arguments() -> None:

@@ -1,4 +1,4 @@
-"""Text from outside in logs, answers and diagnostics."""
+"""External text in logs, responses and diagnostics."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from ator_ros.printable import printable, quoted
 
 
 @given(st.text(alphabet=st.characters(exclude_categories=())))
-def test_whatever_comes_can_be_printed_in_one_line(text: str) -> None:
+def test_any_text_can_be_printed_in_one_line(text: str) -> None:
     shown = printable(text)
     assert shown.isprintable()
     assert len(shown.splitlines()) <= 1
     assert len(shown) <= 90
-    shown.encode()  # no halves of surrogate pairs
+    shown.encode()  # no unpaired surrogates
 
 
-def test_what_would_move_a_terminal_is_escaped() -> None:
+def test_terminal_control_characters_are_escaped() -> None:
     assert printable("\x1b[2Jx\ny\u202ez\udc80") == r"\x1b[2Jx\ny\u202ez\udc80"
 
 
-def test_ten_megabytes_cost_nothing_and_are_counted() -> None:
+def test_ten_megabytes_are_shortened_and_counted() -> None:
     text = "\x1b" * 10_000_000
     began = time.thread_time()
     shown = quoted(text)

@@ -1,4 +1,4 @@
-"""All packages are installed in one version, with hashes."""
+"""All packages are locked to one version, with hashes."""
 
 from __future__ import annotations
 

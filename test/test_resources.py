@@ -1,4 +1,4 @@
-"""A shipped file that is missing is named, with what is there."""
+"""A missing shipped file is reported with the available ones."""
 
 from __future__ import annotations
 
@@ -7,6 +7,6 @@ import pytest
 from ator_ros.resources import ResourceError, resource_path
 
 
-def test_a_missing_file_is_named_with_what_is_there() -> None:
+def test_a_missing_file_is_reported_with_the_available_ones() -> None:
     with pytest.raises(ResourceError, match=r"config/pionier\.yaml.*holds.*pioneer\.yaml"):
         resource_path("config", "pionier.yaml")

@@ -1,4 +1,4 @@
-"""The configurations of RViz and Foxglove name the topics that our nodes have, with their types."""
+"""The configurations of RViz and Foxglove match topics and types of the nodes."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ MESSAGES = {
     "rviz_default_plugins/Path": "nav_msgs/Path",
     "rviz_default_plugins/SetGoal": "geometry_msgs/PoseStamped",
 }
-"""What RViz's classes subscribe to, or publish."""
+"""Types that RViz's classes subscribe to or publish."""
 FOXGLOVE = json.loads((share_folder() / "rviz" / "ator.foxglove.json").read_text(encoding="utf-8"))
 
 
 def documented() -> dict[str, tuple[str, bool]]:
-    """Return type of each topic in docs/view.md's table, and whether it is latched."""
+    """Return the type of each topic in the table of docs/view.md, and whether it is latched."""
     text = (CHECKOUT / "docs" / "view.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([\w/]+)` \| `([\w/]+)`([^|]*)\|", text, re.MULTILINE)
     return {topic: (kind, "latched" in rest) for topic, kind, rest in rows}
@@ -40,7 +40,7 @@ def with_topics() -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
                 yield part, part[name]
 
 
-def test_its_topics_are_ours_with_their_types_and_state_is_asked_for_as_latched() -> None:
+def test_rviz_topics_have_the_documented_types_and_latching() -> None:
     ours = documented()
     for part, topic in with_topics():
         kind, latched = ours[topic["Value"]]
@@ -48,7 +48,7 @@ def test_its_topics_are_ours_with_their_types_and_state_is_asked_for_as_latched(
         assert topic["Durability Policy"] == ("Transient Local" if latched else "Volatile"), topic
 
 
-def test_everything_that_is_drawn_is_shown() -> None:
+def test_all_drawn_topics_are_displayed() -> None:
     drawn = {name for name, (kind, _) in documented().items() if kind in set(MESSAGES.values())}
     assert {topic["Value"] for _, topic in with_topics()} == drawn
 
@@ -58,7 +58,7 @@ def test_foxglove_shows_the_same_topics() -> None:
     (robot,) = [layer for layer in panel["layers"].values() if layer["layerId"] == "foxglove.Urdf"]
     shown = {name for name, settings in panel["topics"].items() if settings["visible"]}
     goal = panel["publish"]["poseTopic"]
-    drawn = {f"/{topic['Value']}" for _, topic in with_topics()} - {"/odom"}  # shows no Odometry
+    drawn = {f"/{topic['Value']}" for _, topic in with_topics()} - {"/odom"}  # without Odometry
     assert {*shown, robot["topic"], goal} == drawn
     assert panel["publish"]["type"] == "pose"
     assert panel["followTf"] == ROOTED["Global Options"]["Fixed Frame"]

@@ -1,4 +1,4 @@
-"""A plain action for tests: turn to the goal, drive, turn to the goal's heading; blind to the ball."""
+"""A simple action for tests: turn to the goal, drive, turn to the goal's heading; it ignores the ball."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def short_goal(start: Pose, rng: np.random.Generator, *, turns: bool = True) -> 
     -------
     Pose or None
         A turn on the spot by any angle, a goal closer than `SHORT` in any direction with any heading, or the
-        start itself, exactly or within centimetres.
+        start itself, exactly or within centimeters.
     """
     share, heading = rng.random(), float(rng.uniform(-math.pi, math.pi))
     if share < _TURNS:

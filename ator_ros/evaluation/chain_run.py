@@ -105,11 +105,11 @@ def run_chain(
             ended, ended_actions, last = simulation.time, tuple(executor.records), chain.calls[-1]
         finally:  # an error must not leave the action under way without its end
             executor.break_off(simulation.world(), Ending.CANCELED, message)
-        judgement = judge(simulation, last.top, last.goal, status, message)
+        judgment = judge(simulation, last.top, last.goal, status, message)
     return ChainRun(
-        ended if judgement.success else time_limit,
-        judgement.success,
-        judgement.reason,
+        ended if judgment.success else time_limit,
+        judgment.success,
+        judgment.reason,
         tuple(record.duration for record in ended_actions),
-        judgement.error if last.top.arrives else math.nan,
+        judgment.error if last.top.arrives else math.nan,
     )

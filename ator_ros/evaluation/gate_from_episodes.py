@@ -34,7 +34,7 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import CONTROL_PERIOD
 
 DRAWS = 20
-"""Errors drawn for each judgement."""
+"""Errors drawn for each judgment."""
 KEPT = 0.85
 """Least share of the judged gain that the gate keeps.
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ator_ros.evaluation.situation import Record, Settings, evaluate_trial
-from ator_ros.evaluation.statistics import prediction_errors, summarise
+from ator_ros.evaluation.statistics import prediction_errors, summarize
 from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.parallel import HERE, Workers, progress, run_tasks
 from ator_ros.experience.table import library_versions
@@ -103,7 +103,7 @@ def write_result(folder: Path, settings: Settings, records: Sequence[Record], co
         "situations": len(records),
         "seed": settings.seed,
         "command": command,
-        **summarise(records),
+        **summarize(records),
     }
     for name in settings.policies:
         if "predicted" in records[0]["policies"][name]:

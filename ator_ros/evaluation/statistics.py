@@ -24,7 +24,7 @@ def labels(duration: FloatArray, reference: FloatArray) -> NDArray[np.str_]:
     return np.where(gain > EQUAL, LABELS[0], np.where(gain < -EQUAL, LABELS[2], LABELS[1]))
 
 
-def summarise(records: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+def summarize(records: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """Return for each policy the figures of Table 1, with 95 % bootstrap intervals over situations.
 
     Parameters

@@ -180,8 +180,8 @@ class Axis:
         fast = [0.0, before, *self._fast(since, before, time, commands)[-round(_COASTING / _STEP) :]]
         if not min(fast) - _BEYOND * tolerance <= self._measured[-1][1] <= max(fast) + _BEYOND * tolerance:
             return Fault.EXCESS
-        lately = commands.between(since - _DELAY - 2.0 * self.thresholds.lag, since)
-        share = min(0.99, self._share_then(before, lately))
+        fastest = max(self._smooth, key=lambda each: abs(each[1]))  # at first it may have just begun to move
+        share = min(0.99, max(self._share_then(*each, commands) for each in (self._smooth[0], fastest)))
         slow, part = (self._slow(since, before, time, commands, each) for each in (1.0, share))
         # The magnitudes between which the speed should be now, in the direction of the commands.
         least = max(0.0, min(part, share * min(recent))) + min(0.0, max(part, share * max(recent)))
@@ -199,18 +199,21 @@ class Axis:
         had, has = sign * before, sign * speed
         if had - most >= tolerance and had - has < _QUARTER * (had - most):
             return Fault.EXCESS
-        if self._is_constant(time, recent, commands):
+        hardly = all(speed * command < _QUARTER * command * command for command in recent)
+        # Below a quarter of the commands it is judged over the window as well, in which these vary more.
+        spans = (_CONSTANT + self.thresholds.lag, self.thresholds.window)[: 2 if hardly else 1]
+        if any(self._is_constant(time, seconds, recent, commands) for seconds in spans):
             return Fault.CONSTANT
         return None
 
-    def _is_constant(self, time: float, recent: Sequence[float], commands: Commands) -> bool:
+    def _is_constant(self, time: float, seconds: float, recent: Sequence[float], commands: Commands) -> bool:
         """Return whether the speed is constant and differs from the commands, and no slow base explains it.
 
         A slow base reaches a share of the commands, which was seen while its speed changed, or a limit of its
         own not far below the described one.
         """
         axis = self.thresholds
-        since = min(time - _CONSTANT - axis.lag, self._smooth[-min(_FEWEST, len(self._smooth))][0])
+        since = min(time - seconds, self._smooth[-min(_FEWEST, len(self._smooth))][0])
         shown = [(then, value) for then, value in self._smooth if then >= since - _ROUNDING]
         speeds = [value for _, value in shown]
         if self._paused > since - 2.0 * _DELAY or len(speeds) < _FEWEST:
@@ -237,9 +240,9 @@ class Axis:
         possible = [share * command for pair in self._shares for share in pair for command in recent]
         return not (possible and min(possible) - axis.tolerance <= speed <= max(possible) + axis.tolerance)
 
-    def _share_then(self, speed: float, commands: Sequence[float]) -> float:
+    def _share_then(self, time: float, speed: float, commands: Commands) -> float:
         """Return the speed as a share of the commands then: 1 if there was none, at least a quarter."""
-        command = max(commands, key=abs)
+        command = max(commands.between(time - _DELAY - 2.0 * self.thresholds.lag, time), key=abs)
         if abs(command) < self.thresholds.tolerance or speed * command <= 0.0:
             return 1.0
         return min(1.0, max(_QUARTER, speed / command))
@@ -382,7 +385,7 @@ class MotionWatch:
 
     With odometry below 6.7 Hz (at the default `odom_timeout`) the robot is commanded to stand between two
     messages. Then a late base and frozen odometry look alike. Some frozen odometry is not noticed, and the
-    robot moves by centimetres meanwhile.
+    robot moves by centimeters meanwhile.
 
     Parameters
     ----------

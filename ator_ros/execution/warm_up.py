@@ -60,7 +60,7 @@ def warm_up_actions(library: TopLibrary, predictor: Predictor) -> None:
 
 
 def _world(robot: Robot, top: Top, pose: Pose | None = None) -> World:
-    """Return a world in which all objects are at the centre of the area and the robot away from them.
+    """Return a world in which all objects are at the center of the area and the robot away from them.
 
     If there is a `pose`, the robot is there and holds them.
     """

@@ -262,7 +262,7 @@ def _at(table: FloatArray, time: float) -> FloatArray:
     if after > 0 and table[after - 1, 0] >= time - _ROUNDING:
         row: FloatArray = table[after - 1]
         return row
-    rows = table[max(0, after - 1) : after + 1]  # the neighbours
+    rows = table[max(0, after - 1) : after + 1]  # the neighbors
     return np.array([np.interp(time, rows[:, 0], column) for column in rows.T])
 
 

@@ -89,7 +89,7 @@ def run_episode(
     except ActionError as error:
         done = Step(STOP, Status.RUNNING, f"not started: {error}")
     duration = simulation.time - start
-    judgement = judge(simulation, top, situation.goal, done.status, done.message)
+    judgment = judge(simulation, top, situation.goal, done.status, done.message)
     names = tuple(situation.objects)
     rows = [sample_of(world, start, names) for world in worlds[::TICKS_PER_SAMPLE]]
     samples = [row for row in rows if row[0] < duration] or [sample_of(initial, 0.0, names)]
@@ -97,10 +97,10 @@ def run_episode(
         situation,
         np.array(samples, dtype=float),
         duration,
-        judgement.success,
-        judgement.reason,
-        judgement.error,
-        judgement.heading_error,
+        judgment.success,
+        judgment.reason,
+        judgment.error,
+        judgment.heading_error,
         names,
     )
 

@@ -90,7 +90,7 @@ def search_tables(entries: Sequence[Side], exits: Sequence[Side], limits: Limits
 
 
 def _least_times(ends: Ends, turns: FloatArray, along: FloatArray, limits: Limits) -> FloatArray:
-    """Return lower bounds in s of each side's time between two neighbouring turns, shape (sides, n - 1).
+    """Return lower bounds in s of each side's time between two neighboring turns, shape (sides, n - 1).
 
     The time at full speed for the side's own displacement `along` the drive (m), shape (sides, n), is
     subtracted. `turns` (rad), shape (n,), are a `STEP` apart.

@@ -133,26 +133,26 @@ def _array(drawn: Iterable[Marker], space: str, frame: str) -> MarkerArray:
 def _segments(shape: Segments) -> Marker:
     marker = Marker(type=Marker.LINE_LIST, pose=pose_of(Pose(0.0, 0.0, 0.0)))
     marker.scale.x = shape.width
-    for ends, colour in zip(shape.points.tolist(), shape.colours.tolist(), strict=True):
+    for ends, color in zip(shape.points.tolist(), shape.colors.tolist(), strict=True):
         marker.points += [Point(x=x, y=y, z=_ABOVE_FLOOR) for x, y in ends]
-        marker.colors += [_colour(*colour)] * 2
+        marker.colors += [_color(*color)] * 2
     return marker
 
 
 def _arrow(shape: Arrow) -> Marker:
-    marker = Marker(type=Marker.ARROW, color=_colour(*shape.colour), pose=pose_of(shape.pose))
+    marker = Marker(type=Marker.ARROW, color=_color(*shape.color), pose=pose_of(shape.pose))
     marker.pose.position.z = _ABOVE_FLOOR
     marker.scale.x, marker.scale.y, marker.scale.z = shape.length, _SHAFT, _SHAFT
     return marker
 
 
 def _sphere(there: ObjectState, radius: float) -> Marker:
-    marker = Marker(type=Marker.SPHERE, color=_colour(*ORANGE), pose=pose_of(Pose(there.x, there.y, 0.0)))
+    marker = Marker(type=Marker.SPHERE, color=_color(*ORANGE), pose=pose_of(Pose(there.x, there.y, 0.0)))
     size = 2.0 * max(radius, _POINT)
     marker.pose.position.z = size / 2.0
     marker.scale.x = marker.scale.y = marker.scale.z = size
     return marker
 
 
-def _colour(red: float, green: float, blue: float) -> ColorRGBA:
+def _color(red: float, green: float, blue: float) -> ColorRGBA:
     return ColorRGBA(r=float(red), g=float(green), b=float(blue), a=1.0)

@@ -83,7 +83,7 @@ _COMMON = (
     Parameter(
         "robot_start",
         [-2.0, 0.0, 0.0],
-        "x, y (m, from the area's centre), yaw of each robot after a reset; else beside the last",
+        "x, y (m, from the area's center), yaw of each robot after a reset; else beside the last",
     ),
     Parameter("seed", 0, "of the sensors' noise", 0, 2**31 - 1),
     # Drifts of 1 are errors as large as the motion; the executor allows as much latency.
@@ -307,7 +307,7 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
     """Return the parameters of the node, among them five for each of the `objects`."""
     parameters = list(_COMMON)
     for place, name in enumerate(objects):
-        start = f"position of the {name} after a reset: x, y in m from the area's centre"
+        start = f"position of the {name} after a reset: x, y in m from the area's center"
         # With noise of 1 m or 1 m/s, a delay of 5 s or 99 % dropouts no chain succeeds.
         parameters += [
             Parameter(f"{name}_start", [0.0, _ASIDE * place], start),

@@ -120,7 +120,7 @@ class PerformanceModel:
     def experience(self) -> Mapping[str, tuple[float, float]]:
         """Least and greatest value of direct variables and of `way` at the starts that it was learned from.
 
-        Places are relative to the centre of the area in the file, and here as in the robot's area. Empty
+        Places are relative to the center of the area in the file, and here as in the robot's area. Empty
         where that is not known; see `ator_ros.performance.training.start_ranges`.
         """
         ranges = self.metadata.get("training", {}).get("starts", {})

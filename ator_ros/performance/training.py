@@ -244,7 +244,7 @@ def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
 def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
     """Return the least and the greatest value of the direct variables at the starts of episodes.
 
-    Places are relative to the centre of the robot's area. `way` is the distance in m from axle or hold,
+    Places are relative to the center of the robot's area. `way` is the distance in m from axle or hold,
     whichever comes to the goal, to the goal's place; `turn` is the angle in rad between both headings;
     `braking` are decelerations in m/s^2 that enough episodes asked for, see `_braking`.
     """

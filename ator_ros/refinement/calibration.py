@@ -23,7 +23,7 @@ import numpy as np
 from ator_ros.files import load, save
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.refinement.chain_prediction import ChainPrediction
-from ator_ros.refinement.free_variables import analyse
+from ator_ros.refinement.free_variables import analyze
 from ator_ros.refinement.objective import Objective
 from ator_ros.robot.description import Robot
 from ator_ros.schema import Name, OneOf, Within
@@ -212,7 +212,7 @@ def chain_steps(
 
 def chosen_headings(chain: TopChain, models: Mapping[str, Any], robot: Robot) -> list[bool]:
     """Return for each step of a whole chain whether its heading is free."""
-    free = {variable.subgoal for variable in analyse(chain, models, robot).free if variable.name == "yaw"}
+    free = {variable.subgoal for variable in analyze(chain, models, robot).free if variable.name == "yaw"}
     return [index in free for index in range(len(chain.calls))]
 
 

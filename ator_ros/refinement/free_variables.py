@@ -99,7 +99,7 @@ def start_variables(name: str, point: Point) -> frozenset[str]:
     return frozenset({"v" if name == "speed" else name})
 
 
-def analyse(
+def analyze(
     chain: TopChain,
     models: Mapping[str, PredictsPerformance],
     robot: Robot,
@@ -165,7 +165,7 @@ def _why_unknown(
         return f"of unknown effect: step {step + 1} ({actions[step]}), which it may change, has no model"
     if any(changed[step] & models[actions[step]].used_variables for step in changed):
         return None
-    return "used by no performance model of a neighbouring action"
+    return "used by no performance model of a neighboring action"
 
 
 # Regions
@@ -342,7 +342,7 @@ def _placed(term: Statement, target: Any) -> Any:
     """Return a value of a term's variable for which the term holds."""
     offset = term.offset(math.inf)
     if offset and isinstance(term, Region) and term.outward:
-        return target + np.copysign(1.0, target - term.centre) * offset
+        return target + np.copysign(1.0, target - term.center) * offset
     return target + offset if offset else target
 
 

@@ -23,7 +23,7 @@ from ator_ros.refinement.free_variables import (
     FreeVariable,
     NotFree,
     Regions,
-    analyse,
+    analyze,
     names_of,
     outside_experience,
     within_experience,
@@ -274,7 +274,7 @@ class Refiner:
         """
         if not 1 <= len(chain.calls) <= LONGEST_CHAIN:
             raise RefinementError(f"chain: expected 1 to {LONGEST_CHAIN} actions, got {len(chain.calls)}")
-        analysis = analyse(chain, self.models, self.robot, self._ranges)
+        analysis = analyze(chain, self.models, self.robot, self._ranges)
         outside, far = outside_experience(world, chain, self.models, self.robot)
         analysis = within_experience(analysis, chain, self.models, outside, far)
         regions = Regions(world, chain, self.robot, names_of(chain, analysis.free), self.models)

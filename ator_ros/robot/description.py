@@ -117,7 +117,7 @@ class Build:
     Attributes
     ----------
     mass_behind, mass_height : float or None
-        Of the centre of mass, behind the axle and above the floor, in m.
+        Of the center of mass, behind the axle and above the floor, in m.
     caster_behind : float or None
         Distance in m from the axle back to the caster.
     wheel_mass : float or None
@@ -209,7 +209,7 @@ class Robot(Base):
 
     @property
     def hold(self) -> float:
-        """Distance in m from the axle to the centre of an object that is held; `front` without a holder."""
+        """Distance in m from the axle to the center of an object that is held; `front` without a holder."""
         return self.front + (self.holder.radius if self.holder else 0.0)
 
     @property
@@ -231,7 +231,7 @@ class Robot(Base):
         return self.holder
 
     def hold_point(self, pose: Pose) -> Pose:
-        """Return the pose of the hold (where a held object's centre lies) of a robot at `pose`."""
+        """Return the pose of the hold (where a held object's center lies) of a robot at `pose`."""
         return pose.ahead(self.hold)
 
     def hold_offset(self, world: World, name: str) -> float:

@@ -55,7 +55,7 @@ class ProbeDrive:
     v, w : float
         Greatest commands in m/s and rad/s; above the limits of the base, so that these show.
     space : float
-        Free way ahead of the robot in m. It needs half a metre behind and its own radius around.
+        Free way ahead of the robot in m. It needs half a meter behind and its own radius around.
     """
 
     def __init__(self, *, v: float, w: float, space: float) -> None:

@@ -65,7 +65,7 @@ def settle(simulation: Simulation, top: Top, goal: Goal) -> World:
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
+class Judgment:
     """How a TOP ended, by the true state.
 
     Attributes
@@ -90,7 +90,7 @@ class Judgement:
     heading_error: float
 
 
-def judge(simulation: Simulation, top: Top, goal: Goal, status: Status, message: str) -> Judgement:
+def judge(simulation: Simulation, top: Top, goal: Goal, status: Status, message: str) -> Judgment:
     """Judge a TOP by its post-condition, which alone decides whether an action that succeeded has done so.
 
     Parameters
@@ -108,7 +108,7 @@ def judge(simulation: Simulation, top: Top, goal: Goal, status: Status, message:
         point = robot.hold_point(pose) if goal.point is Point.HOLD else pose
         error = math.hypot(point.x - goal.pose.x, point.y - goal.pose.y)
         heading_error = abs(wrap_angle(pose.yaw - goal.pose.yaw))
-    return Judgement(ended_well and not lacks, reason, world, error, heading_error)
+    return Judgment(ended_well and not lacks, reason, world, error, heading_error)
 
 
 def run_action(

@@ -76,7 +76,7 @@ class SimulatedBase:
     def move(self, pose: Pose) -> None:
         """Put the axle at `pose`; wheels, motors and firmware stay as they are."""
         c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-        # Bullet's base position is the centre of mass, not the axle.
+        # Bullet's base position is the center of mass, not the axle.
         position = (pose.x + c * self._com[0], pose.y + s * self._com[0], self._com[2])
         self._bullet.resetBasePositionAndOrientation(self.body, position, quaternion_from_yaw(pose.yaw))
 

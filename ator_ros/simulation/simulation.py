@@ -21,7 +21,7 @@ RAMPS_PER_TICK = 4
 # Converged: with the rotors' inertia in the wheels, 50 iterations give the same speeds to 0.2 %.
 SOLVER_ITERATIONS = 20
 _AWAY = 50.0
-"""Least distance in m from the centre of the area of what is not in use."""
+"""Least distance in m from the center of the area of what is not in use."""
 _DEEPEST = 0.005
 """Depth in m to which bodies may overlap where they are placed: contacts of a run reach about 1 mm."""
 _DISTANCE = 8  # index in what getClosestPoints returns
@@ -51,7 +51,7 @@ class Simulation:
     ) -> None:
         self.robot = robot
         self._bullet = BulletClient()
-        # The origin of the physics is the centre of the area: far from it, contacts would be rounded.
+        # The origin of the physics is the center of the area: far from it, contacts would be rounded.
         self._area = robot.scene.area
         self._away = max(_AWAY, self._area.width / 2 + self._area.margin + _AWAY / 2)
         self._build((robot, *others), wheels)
@@ -91,7 +91,7 @@ class Simulation:
         self._bases[number].place(self._local(pose), v, w)
 
     def _local(self, pose: Pose) -> Pose:
-        """Return a pose relative to the centre of the area."""
+        """Return a pose relative to the center of the area."""
         return Pose(pose.x - self._area.x, pose.y - self._area.y, pose.yaw)
 
     def place_object(self, name: str, x: float, y: float, *, vx: float = 0.0, vy: float = 0.0) -> None:

@@ -13,13 +13,13 @@ WHEEL_MASS = 0.4
 WHEEL_SHARE = 0.25
 # Seen through the gear (38.3:1) the motor's rotor outweighs the wheel: 4e-6 kg m^2 * 38.3^2.
 WHEEL_INERTIA = 0.008
-_HEIGHT = 0.12  # m of the centre of mass
+_HEIGHT = 0.12  # m of the center of mass
 _LIGHT = 0.1  # mass times squared radius over the usual, below which the motors are smaller
 _USUAL_MASS, _USUAL_RADIUS = 9.0, 0.0975  # kg, and m of a wheel
-_CENTRE_OF_MASS, _CASTER = 0.06, 0.04
-"""Distances in m: of the centre of mass behind the axle, and of the caster from the body's end."""
+_CENTER_OF_MASS, _CASTER = 0.06, 0.04
+"""Distances in m: of the center of mass behind the axle, and of the caster from the body's end."""
 _BEHIND_SHARE = 0.3
-"""Greatest share of the way from the axle to the caster at which the centre of mass lies: the wheels carry
+"""Greatest share of the way from the axle to the caster at which the center of mass lies: the wheels carry
 the rest of the weight, as `Robot.grip` takes them to."""
 _FINGER = (
     '<{tag}><origin xyz="{x:.6g} {side}{y:.6g} 0.12"/>'
@@ -69,10 +69,10 @@ def _built(robot: Robot) -> tuple[float, float, float, float, float]:
     wheel_mass = min(WHEEL_MASS * max(1.0, robot.mass / _USUAL_MASS), WHEEL_SHARE * robot.mass)
     # In a short body, too, the wheels carry most of the weight, so low that neither stop nor turn tips it.
     caster = _or(given.caster_behind, max(robot.rear - _CASTER, 0.5 * robot.rear))
-    behind = min(_CENTRE_OF_MASS, _BEHIND_SHARE * caster)
+    behind = min(_CENTER_OF_MASS, _BEHIND_SHARE * caster)
     return (
         _or(given.mass_behind, behind),
-        _or(given.mass_height, _HEIGHT * (behind / _CENTRE_OF_MASS)),
+        _or(given.mass_height, _HEIGHT * (behind / _CENTER_OF_MASS)),
         caster,
         _or(given.wheel_mass, wheel_mass),
         _or(given.wheel_inertia, WHEEL_INERTIA * _motor_size(robot)),

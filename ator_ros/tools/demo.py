@@ -47,7 +47,7 @@ PICTURE = (
 """What `save_picture` draws."""
 _COLUMNS = 3
 _LONGEST_DEMO = 200  # situations of which one page shows all pictures
-BLUE, ORANGE, GREY, GREEN = "#1f5fa8", "#d9791a", "#8a8f98", "#2e7d4f"
+BLUE, ORANGE, GRAY, GREEN = "#1f5fa8", "#d9791a", "#8a8f98", "#2e7d4f"
 _STYLE: Any = {
     "font.family": "DejaVu Sans",
     "svg.fonttype": "none",
@@ -67,15 +67,15 @@ def new_figure(width: float, height: float) -> Any:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def draw_robot(axes: Any, robot: Robot, pose: Pose, colour: str, *, alpha: float = 0.85) -> None:
+def draw_robot(axes: Any, robot: Robot, pose: Pose, color: str, *, alpha: float = 0.85) -> None:
     """Draw the robot's outline at `pose`, with a line that shows its front."""
     front, rear, half = robot.front, -robot.rear, robot.half_width
     corners = ((front, half), (front, -half), (rear, -half), (rear, half))
     outline = np.array([pose.compose(Pose(x, y, 0.0))[:2] for x, y in corners])
-    axes.fill(outline[:, 0], outline[:, 1], facecolor=colour, edgecolor="none", alpha=0.25 * alpha)
-    axes.plot(*np.append(outline, outline[:1], axis=0).T, color=colour, lw=1.0, alpha=alpha)
+    axes.fill(outline[:, 0], outline[:, 1], facecolor=color, edgecolor="none", alpha=0.25 * alpha)
+    axes.plot(*np.append(outline, outline[:1], axis=0).T, color=color, lw=1.0, alpha=alpha)
     tip = pose.ahead(robot.front)
-    axes.plot([pose.x, tip.x], [pose.y, tip.y], color=colour, lw=1.6, alpha=alpha)
+    axes.plot([pose.x, tip.x], [pose.y, tip.y], color=color, lw=1.6, alpha=alpha)
 
 
 @dataclass(frozen=True)
@@ -201,17 +201,17 @@ def save_picture(file: Path, domain: Domain, robot: Robot, situations: Sequence[
 
 def _panel(axes: Any, domain: Domain, robot: Robot, situation: DemoSituation) -> None:
     for lines in surroundings(domain, robot):
-        axes.add_collection(LineCollection(list(lines.points), colors=GREY, linewidths=0.8))
+        axes.add_collection(LineCollection(list(lines.points), colors=GRAY, linewidths=0.8))
     draw_robot(axes, robot, situation.start.robot.pose, "#333333")
     for there in situation.start.objects.values():
         axes.plot(there.x, there.y, "o", color="black", ms=4)
     for call in situation.chain.calls:
-        colour = "#333333" if call.open else GREEN
-        axes.plot(call.goal.pose.x, call.goal.pose.y, "+", color=colour, ms=7)
-    for (name, run), colour in zip(situation.runs.items(), (ORANGE, BLUE), strict=True):
+        color = "#333333" if call.open else GREEN
+        axes.plot(call.goal.pose.x, call.goal.pose.y, "+", color=color, ms=7)
+    for (name, run), color in zip(situation.runs.items(), (ORANGE, BLUE), strict=True):
         time = f"{run.duration:.2f} s" if run.success else "failed"
         path = np.array(run.path).reshape(-1, 2)
-        axes.plot(path[:, 0], path[:, 1], color=colour, lw=1.5, label=f"{name}, {time}")
+        axes.plot(path[:, 0], path[:, 1], color=color, lw=1.5, label=f"{name}, {time}")
     axes.set_aspect("equal")
     axes.axis("off")
     axes.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.02), ncols=2)

@@ -157,10 +157,10 @@ class Bearing(Clause):
     most : float
         Greatest angle in rad between the axis and the direction from the origin to the place, at most pi / 2.
     axis : float
-        Direction of the axis in rad, for an origin at x >= `centre`.
+        Direction of the axis in rad, for an origin at x >= `center`.
     mirrored : bool
-        Whether the axis is mirrored for an origin at x < `centre`, as those of facing bays are.
-    centre : float
+        Whether the axis is mirrored for an origin at x < `center`, as those of facing bays are.
+    center : float
         See `mirrored`; in m.
 
     Raises
@@ -174,7 +174,7 @@ class Bearing(Clause):
     most: float
     axis: float = 0.0
     mirrored: bool = False
-    centre: float = 0.0
+    center: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the angle."""
@@ -195,8 +195,8 @@ class Bearing(Clause):
         if offset is None:
             return None
         x, _ = _position(self.origin, state, goal)
-        left_of_centre = self.mirrored and np.asarray(x) < self.centre
-        axis = np.where(left_of_centre, math.pi - self.axis, self.axis)
+        left_of_center = self.mirrored and np.asarray(x) < self.center
+        axis = np.where(left_of_center, math.pi - self.axis, self.axis)
         left = self.most - np.abs(wrap_angles(np.arctan2(offset[1], offset[0]) - axis))
         # Within a quarter turn of the edge, the nearest point of it is at a right angle.
         return np.hypot(*offset) * np.sin(np.clip(left, -math.pi / 2.0, math.pi / 2.0))
@@ -321,9 +321,9 @@ class Region(Statement):
         Least and greatest difference of the variable from the target, in the variable's unit; either may be
         infinite.
     outward : bool
-        Whether differences count away from `centre`: with a centre of 0 a variable of 5 is 1 beyond a target
+        Whether differences count away from `center`: with a center of 0 a variable of 5 is 1 beyond a target
         of 4, and one of -5 is 1 beyond a target of -4.
-    centre : float
+    center : float
         See `outward`; in the variable's unit.
 
     Raises
@@ -335,7 +335,7 @@ class Region(Statement):
     low: float = -math.inf
     high: float = math.inf
     outward: bool = False
-    centre: float = 0.0
+    center: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the range."""
@@ -355,7 +355,7 @@ class Region(Statement):
 
     def _sign(self, target: float) -> float:
         """Return 1 where differences from `target` count upward, -1 where they count downward."""
-        return math.copysign(1.0, target - self.centre) if self.outward else 1.0
+        return math.copysign(1.0, target - self.center) if self.outward else 1.0
 
     def _found(self, state: State, goal: State, excess: float) -> str:  # noqa: ARG002
         difference = self._sign(self.target_in(state, goal)) * self.difference(state, goal)

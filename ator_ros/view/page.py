@@ -62,10 +62,10 @@ class Page:
         for name, item in robot.scene.objects.items():
             self._objects[name] = Handle(
                 server, f"/objects/{name}", area, radius=item.radius, height=2.0 * item.radius,
-                colour=ORANGE, moved=partial(self._moved, editor.move_object, name), sphere=True,
+                color=ORANGE, moved=partial(self._moved, editor.move_object, name), sphere=True,
             )  # fmt: skip
         self._start = Handle(
-            server, "/start", area, radius=robot.reach, height=0.02, colour=ORANGE,
+            server, "/start", area, radius=robot.reach, height=0.02, color=ORANGE,
             moved=partial(self._moved, editor.move_robot),
         )  # fmt: skip
         self._goals: list[Handle] = []
@@ -126,7 +126,7 @@ class Page:
             step = len(self._goals)
             handle = Handle(
                 self.server, f"/goals/{step}", self._robot.scene.area, radius=_GOAL_RADIUS, height=0.03,
-                colour=BLUE, moved=partial(self._moved, editor.move_goal, step),
+                color=BLUE, moved=partial(self._moved, editor.move_goal, step),
             )  # fmt: skip
             self._goals.append(handle)
         movable = editor.draft.movable_goals if editable else {}

@@ -18,7 +18,7 @@ from viser.extras import ViserUrdf
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import FloatArray, Pose, quaternion_from_yaw
 from ator_ros.robot.description import Robot
-from ator_ros.view.shapes import Arrow, Colour, Segments, Shape, surroundings
+from ator_ros.view.shapes import Arrow, Color, Segments, Shape, surroundings
 from ator_ros.world.scene import Area
 
 LOOPBACK = "127.0.0.1"
@@ -36,7 +36,7 @@ _OPACITY = 0.35
 
 
 def camera_over(robot: Robot) -> tuple[tuple[float, float, float], tuple[float, float, float], float]:
-    """Return where a new client's camera is and looks at (m from the centre), and its angle of view."""
+    """Return where a new client's camera is and looks at (m from the center), and its angle of view."""
     area = robot.scene.area
     look_at = (0.0, -0.05 * area.width, 0.0)
     return (0.0, -0.75 * area.width, _CAMERA_HEIGHT * area.length), look_at, math.radians(50.0)
@@ -89,14 +89,14 @@ def _wxyz(yaw: float) -> tuple[float, float, float, float]:
 class Canvas:
     """A group of shapes in the scene at a height (m), redrawn as a whole.
 
-    The centre of `area` is the origin of the page, which draws in single precision.
+    The center of `area` is the origin of the page, which draws in single precision.
     """
 
     def __init__(
         self, server: viser.ViserServer, group: str, area: Area, height: float = _ABOVE_FLOOR
     ) -> None:
         self._scene, self._group, self._height = server.scene, group, height
-        self._centre = np.array([area.x, area.y])
+        self._center = np.array([area.x, area.y])
         self._shown: dict[str, viser.LineSegmentsHandle] = {}
 
     def draw(self, shapes: Iterable[Shape]) -> None:
@@ -105,10 +105,10 @@ class Canvas:
         lines = {name: found for name, found in lines.items() if len(found[0])}
         for name in set(self._shown) - set(lines):
             self._shown.pop(name).remove()
-        for name, (points, colours, width) in lines.items():
+        for name, (points, colors, width) in lines.items():
             heights = np.full((*points.shape[:2], 1), self._height)
-            places = np.concatenate([points - self._centre, heights], axis=2).astype(np.float32)
-            paint = np.repeat((255 * colours).astype(np.uint8)[:, None, :], 2, axis=1)
+            places = np.concatenate([points - self._center, heights], axis=2).astype(np.float32)
+            paint = np.repeat((255 * colors).astype(np.uint8)[:, None, :], 2, axis=1)
             if name in self._shown:  # changing a shape costs a fraction of a new one
                 handle = self._shown[name]
                 handle.points, handle.colors, handle.thickness = places, paint, width
@@ -118,9 +118,9 @@ class Canvas:
 
 
 def _lines(shape: Shape) -> tuple[FloatArray, FloatArray, float]:
-    """Return the segments (n, 2, 2), their colours (n, 3), and their width in m."""
+    """Return the segments (n, 2, 2), their colors (n, 3), and their width in m."""
     if isinstance(shape, Segments):
-        return shape.points, shape.colours, shape.width
+        return shape.points, shape.colors, shape.width
     return _arrow(shape)
 
 
@@ -128,7 +128,7 @@ def _arrow(arrow: Arrow) -> tuple[FloatArray, FloatArray, float]:
     tip = arrow.pose.ahead(arrow.length)
     barbs = [tip._replace(yaw=tip.yaw + turn).ahead(-0.4 * arrow.length) for turn in (0.45, -0.45)]
     points = np.array([[a[:2], b[:2]] for a, b in ((arrow.pose, tip), *((tip, barb) for barb in barbs))])
-    return points, np.tile(np.asarray(arrow.colour, dtype=float), (len(points), 1)), _ARROW_WIDTH
+    return points, np.tile(np.asarray(arrow.color, dtype=float), (len(points), 1)), _ARROW_WIDTH
 
 
 class RobotModel:
@@ -140,8 +140,8 @@ class RobotModel:
         self._area = area
         self._frame = server.scene.add_frame(name, show_axes=False, visible=not ghost)
         model = yourdfpy.URDF.load(io.BytesIO(urdf.encode()))
-        colour = _GHOST if ghost else None
-        ViserUrdf(server, model, root_node_name=name, mesh_color_override=colour)
+        color = _GHOST if ghost else None
+        ViserUrdf(server, model, root_node_name=name, mesh_color_override=color)
 
     def show(self, pose: Pose | None) -> None:
         """Show it at a pose; None hides it."""
@@ -168,7 +168,7 @@ class Handle:
         *,
         radius: float,
         height: float,
-        colour: Colour,
+        color: Color,
         moved: Callable[[Pose], None],
         sphere: bool = False,
     ) -> None:
@@ -178,12 +178,12 @@ class Handle:
         scene, place, body = server.scene, (0.0, 0.0, height / 2.0), f"{name}/body"
         self._frame = scene.add_frame(name, show_axes=False)
         if sphere:
-            scene.add_icosphere(body, radius, colour, position=place).on_drag("left")(self._drag)
+            scene.add_icosphere(body, radius, color, position=place).on_drag("left")(self._drag)
             return
-        disc = scene.add_cylinder(body, radius, height, colour, opacity=_OPACITY, position=place)
+        disc = scene.add_cylinder(body, radius, height, color, opacity=_OPACITY, position=place)
         disc.on_drag("left")(self._drag)
         place = (radius + _KNOB_DISTANCE, 0.0, _KNOB_RADIUS)
-        knob = scene.add_icosphere(f"{name}/knob", _KNOB_RADIUS, colour, position=place)
+        knob = scene.add_icosphere(f"{name}/knob", _KNOB_RADIUS, color, position=place)
         knob.on_drag("left")(self._turn)
 
     def show(self, pose: Pose | None) -> None:

@@ -14,15 +14,15 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.scene import WALL_THICKNESS, Bay
 
-Colour = tuple[float, float, float]
+Color = tuple[float, float, float]
 """Red, green and blue, each from 0 to 1."""
 
-GREY: Colour = (0.55, 0.57, 0.6)
-BLUE: Colour = (0.13, 0.45, 0.9)
-ORANGE: Colour = (0.95, 0.5, 0.1)
-VIOLET: Colour = (0.6, 0.45, 0.75)
-YELLOW: Colour = (1.0, 0.82, 0.24)
-WHITE: Colour = (0.93, 0.94, 0.95)
+GRAY: Color = (0.55, 0.57, 0.6)
+BLUE: Color = (0.13, 0.45, 0.9)
+ORANGE: Color = (0.95, 0.5, 0.1)
+VIOLET: Color = (0.6, 0.45, 0.75)
+YELLOW: Color = (1.0, 0.82, 0.24)
+WHITE: Color = (0.93, 0.94, 0.95)
 
 _LEG_WIDTH, _ALTERNATIVE_WIDTH, _LINE_WIDTH = 0.015, 0.008, 0.03
 _RING_RADIUS, _RING_DEPTH = 0.35, 0.35
@@ -32,14 +32,14 @@ _RING_WIDTH, _CHOSEN_WIDTH = 0.03, 0.05
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """Straight segments on the floor: both ends (n, 2, 2) and colours (n, 3) of each, and their width, in m.
+    """Straight segments on the floor: both ends (n, 2, 2) and colors (n, 3) of each, and their width, in m.
 
     The name is unique in a picture.
     """
 
     name: str
     points: FloatArray
-    colours: FloatArray
+    colors: FloatArray
     width: float = 0.02
 
 
@@ -49,28 +49,28 @@ class Arrow:
 
     name: str
     pose: Pose
-    colour: Colour
+    color: Color
     length: float = 0.4
 
 
 Shape = Segments | Arrow
 
 
-def polyline(name: str, corners: Sequence[tuple[float, float]], colour: Colour, width: float) -> Segments:
-    """Return the segments between neighbouring `corners` (m); fewer than two make none."""
+def polyline(name: str, corners: Sequence[tuple[float, float]], color: Color, width: float) -> Segments:
+    """Return the segments between neighboring `corners` (m); fewer than two make none."""
     line = np.asarray(corners, dtype=float).reshape(-1, 2)
     points = np.stack([line[:-1], line[1:]], axis=1) if len(line) > 1 else np.zeros((0, 2, 2))
-    return Segments(name, points, np.tile(np.asarray(colour, dtype=float), (len(points), 1)), width)
+    return Segments(name, points, np.tile(np.asarray(color, dtype=float), (len(points), 1)), width)
 
 
 # Chains
 
 
-def _chain_shapes(name: str, start: Pose, chain: TopChain, colour: Colour) -> list[Shape]:
+def _chain_shapes(name: str, start: Pose, chain: TopChain, color: Color) -> list[Shape]:
     """Return a line from `start` along the subgoals, and an arrow at each of them."""
     goals = [call.goal.pose for call in chain.calls]
-    legs = polyline(f"{name}/legs", [pose[:2] for pose in (start, *goals)], colour, _LEG_WIDTH)
-    return [legs, *(Arrow(f"{name}/subgoal{step}", pose, colour) for step, pose in enumerate(goals))]
+    legs = polyline(f"{name}/legs", [pose[:2] for pose in (start, *goals)], color, _LEG_WIDTH)
+    return [legs, *(Arrow(f"{name}/subgoal{step}", pose, color) for step, pose in enumerate(goals))]
 
 
 def executed_chain_shapes(start: Pose, chain: TopChain, step: int) -> list[Shape]:
@@ -84,12 +84,12 @@ def executed_chain_shapes(start: Pose, chain: TopChain, step: int) -> list[Shape
 def refinement_shapes(
     start: Pose, naive: TopChain, chain: TopChain, curves: Sequence[SubgoalCurve]
 ) -> list[Shape]:
-    """Return what refinement made of a chain for a robot at `start`: naive in grey, executed in blue.
+    """Return what refinement made of a chain for a robot at `start`: naive in gray, executed in blue.
 
     Each subgoal whose heading was searched gets a ring.
     """
     return [
-        *_chain_shapes("naive", start, naive, GREY),
+        *_chain_shapes("naive", start, naive, GRAY),
         *_chain_shapes("chain", start, chain, BLUE),
         *(shape for curve in curves for shape in ring(chain, curve)),
     ]
@@ -136,11 +136,11 @@ def ring(chain: TopChain, curve: SubgoalCurve) -> tuple[Segments, ...]:
     shares = (costs - least) / (most - least) if most > least else np.zeros(len(costs))
     reach = _RING_RADIUS + _RING_DEPTH * shares
     points = np.stack([pose.x - reach * np.cos(headings), pose.y - reach * np.sin(headings)], axis=1)
-    colours = np.stack([shares, 0.8 * (1.0 - shares), np.zeros(len(shares))], axis=1)
+    colors = np.stack([shares, 0.8 * (1.0 - shares), np.zeros(len(shares))], axis=1)
     segments = np.stack([points, np.roll(points, -1, axis=0)], axis=1)
     ends = [pose.ahead(-_RING_RADIUS - _RING_DEPTH * share)[:2] for share in (-0.6, 1.2)]
     return (
-        Segments(f"ring{curve.subgoal}", segments, colours, _RING_WIDTH),
+        Segments(f"ring{curve.subgoal}", segments, colors, _RING_WIDTH),
         Segments(f"chosen{curve.subgoal}", np.array([ends]), np.array([BLUE]), _CHOSEN_WIDTH),
     )
 
@@ -164,4 +164,4 @@ def _bay(number: int, bay: Bay) -> Segments:
     front, side = Pose(bay.x, bay.y, bay.yaw), bay.width / 2.0
     places = ((0.0, side), (bay.depth, side), (bay.depth, -side), (0.0, -side))
     corners = [front.compose(Pose(x, y, 0.0))[:2] for x, y in places]
-    return polyline(f"bay{number}", corners, GREY, WALL_THICKNESS)
+    return polyline(f"bay{number}", corners, GRAY, WALL_THICKNESS)

@@ -37,7 +37,7 @@ class Area:
     margin : float
         Free floor around it in m.
     x, y : float
-        Its centre in m.
+        Its center in m.
     """
 
     length: Extent
@@ -66,7 +66,7 @@ class Area:
         return x_min <= x <= x_max and y_min <= y <= y_max
 
     def at(self, x: float, y: float, yaw: float = 0.0) -> Pose:
-        """Return the pose that lies (x, y) m from the centre, with heading `yaw` in rad."""
+        """Return the pose that lies (x, y) m from the center, with heading `yaw` in rad."""
         return Pose(self.x + x, self.y + y, yaw)
 
 

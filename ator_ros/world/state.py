@@ -87,7 +87,7 @@ class RobotState:
 
 @dataclass(frozen=True, slots=True)
 class ObjectState:
-    """Position (m) and velocity (m/s) of an object's centre in the world frame."""
+    """Position (m) and velocity (m/s) of an object's center in the world frame."""
 
     x: float
     y: float

@@ -126,7 +126,7 @@ class Transforms:
     def present(self) -> float | None:
         """The time in s up to which every frame that moves is known; None: none moves.
 
-        Localisation dates its transforms ahead of odometry. Frames without recent transforms do not count.
+        Localization dates its transforms ahead of odometry. Frames without recent transforms do not count.
         """
         newest = [link.times[-1] for link in self._links.values() if not link.fixed]
         latest = max(newest, default=0.0)

@@ -1,4 +1,4 @@
-"""An action that was started is ended once, also where it raises."""
+"""A started action is ended once, even if it raises."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ AHEAD = Goal(Pose(1.0, 0.0, 0.0))
 
 
 class Broken(Action):
-    """Raises in its second step, and counts starts and ends."""
+    """Raises in its second step; counts starts and ends."""
 
     name = "broken"
 

@@ -40,7 +40,7 @@ class Outcome:
     """The result of one execution."""
 
     success: bool
-    early: bool  # the ball was moved before the robot had arrived
+    early: bool  # whether the ball moved before the robot arrived
     duration: float  # s
     excess: float  # greatest ratio of a command to its limit
     reason: str
@@ -64,12 +64,12 @@ def situation_of(task: Task, robot: Robot) -> Situation:
 
 
 def execute(task: Task) -> Outcome:
-    """Execute one task in a world of its own."""
+    """Execute one task in a new world."""
     return execute_situation(situation_of(task, SOCCER.robot(task.robot or None)), task)
 
 
 def execute_situation(situation: Situation, task: Task) -> Outcome:
-    """Execute `situation` with the action set of `task` in a world of its own."""
+    """Execute `situation` with the action set of `task` in a new world."""
     robot, goal = SOCCER.robot(task.robot or None), situation.goal
     limits, worlds, excess = robot.limits, list[World](), [0.0]
 
@@ -90,9 +90,9 @@ def execute_situation(situation: Situation, task: Task) -> Outcome:
         except ActionError as error:
             return Outcome(False, False, TIME_LIMIT, 0.0, str(error))
         duration = simulation.time
-        judgement = judge(simulation, top, goal, done.status, done.message)
+        judgment = judge(simulation, top, goal, done.status, done.message)
     early = task.kind == "approach" and any(_touched_early(situation, world, robot) for world in worlds)
-    return Outcome(judgement.success, early, duration, max(excess), judgement.reason)
+    return Outcome(judgment.success, early, duration, max(excess), judgment.reason)
 
 
 def _touched_early(situation: Situation, world: World, robot: Robot) -> bool:

@@ -1,4 +1,4 @@
-"""Areas anywhere: what is decided and executed depends on places relative to the area alone."""
+"""Areas at any position: decisions and executions depend only on positions relative to the area."""
 
 from __future__ import annotations
 
@@ -61,34 +61,34 @@ def refiner(robot: Robot) -> Refiner:
     return Refiner(robot, models, ranges=SOCCER.ranges)
 
 
-@pytest.mark.parametrize("centre", [UTM, CORNER], ids=["utm", "corner"])
+@pytest.mark.parametrize("center", [UTM, CORNER], ids=["utm", "corner"])
 @pytest.mark.parametrize("name", ["dribble", "shoot"])
-def test_a_chain_is_refined_and_executed_alike_wherever_the_area_is(
-    name: str, centre: tuple[float, float]
+def test_refinement_and_execution_do_not_depend_on_the_area_position(
+    name: str, center: tuple[float, float]
 ) -> None:
-    there = moved_robot(*centre)
+    there = moved_robot(*center)
     opened = frozenset({"yaw", "speed"})
     for seed in (3,):
         world, chain = SOCCER.chains[name](PIONEER, SOCCER.library(PIONEER), np.random.default_rng(seed))
         chain = TopChain((dataclasses.replace(chain.calls[0], open=opened), *chain.calls[1:]))
         here = refiner(PIONEER).refine(world, chain, placeholders=True)
         away = refiner(there).refine(
-            moved_world(world, *centre), moved_chain(chain, there, *centre), placeholders=True
+            moved_world(world, *center), moved_chain(chain, there, *center), placeholders=True
         )
         assert (away.refined, away.reason) == (here.refined, here.reason)
         assert away.after.cost == pytest.approx(here.after.cost, abs=1e-4)
-        expected = moved_chain(here.chain, there, *centre)
+        expected = moved_chain(here.chain, there, *center)
         for call, planned in zip(away.chain.calls, expected.calls, strict=True):
             assert call.goal.pose == pytest.approx(planned.goal.pose, abs=1e-6)
             assert call.goal.speed == pytest.approx(planned.goal.speed, abs=1e-6)
         ran = run_chain(PIONEER, SOCCER.library(PIONEER), world, here.chain)
-        ran_away = run_chain(there, SOCCER.library(there), moved_world(world, *centre), away.chain)
+        run_away = run_chain(there, SOCCER.library(there), moved_world(world, *center), away.chain)
         assert ran.success
-        assert ran_away.success, ran_away.reason
-        assert ran_away.actions == pytest.approx(ran.actions, abs=0.051)
+        assert run_away.success, run_away.reason
+        assert run_away.actions == pytest.approx(ran.actions, abs=0.051)
 
 
-def test_free_places_and_the_fence_are_those_of_the_area() -> None:
+def test_free_places_and_fence_move_with_the_area() -> None:
     there = moved_robot(*UTM)
     goal = SOCCER.library(there).goal(SOCCER.library(there)["goToPose"], Pose(*UTM, 0.0))
     x, y = (SOCCER.ranges[name](there, goal) for name in "xy")
@@ -98,7 +98,7 @@ def test_free_places_and_the_fence_are_those_of_the_area() -> None:
     assert not x.contains(500_004.1)
 
 
-def test_goals_have_to_be_on_the_lines_of_the_moved_area(tmp_path: Path) -> None:
+def test_goals_must_lie_on_the_lines_of_the_moved_area(tmp_path: Path) -> None:
     data = PIONEER.sections()
     data["scene"]["area"] |= {"x": 4.0, "y": 2.5}
     data["scene"]["bays"] = list(data["scene"]["bays"])

@@ -22,7 +22,7 @@ def robot() -> Robot:
     return load_robot()
 
 
-def test_the_way_is_the_curve_from_the_robot_to_the_goal(robot: Robot) -> None:
+def test_the_path_is_the_curve_from_robot_to_goal(robot: Robot) -> None:
     action = SOCCER.actions("bezier")["goToPose"].factory(robot)
     start, goal = Pose(-1.0, 0.5, 0.3), Pose(1.0, -0.5, 1.2)
     world = World(0.0, RobotState(start))
@@ -33,7 +33,7 @@ def test_the_way_is_the_curve_from_the_robot_to_the_goal(robot: Robot) -> None:
     assert way is not None
     assert way[0] == pytest.approx(start, abs=0.1)
     assert way[-1] == pytest.approx(goal)
-    # Where the curve ends, a straight run-in begins.
+    # The curve ends where the straight run-in begins.
     assert abs(Pose(*way[-2]).relative(goal).y) < 0.01
     assert way[-2] == pytest.approx(goal, abs=0.4)
 
@@ -41,18 +41,18 @@ def test_the_way_is_the_curve_from_the_robot_to_the_goal(robot: Robot) -> None:
 @pytest.mark.parametrize("name", ["dribbleBall", "shoot"])
 def test_ball_must_be_held_at_the_start(robot: Robot, name: str) -> None:
     world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(1.0, 0.0)})
-    goal = Goal(Pose(*field_of(robot).goal_centre(), 0.0), point=Point.HOLD)
+    goal = Goal(Pose(*field_of(robot).goal_center(), 0.0), point=Point.HOLD)
     with pytest.raises(ActionError, match="expected the ball within"):
         SOCCER.actions("bezier")[name].factory(robot).start(world, goal)
 
 
-def test_impossible_arrival_speed_is_refused(robot: Robot) -> None:
+def test_impossible_arrival_speed_is_rejected(robot: Robot) -> None:
     world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)))
     with pytest.raises(ActionError, match="expected an arrival speed"):
         SOCCER.actions("bezier")["goToPose"].factory(robot).start(world, Goal(Pose(1.0, 0.0, 0.0), speed=9.0))
 
 
-def test_shot_at_a_place_without_a_goal_is_refused(robot: Robot) -> None:
+def test_shot_at_a_place_without_a_goal_is_rejected(robot: Robot) -> None:
     world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(robot.hold, 0.0)})
     with pytest.raises(ActionError, match="goal's mouth"):
         SOCCER.actions("bezier")["shoot"].factory(robot).start(world, AXLE_GOAL)
@@ -61,7 +61,7 @@ def test_shot_at_a_place_without_a_goal_is_refused(robot: Robot) -> None:
 @pytest.mark.parametrize(
     ("start", "ball"),
     [
-        ((0.03, 1.51, 1.4), (-2.93, -1.062, 0.4189)),  # round the ball by the side away from the post
+        ((0.03, 1.51, 1.4), (-2.93, -1.062, 0.4189)),  # around the ball on the side away from the post
         ((-2.529, 0.99, -3.0556), (-3.0732, -0.7337, 0.1571)),  # both sides hit the post
     ],
 )
@@ -88,6 +88,6 @@ def test_the_actions_reach_their_goals_within_the_limits(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["pose", "approach", "dribble"])
-def test_a_base_with_weak_accelerations_does_not_circle_round_its_goal(kind: str) -> None:
+def test_a_base_with_low_acceleration_does_not_circle_its_goal(kind: str) -> None:
     robot = str(resource_path("config", "pioneer_lx.yaml"))
     assert all(execute(Task(kind, "bezier", 77, index, robot)).success for index in range(4))

@@ -1,4 +1,4 @@
-"""Actions on robots that are not as described: each loses some time, and does not come again."""
+"""Actions on robots that differ from their description: slower, but without a second approach."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LONGEST = 30 * CONTROL_RATE
 
 @dataclass(frozen=True)
 class Drive:
-    """How an action went: time in s, the plans that it made after the first, the last status."""
+    """Result of an action: duration in s, number of replans, last status."""
 
     time: float
     plans: int
@@ -30,7 +30,7 @@ class Drive:
 
 
 def drive(change: str, action: Action, start: World, goal: Goal) -> Drive:
-    """Execute an action of the described robot on one that has changed."""
+    """Execute an action of the described robot on the changed robot."""
     changed, plans = CHANGES[change], 0
     with Simulation(changed.robot(PIONEER), wheels=changed.wheels) as simulation:
         place(simulation, start)
@@ -60,8 +60,8 @@ def approach(change: str, bearing: float, yaw: float, speed: float = 0.0) -> Dri
         ("wheel", 2.2, 1.9),
     ],
 )
-def test_a_plan_waits_for_a_weaker_robot(change: str, bearing: float, yaw: float) -> None:
-    """Its time passes more slowly: the robot stays on the way, and catches the ball as it comes."""
+def test_a_plan_slows_down_for_a_weaker_robot(change: str, bearing: float, yaw: float) -> None:
+    """The plan's time is scaled, so that the robot stays on its path and captures the ball."""
     described, changed = approach("none", bearing, yaw), approach(change, bearing, yaw)
     assert changed.status is Status.SUCCEEDED
     assert changed.plans == 0
@@ -70,7 +70,7 @@ def test_a_plan_waits_for_a_weaker_robot(change: str, bearing: float, yaw: float
 
 @pytest.mark.parametrize(("bearing", "yaw"), [(0.0, 0.0), (2.2, 1.9)])
 def test_a_robot_whose_motors_lag_brakes_in_time(bearing: float, yaw: float) -> None:
-    """It looks ahead by the lag that it has seen, and does not run into the ball."""
+    """The controller looks ahead by the measured lag, so that the robot does not hit the ball."""
     described, changed = approach("none", bearing, yaw), approach("lag", bearing, yaw)
     assert changed.status is Status.SUCCEEDED
     assert changed.plans == 0

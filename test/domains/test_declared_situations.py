@@ -1,4 +1,4 @@
-"""Situations and chains that a domain's file declares."""
+"""Situations and chains that a domain file declares."""
 
 from __future__ import annotations
 
@@ -34,25 +34,25 @@ def drives(places: DeclaredDrives, time_limit: float = 30.0) -> partial[Situatio
     return partial(drawn_drive, "drive_to", places, Point.AXLE, (), time_limit=time_limit)
 
 
-def long_ones(drives: list[Situation]) -> list[float]:
-    """Return the distances in m from start to goal of drives that are not meant to be short."""
+def long_distances(drives: list[Situation]) -> list[float]:
+    """Return the distances in m from start to goal, without short drives."""
     ways = [drive.robot.pose.distance(drive.goal.pose) for drive in drives]
     long = [way for way in ways if way >= SHORT]
     assert len(long) > 0.7 * len(ways)
     return long
 
 
-def test_drives_keep_their_distance_and_are_the_same_for_the_same_seed() -> None:
+def test_drives_keep_the_minimum_distance_and_are_reproducible() -> None:
     sample = drives(DeclaredDrives(HALL, HALL, apart=1.5))
     first = [sample(ROBOT, np.random.default_rng(seed)) for seed in range(50)]
-    copied = pickle.loads(pickle.dumps(sample))  # noqa: S301 (as a worker process gets it)
+    copied = pickle.loads(pickle.dumps(sample))  # noqa: S301 (as for a worker process)
     again = [copied(ROBOT, np.random.default_rng(seed)) for seed in range(50)]
     assert first == again
-    assert min(long_ones(first)) >= 1.5
+    assert min(long_distances(first)) >= 1.5
     assert {one.action for one in first} == {"drive_to"}
 
 
-def test_places_that_are_too_near_are_told() -> None:
+def test_places_too_close_together_are_reported() -> None:
     sample = drives(DeclaredDrives((DOCK,), (DOCK,), apart=0.1))
     with pytest.raises(
         NoPlaceError, match=r"^drives of drive_to: apart: expected places 0.1 m from the one before"
@@ -60,7 +60,7 @@ def test_places_that_are_too_near_are_told() -> None:
         sample(ROBOT, np.random.default_rng(0))
 
 
-def test_no_way_is_drawn_that_takes_longer_than_the_time_limit() -> None:
+def test_no_drive_takes_longer_than_the_time_limit() -> None:
     most = 4.0 * ROBOT.limits.v
     rng = np.random.default_rng(0)
     drive = drives(DeclaredDrives(HALL, HALL), 4.0)
@@ -74,7 +74,7 @@ def test_no_way_is_drawn_that_takes_longer_than_the_time_limit() -> None:
         assert sum(a.distance(b) for a, b in itertools.pairwise(places)) <= most
 
 
-def test_a_tour_has_four_to_six_stations_of_which_two_are_bound() -> None:
+def test_a_tour_has_four_to_six_stations_two_of_them_bound() -> None:
     rng = np.random.default_rng(3)
     lengths: Counter[int] = Counter()
     for _ in range(200):
@@ -102,6 +102,6 @@ def test_a_tour_has_four_to_six_stations_of_which_two_are_bound() -> None:
         (lambda: DeclaredChain("tour", HALL, ()), "steps: expected 1 to 32"),
     ],
 )
-def test_what_cannot_be_drawn_from_is_refused(make: object, expected: str) -> None:
+def test_invalid_distributions_are_rejected(make: object, expected: str) -> None:
     with pytest.raises(ValueError, match=f"^{expected}"):
         make()  # type: ignore[operator]

@@ -1,4 +1,4 @@
-"""Domains as YAML files: what they declare is used, what is wrong is refused with its place."""
+"""Domains as YAML files: declarations are used, errors are reported with their location."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_a_variable_has_its_declared_range(tour: Domain) -> None:
     assert (speed.low, speed.high, speed.rest) == (0.1, 0.4, 0.1)
 
 
-def test_a_file_may_name_a_robot_its_bays_chains_drives_a_stand_in_and_servers(tmp_path: Path) -> None:
+def test_a_file_may_declare_robot_bays_chains_drives_stand_in_and_servers(tmp_path: Path) -> None:
     data = copy.deepcopy(TOUR) | {
         "robot": "small.yaml",
         "bays": True,
@@ -118,7 +118,7 @@ def test_an_action_on_a_server_declares_goal_variables(tmp_path: Path) -> None:
     assert not library.goal_variables(library["fetch"])
 
 
-def test_a_top_whose_action_is_not_declared_is_left_out(tmp_path: Path) -> None:
+def test_a_top_without_a_declared_action_is_omitted(tmp_path: Path) -> None:
     data = copy.deepcopy(TOUR)
     data["tops"][0]["action"] = "fly"
     data["tops"][0]["post"].append({"variable": "robot.x", "target": "goal.height", "tolerance": 1.0})
@@ -134,7 +134,7 @@ def test_a_top_whose_action_is_not_declared_is_left_out(tmp_path: Path) -> None:
     [
         ("name", "my tour", "name: expected a name of letters, digits and _; got 'my tour'"),
         ("name", "soccer", "name: expected none of the installed domains, .*'soccer'"),
-        ("colour", 1, r"expected the fields actions, .*variables\]; unknown colour"),
+        ("color", 1, r"expected the fields actions, .*variables\]; unknown color"),
         ("objects.0.type", "Pose", r"objects\[0\].type: expected one of Odometry, PoseStamped.*got 'Pose'"),
         ("tops.0.post.1.target", "goal.z", r"tops.visit.post\[1\].target: expected one of .*got 'goal.z'"),
         ("tops.0.post.1.tolerance", math.nan, r"post\[1\].tolerance: expected a finite number; got nan"),
@@ -156,7 +156,7 @@ def test_a_top_whose_action_is_not_declared_is_left_out(tmp_path: Path) -> None:
         ("variables.1.low", None, r"variables\[1\]: low, high: expected both or neither"),
     ],
 )
-def test_what_is_wrong_is_told_with_its_place(
+def test_errors_are_reported_with_their_location(
     tmp_path: Path, path: str, value: object, expected: str
 ) -> None:
     file = file_of(tmp_path, changed(path, value))
@@ -175,7 +175,7 @@ def test_what_is_wrong_is_told_with_its_place(
         ("schema_version: 1\nname: x\n", "format: expected 'ator_ros domain', got None"),
     ],
 )
-def test_what_is_no_domain_at_all_is_told_too(tmp_path: Path, text: str, expected: str) -> None:
+def test_a_file_that_is_no_domain_is_reported(tmp_path: Path, text: str, expected: str) -> None:
     file = file_of(tmp_path, text)
     with pytest.raises(DomainError) as caught:
         find_domain(str(file))

@@ -1,4 +1,4 @@
-"""Domains: found by the names of their entry points, complete, or refused in one sentence."""
+"""Domains: found by entry point name and complete, otherwise rejected with one sentence."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from ator_ros.view.editor import Editor
 
 
 def install(monkeypatch: pytest.MonkeyPatch, value: str) -> None:
-    """Let `value` be the entry point of the one domain that is installed."""
+    """Install a single domain with `value` as its entry point."""
     entry = EntryPoint("other", value, domains.GROUP)
     monkeypatch.setattr(domains, "entry_points", lambda *, group: [entry] if group == domains.GROUP else [])
 
 
-def test_an_unknown_name_is_refused_with_the_names_there_are() -> None:
+def test_an_unknown_name_is_rejected_with_the_known_names() -> None:
     with pytest.raises(
         DomainError, match=r"ator_ros.domains, one of \['drive', 'soccer', 'tour'\], got 'chess'"
     ):
         find_domain("chess")
 
 
-def test_each_has_models_of_its_own_and_what_no_file_describes_is_a_point() -> None:
+def test_each_domain_has_models_and_undescribed_objects_are_points() -> None:
     assert find_domain("tour").shipped_models == SOCCER.shipped_models / "tour"
     more = dataclasses.replace(SOCCER, objects=(*SOCCER.objects, "cart")).robot()
     assert more.scene.radius("cart") == 0.0 < more.scene.radius("ball")
@@ -54,7 +54,7 @@ def test_a_domain_of_another_package_is_found(monkeypatch: pytest.MonkeyPatch) -
         ("ator_ros.domains.soccer.domain:CHESS", "AttributeError"),
     ],
 )
-def test_what_is_no_domain_is_named(monkeypatch: pytest.MonkeyPatch, value: str, expected: str) -> None:
+def test_an_invalid_domain_is_reported(monkeypatch: pytest.MonkeyPatch, value: str, expected: str) -> None:
     install(monkeypatch, value)
     with pytest.raises(DomainError, match=f"^domain other: .*{expected}"):
         find_domain("other")
@@ -63,11 +63,11 @@ def test_what_is_no_domain_is_named(monkeypatch: pytest.MonkeyPatch, value: str,
 SMALL = dataclasses.replace(
     SOCCER, action_sets={**SOCCER.action_sets, "small": SOCCER.action_sets["default"][:1]}
 )
-"""With a set of actions that can drive, and nothing else."""
+"""A domain with an action set that can only drive."""
 LACKS = "dribbleBall needs the action dribbleBall; action set small has none of that name"
 
 
-def test_an_incomplete_action_set_leaves_out_what_needs_the_others() -> None:
+def test_an_incomplete_action_set_omits_tops_without_action() -> None:
     robot = load_robot()
     assert SMALL.library(robot).left_out == {}
     assert dict(SMALL.library(robot)) == dict(SOCCER.library(robot))
@@ -80,7 +80,7 @@ def test_an_incomplete_action_set_leaves_out_what_needs_the_others() -> None:
     assert str(refused.value) == LACKS
 
 
-def test_a_chain_that_needs_what_is_left_out_is_refused_by_name_and_others_are_drawn() -> None:
+def test_a_chain_with_an_omitted_top_is_rejected_and_others_are_drawn() -> None:
     robot = SMALL.robot()
     library = SMALL.library(robot, "small")
     assert len(random_trial(SMALL, "drive", library, seed=1, index=0).chain) == 2
@@ -94,7 +94,7 @@ def test_a_chain_that_needs_what_is_left_out_is_refused_by_name_and_others_are_d
     assert editor.chain_name == "drive"
 
 
-def test_collect_takes_the_actions_that_the_set_has(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_collect_uses_the_actions_of_the_set(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     install(monkeypatch, f"{__name__}:SMALL")
     table = tmp_path / "table.parquet"
     words = ["--domain", "other", "--action-set", "small", "--episodes", "1", "--jobs", "1"]
@@ -102,7 +102,7 @@ def test_collect_takes_the_actions_that_the_set_has(monkeypatch: pytest.MonkeyPa
     assert set(read_experience(table).frame["action"]) == {"goToPose"}
 
 
-def test_features_that_there_are_not_and_names_that_are_taken_are_refused() -> None:
+def test_unknown_features_and_reserved_names_are_rejected() -> None:
     with pytest.raises(DomainError, match=r"'default': shoot: features: expected .*got \['hold_dist'"):
         dataclasses.replace(SOCCER, features=())
     with pytest.raises(DomainError, match=r"features: expected each name once; got \['dist'\]"):

@@ -20,7 +20,7 @@ DRIVE = find_domain("drive")
 
 
 def robot(limits: Limits, area: Area, size: float, **numbers: float) -> Robot:
-    """Return a robot in an area without objects; `size` is from the axle to all its ends, in m."""
+    """Return a robot in an area without objects; `size` is the distance in m from the axle to all edges."""
     return dataclasses.replace(
         PLAIN,
         name="other",
@@ -65,8 +65,8 @@ ROBOTS = {"0.05 m/s": TINY, "0.46 m/s": DRIVE.robot(), "5 m/s": LARGE, "15 m/s":
 
 
 @pytest.mark.parametrize("speed", ROBOTS)
-def test_robots_of_all_speeds_pass_a_place_on_the_way(speed: str, tmp_path: Path) -> None:
-    described = DRIVE.equip(loaded(ROBOTS[speed].sections(), tmp_path))  # a file may say so
+def test_robots_of_all_speeds_pass_an_intermediate_place(speed: str, tmp_path: Path) -> None:
+    described = DRIVE.equip(loaded(ROBOTS[speed].sections(), tmp_path))  # as declared in a file
     library = DRIVE.library(described)
     for seed in range(3):
         world, chain = DRIVE.chains["passing"](described, library, np.random.default_rng(seed))
@@ -89,6 +89,6 @@ def test_soccer_needs_a_holder_and_a_ball(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("words", "name"), [([], "soccer"), (["--robot", str(SHIPPED[0])], "drive")])
-def test_tools_take_the_domain_of_the_robot(words: list[str], name: str) -> None:
+def test_tools_use_the_domain_of_the_robot(words: list[str], name: str) -> None:
     options, domain = parse(study.arguments(), words)
     assert (options.domain, domain.name) == (name, name)

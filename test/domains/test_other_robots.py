@@ -1,4 +1,4 @@
-"""Robots unlike the Pioneer: the shipped descriptions, and what their actions and simulation need besides."""
+"""Robots other than the Pioneer: shipped descriptions, actions and simulation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ator_ros.world.state import Command, RobotState, World
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "robots.md"
 
 
-def test_the_shipped_robots_differ_as_the_documentation_says() -> None:
+def test_the_shipped_robots_match_the_documentation() -> None:
     text = DOCS.read_text(encoding="utf-8")
     assert all(f"config/{file.name}" in text for file in SHIPPED)
     lags = [robot.motor_time_constant for robot in (QUICK, PIONEER, PLAIN, HEAVY)]
@@ -33,7 +33,7 @@ def test_the_shipped_robots_differ_as_the_documentation_says() -> None:
     assert len({robot.digest() for robot in (PIONEER, PLAIN, *OTHERS)}) == 6
 
 
-def test_without_a_holder_there_is_a_chain_but_no_dribble() -> None:
+def test_a_robot_without_a_holder_has_a_chain_but_no_dribble() -> None:
     with pytest.raises(NoHolderError, match="dribbleBall needs a holder; robot turtlebot4 has none"):
         SOCCER.actions()["dribbleBall"].factory(PLAIN)
     world, chain = SOCCER.chains["drive"](PLAIN, SOCCER.library(PLAIN), np.random.default_rng(1))
@@ -42,7 +42,7 @@ def test_without_a_holder_there_is_a_chain_but_no_dribble() -> None:
 
 
 @pytest.mark.parametrize("robot", [PIONEER, PLAIN, HEAVY, QUICK, FIFTH], ids=lambda robot: robot.name)
-def test_the_simulated_base_lags_as_it_is_described(robot: Robot) -> None:
+def test_the_simulated_base_has_the_described_lag(robot: Robot) -> None:
     gain, ticks = 0.9 * robot.limits.a, 10
     assert gain * ticks / CONTROL_RATE < robot.limits.v
     with Simulation(robot) as simulation:
@@ -55,7 +55,7 @@ def test_the_simulated_base_lags_as_it_is_described(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.stem)
-def test_nodes_take_each_file_and_a_naive_chain_succeeds(file: Path) -> None:
+def test_nodes_load_each_file_and_a_naive_chain_succeeds(file: Path) -> None:
     (robot,) = robots_of(
         {"domain": "soccer", "robot": str(file), "robots": [""], "descriptions": [""]}
     ).values()

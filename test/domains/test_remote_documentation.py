@@ -1,4 +1,4 @@
-"""Every YAML file that docs/remote_actions.md prints is a domain, and the one for Nav2 fits its types."""
+"""Every YAML file in docs/remote_actions.md is a valid domain; the one for Nav2 matches its types."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def domain_in(folder: Path, text: str) -> Domain:
 
 
 def message(**slots: object) -> type:
-    """Return a message class with these fields, as nav2_msgs has them where it is installed."""
+    """Return a message class with these fields, as in nav2_msgs."""
 
     class Message(SimpleNamespace):
         SLOT_TYPES = tuple(slots.values())
@@ -55,7 +55,7 @@ def test_each_file_is_a_domain(tmp_path: Path, text: str) -> None:
     assert {top.action for top in domain.tops} <= set(domain.actions())
 
 
-def test_the_file_for_nav2_fits_its_types(tmp_path: Path) -> None:
+def test_the_file_for_nav2_matches_its_types(tmp_path: Path) -> None:
     remote = domain_in(tmp_path, FILES[0]).actions()["navigate_to_pose"].remote
     sent = GoalWriter(remote, GOAL, "map").written(Goal(Pose(1.0, 2.0, 0.0)))
     assert (sent.pose.header.frame_id, sent.pose.pose.position.y, sent.behavior_tree) == ("map", 2.0, "")

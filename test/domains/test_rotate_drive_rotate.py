@@ -1,4 +1,4 @@
-"""The example server's law, and the action that stands in for the server."""
+"""The control law of the example server, and the action that simulates the server."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ROBOT = find_domain("tour").robot()
 
 
 def phases(start: Pose, goal: Pose, tuning: Tuning | None = None) -> tuple[list[Phase], list[Command], Pose]:
-    """Drive in the simulation; return the phases in their order, the commands, and where it ended."""
+    """Drive in the simulation; return the phases in order, the commands, and the final pose."""
     law, phase, commands = RotateDriveRotate(tuple(goal), tuning), [], []
     with Simulation(ROBOT) as simulation:
         place(simulation, World(0.0, RobotState(start)))
@@ -44,7 +44,7 @@ def phases(start: Pose, goal: Pose, tuning: Tuning | None = None) -> tuple[list[
         (Pose(-2.0, 0.0, 3.0), Phase.FOLLOWING, True),
     ],
 )
-def test_it_turns_follows_and_turns(start: Pose, first: Phase, backward: bool) -> None:
+def test_phases_are_turn_follow_turn(start: Pose, first: Phase, backward: bool) -> None:
     goal = Pose(1.0, 0.3, 1.0)
     phase, commands, end = phases(start, goal)
     assert phase[0] is first
@@ -60,18 +60,18 @@ def test_it_turns_follows_and_turns(start: Pose, first: Phase, backward: bool) -
         assert max(turns[:half]) > 1.3 * max(turns[half:])
 
 
-def test_the_learned_rules_split_where_its_behavior_changes(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_learned_rules_split_where_the_behavior_changes(capsys: pytest.CaptureFixture[str]) -> None:
     assert train.main(["--domain", "tour", "--rules", "drive_to"]) == 0
     splits = re.findall(r"angle_to_dest <= ([\d.]+)", capsys.readouterr().out)
     assert {45, 83, 126} <= {round(float(split)) for split in splits}
 
 
-def test_it_gives_up_after_its_time() -> None:
+def test_the_law_fails_after_its_time_limit() -> None:
     phase, _, _ = phases(Pose(-2.0, 0.0, 0.0), Pose(2.0, 0.0, 0.0), Tuning(time_limit=1.0))
     assert phase[-1] is Phase.TOO_LONG
 
 
-def test_the_stand_in_waits_until_the_robot_stands_and_succeeds() -> None:
+def test_the_simulated_action_waits_for_the_robot_to_stop_and_succeeds() -> None:
     with Simulation(ROBOT) as simulation:
         place(simulation, World(0.0, RobotState(Pose(-1.0, 0.0, 0.0), 0.4)))
         goal = Goal(Pose(1.0, 0.5, math.pi / 2))

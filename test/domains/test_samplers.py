@@ -1,4 +1,4 @@
-"""Samplers draw a bounded number of times, and nothing that the robot cannot do in the domain's time."""
+"""Samplers make a bounded number of draws, and only tasks that the robot can do within the time limit."""
 
 from __future__ import annotations
 
@@ -50,14 +50,14 @@ SAMPLERS: dict[str, Callable[[Robot, np.random.Generator], object]] = {
 
 @pytest.mark.parametrize("name", [name for name in SAMPLERS if "shoot" not in name])
 @pytest.mark.parametrize(("length", "width"), [(2.0, 1.0)])
-def test_a_scene_without_room_is_reported(name: str, length: float, width: float) -> None:
+def test_a_scene_without_enough_space_is_reported(name: str, length: float, width: float) -> None:
     expected = rf"^scene.area: got {length:g} x {width:g} m, of whose lines robot pioneer_3dx keeps 0.90 m"
     with pytest.raises(NoPlaceError, match=expected):
         SAMPLERS[name](in_area(length, width), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("name", SAMPLERS)
-def test_a_robot_that_gets_nowhere_in_time_is_reported(name: str) -> None:
+def test_a_robot_too_slow_for_the_time_limit_is_reported(name: str) -> None:
     with pytest.raises(NoPlaceError, match=r"^limits.v: expected 0.0\d+ m/s .*, got 0.01 m/s of robot"):
         SAMPLERS[name](at_speed(0.01), np.random.default_rng(0))
 
@@ -80,7 +80,7 @@ def test_no_chain_of_a_slow_robot_exceeds_the_time_limit(name: str) -> None:
     for _ in range(5):
         world, chain = drawn_chain(name, robot, rng)
         goals = [call.goal for call in chain.calls if call.top.name != "shoot"]
-        if name == "rolling":  # the robot drives to where the ball rests
+        if name == "rolling":  # the goal is where the ball comes to rest
             rest = robot.scene.at_rest(BALL, world.objects[BALL])
             goals[0] = dataclasses.replace(goals[0], pose=goals[0].pose._replace(x=rest.x, y=rest.y))
         places = [world.robot.pose, *(goal.robot_pose(robot) for goal in goals)]

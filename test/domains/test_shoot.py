@@ -1,4 +1,4 @@
-"""The run-ups of shoot: they lead into the goal, as fast from neighbouring starts."""
+"""The run-ups of shoot: they lead into the goal, with similar durations from neighboring starts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ator_ros.tops.outcome import unmet
 from ator_ros.world.state import ObjectState, RobotState, World
 
 ROBOT = load_robot()
-MOUTH = Pose(*field_of(ROBOT).goal_centre(), 0.0)
+MOUTH = Pose(*field_of(ROBOT).goal_center(), 0.0)
 
 
 def planned(start: Pose, speed: float = 0.0, mouth: Pose = MOUTH) -> Manoeuvre:
@@ -36,7 +36,7 @@ def planned(start: Pose, speed: float = 0.0, mouth: Pose = MOUTH) -> Manoeuvre:
 
 
 def starts(seed: int, count: int) -> list[RobotState]:
-    """Draw starts at least a metre before the goal line, where no post is in the way."""
+    """Draw starts at least a meter before the goal line, where no post is in the way."""
     rng = np.random.default_rng(seed)
     drawn: list[RobotState] = []
     while len(drawn) < count:
@@ -47,12 +47,12 @@ def starts(seed: int, count: int) -> list[RobotState]:
 
 
 def crossing(plan: Manoeuvre) -> float:
-    """Return where on the line the ball crosses it, in m from the middle of the mouth."""
+    """Return where the ball crosses the goal line, in m from the middle of the mouth."""
     ball = MOUTH.relative(plan.goal).ahead(ROBOT.hold)
     return ball.y - ball.x * math.tan(ball.yaw)
 
 
-def test_every_run_up_ends_where_the_ball_rolls_between_the_posts() -> None:
+def test_every_run_up_ends_with_the_ball_rolling_between_the_posts() -> None:
     for state in starts(71, 25):
         plan = planned(state.pose, max(0.0, state.v))
         ball = MOUTH.relative(plan.goal).ahead(ROBOT.hold)
@@ -75,7 +75,7 @@ def test_the_robot_stops_before_the_wall_of_the_goal() -> None:
         assert abs(stop.y) + ROBOT.reach < field_of(ROBOT).goal_width / 2.0
 
 
-def test_both_goals_are_shot_at_alike() -> None:
+def test_shots_at_both_goals_are_symmetric() -> None:
     start = Pose(2.0, 0.7, 1.0)
     there = planned(start)
     other = planned(
@@ -85,9 +85,9 @@ def test_both_goals_are_shot_at_alike() -> None:
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_a_ball_is_in_the_goal_where_the_post_condition_of_shoot_says_so(side: int) -> None:
+def test_the_post_condition_of_shoot_agrees_with_the_goal_geometry(side: int) -> None:
     field, robot = field_of(ROBOT), RobotState(Pose(0.0, 0.0, 0.0))
-    mouth = Pose(*field.goal_centre(side), 0.0)
+    mouth = Pose(*field.goal_center(side), 0.0)
     inside = 0
     for deep in np.linspace(-0.5, field.goal_depth, 23):
         for y in np.linspace(-1.5, 1.5, 31):

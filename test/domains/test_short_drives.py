@@ -1,4 +1,4 @@
-"""Turns on the spot, short drives and goals at the start: drawn, driven and predicted; leaving a ball."""
+"""Turns on the spot, short drives and goals at the start: sampling, execution; leaving a ball."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def moved(ahead: float, left: float, turn: float = 0.0) -> Pose:
 
 
 def kind_of(start: Pose, goal: Pose) -> str:
-    """Name the kind of a drive by what lies between start and goal."""
+    """Return the kind of a drive by the displacement from start to goal."""
     distance, turn = start.distance(goal), abs(wrap_angle(goal.yaw - start.yaw))
     if distance < 0.031 and turn < 0.081:
         return "at the goal"
@@ -66,9 +66,9 @@ def test_every_domain_draws_turns_and_short_drives(domain: str, action: str, kin
     found, rng = find_domain(domain), np.random.default_rng(5)
     robot, sample = found.robot(None), found.actions()[action].sample
     drawn = [sample(robot, rng) for _ in range(400)]
-    seen = [kind_of(each.robot.pose, each.goal.robot_pose(robot)) for each in drawn]
-    assert set(seen) == kinds
-    assert 0.6 < seen.count("long") / len(seen) < 0.95
+    found = [kind_of(each.robot.pose, each.goal.robot_pose(robot)) for each in drawn]
+    assert set(found) == kinds
+    assert 0.6 < found.count("long") / len(found) < 0.95
 
 
 @pytest.mark.parametrize("action_set", SETS)

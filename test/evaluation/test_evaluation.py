@@ -53,7 +53,7 @@ class TestTrials:
             assert not drawn.chain.calls[-1].open
 
     def test_shooting_positions_lie_before_the_goal(self) -> None:
-        x, y = field_of(ROBOT).goal_centre()
+        x, y = field_of(ROBOT).goal_center()
         for index in range(100):
             place = trial(index, "shoot").chain.calls[1].goal.pose
             low, high = SHOOTING_DISTANCE
@@ -62,7 +62,7 @@ class TestTrials:
 
 class TestPolicies:
     @pytest.mark.parametrize("name", list(POLICIES))
-    def test_choose_a_valid_chain_with_the_plans_commitments_kept(self, name: str, tools: Toolset) -> None:
+    def test_choose_a_valid_chain_and_keep_commitments(self, name: str, tools: Toolset) -> None:
         for chain in SOCCER.chains:
             drawn = trial(1, chain)
             chosen = POLICIES[name](tools, drawn).chain
@@ -79,8 +79,8 @@ class TestPolicies:
         ball, goal = chosen.calls[0].goal.pose, chosen.calls[1].goal.pose
         assert robot.distance(ball) + ball.distance(goal) == pytest.approx(robot.distance(goal))
 
-    def test_arrival_speed_is_refined_only_where_asked(self, tools: Toolset) -> None:
-        # The fakes' probability of failure grows with the speed; here a failure costs next to nothing.
+    def test_arrival_speed_is_refined_only_if_open(self, tools: Toolset) -> None:
+        # The fakes' failure probability grows with the speed; here a failure costs almost nothing.
         bold = dataclasses.replace(tools, domain=dataclasses.replace(tools.domain, time_limit=0.1))
         speeds = [
             POLICIES["refined_speed"](bold, trial(index)).chain.calls[0].goal.speed for index in range(5)
@@ -89,7 +89,7 @@ class TestPolicies:
 
 
 class TestExecution:
-    def test_a_chain_brings_the_ball_to_its_goal_the_same_way_each_time(self) -> None:
+    def test_a_chain_moves_the_ball_to_its_goal_reproducibly(self) -> None:
         drawn = trial(5)
         to_ball = drawn.world.robot.pose.relative(drawn.chain.calls[0].goal.pose)
         chain = with_headings(drawn.chain, {0: drawn.world.robot.pose.yaw + math.atan2(to_ball.y, to_ball.x)})
@@ -108,7 +108,7 @@ class TestExecution:
         assert "pre-condition of goToBall" in run.reason
 
 
-def test_a_gate_that_was_learned_meanwhile_is_used(tmp_path: Path) -> None:
+def test_a_newly_learned_gate_is_used(tmp_path: Path) -> None:
     shipped = resource_path("models")
     for name in ("goToPose.json", "dribbleBall.json", "shoot.json"):
         shutil.copy(shipped / name, tmp_path)

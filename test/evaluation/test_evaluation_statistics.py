@@ -13,7 +13,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
 from ator_ros.evaluation.gate_learning import GateExamples, compare_gates, fit_threshold
 from ator_ros.evaluation.running import to_columns, to_records
-from ator_ros.evaluation.statistics import labels, summarise
+from ator_ros.evaluation.statistics import labels, summarize
 from ator_ros.experience.columns import ExperienceError
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.gate import FEATURES
@@ -35,7 +35,7 @@ RECORDS = [record(0, 10.0, 8.0, 7.5), record(1, 10.0, 10.1, 9.5), record(2, 10.0
 
 
 def test_table_of_known_runs() -> None:
-    row = summarise(RECORDS)["refined"]
+    row = summarize(RECORDS)["refined"]
     assert row["mean_duration_s"] == pytest.approx(29.1 / 3, abs=1e-3)
     assert row["improvement_percent"] == pytest.approx(3.0)
     assert (row["higher"], row["equal"], row["lower"]) == (1, 1, 1)
@@ -46,13 +46,13 @@ def test_table_of_known_runs() -> None:
 
 
 def test_percent_of_sums_and_mean_of_ratios_differ() -> None:
-    row = summarise([record(0, 20.0, 10.0, 10.0), record(1, 10.0, 10.0, 10.0)])["refined"]
+    row = summarize([record(0, 20.0, 10.0, 10.0), record(1, 10.0, 10.0, 10.0)])["refined"]
     assert row["improvement_percent"] == pytest.approx(100.0 / 3.0, abs=1e-3)
     assert row["mean_ratio_improvement_percent"] == pytest.approx(25.0)
 
 
 def test_failures_count_at_their_duration() -> None:
-    summary = summarise([record(0, 10.0, 30.0, 9.0), record(1, 10.0, 9.0, 9.0)])
+    summary = summarize([record(0, 10.0, 30.0, 9.0), record(1, 10.0, 9.0, 9.0)])
     assert summary["refined"]["failures"] == 1
     assert summary["refined"]["improvement_percent"] == pytest.approx(-95.0)
     assert summary["oracle"]["failures"] == 0
@@ -68,22 +68,22 @@ def test_labels_need_more_than_two_percent() -> None:
 
 
 def examples(count: int = 400) -> GateExamples:
-    """Refinement pays where the predicted gain is above 0.3 s, and hurts below that."""
+    """Refinement gains time where the predicted gain is above 0.3 s, and loses time below."""
     rng = np.random.default_rng(1)
     features = rng.uniform(0.0, 1.0, (count, len(FEATURES)))
     gain = features[:, list(FEATURES).index("gain")]
     actual = np.where(gain > 0.3, 1.0, -0.5)
-    return made_up(features, actual)
+    return synthetic(features, actual)
 
 
-def made_up(features: FloatArray, gained: FloatArray) -> GateExamples:
-    """Return executed situations, every other with refined speeds, in which so many seconds were gained."""
+def synthetic(features: FloatArray, gained: FloatArray) -> GateExamples:
+    """Return executed situations with these gains in s, every other one with refined speeds."""
     number, count = np.arange(len(gained)), len(gained)
     naive = np.full(count, 10.0)
     return GateExamples(features, naive, naive - gained, number, number % 2, np.ones(count, dtype=bool))
 
 
-def test_cross_validation_judges_on_other_situations() -> None:
+def test_cross_validation_uses_other_situations() -> None:
     compared = compare_gates(examples())
     assert compared["open"]["kept_gain_percent"] == 100.0
     assert compared["open"]["lower"] > 100
@@ -97,20 +97,20 @@ def test_threshold_keeps_nearly_all_of_the_gain_of_both_kinds() -> None:
     rng = np.random.default_rng(3)
     features = np.zeros((400, len(FEATURES)))
     kind = np.arange(400) % 2
-    gain = rng.uniform(0.0, 0.3, 400) + kind  # with speeds everything is far above any threshold
+    gain = rng.uniform(0.0, 0.3, 400) + kind  # with speeds all gains are far above any threshold
     features[:, list(FEATURES).index("gain")] = gain
     features[:, list(FEATURES).index("spread")] = 0.1
     actual = np.where(rng.random(400) < 0.02, -0.5, gain)
-    gate = fit_threshold(made_up(features, actual))
+    gate = fit_threshold(synthetic(features, actual))
     angle = (kind == 0) & (gain > gate.gain + gate.spread_factor * 0.1)
     assert actual[angle].sum() >= 0.97 * actual[kind == 0].sum()
 
 
-def test_records_by_columns_give_back_the_records() -> None:
+def test_records_by_columns_restore_the_records() -> None:
     assert to_records(to_columns(RECORDS), 3) == RECORDS
 
 
-def test_so_few_episodes_that_halves_cannot_judge_each_other_are_refused() -> None:
+def test_too_few_episodes_for_cross_validation_are_rejected() -> None:
     rows = pd.DataFrame({"episode": np.arange(39), "success": True})
     with pytest.raises(ExperienceError, match=r"goToPose: expected at least 40 episodes .* got 39"):
         gate_of_episodes(SOCCER, LIBRARY, {"goToPose": rows}, "dribble", seed=1, situations=1)

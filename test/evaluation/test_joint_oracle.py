@@ -24,7 +24,7 @@ LIBRARY = DOMAIN.library(ROBOT)
 
 
 def turned(x: float, y: float, yaw: float, xg: float, yg: float, yawg: float) -> float:
-    """Return the duration (s) of a drive whose final turn takes less than its first."""
+    """Return the duration (s) of a drive whose final turn is faster than its first."""
     path = math.atan2(yg - y, xg - x)
     return (
         math.hypot(xg - x, yg - y) + abs(wrap_angle(path - yaw)) + 0.4 * abs(wrap_angle(yawg - path)) ** 1.5
@@ -59,7 +59,7 @@ def total(trial: Trial, chain: TopChain) -> float:
 
 
 @pytest.mark.parametrize("index", range(2))
-def test_it_finds_what_trying_every_chain_finds(index: int) -> None:
+def test_the_oracle_matches_an_exhaustive_search(index: int) -> None:
     drawn = trial(index)
     offered = candidates(drawn, [drawn.chain], 6)
     chain, _ = best_headings(TOOLS, drawn, [(drawn.chain, ())], drive, count=6, margin=None)

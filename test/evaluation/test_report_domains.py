@@ -1,4 +1,4 @@
-"""Evaluations and reports of other domains, without words of soccer."""
+"""Evaluations and reports of other domains, without soccer terms."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from experience_rows import made_up_experience
+from experience_rows import synthetic_experience
 from parcels import PARCELS
 
 from ator_ros.domains import domain as domains
@@ -29,7 +29,7 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="module")
 def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("models")
-    save_model(folder / "carry.json", train("carry", made_up_experience("carry"), PARCELS.robot()))
+    save_model(folder / "carry.json", train("carry", synthetic_experience("carry"), PARCELS.robot()))
     return folder
 
 
@@ -42,7 +42,7 @@ def evaluated(models: Path, out: Path, *words: str) -> tuple[dict[str, Any], str
     return result, (out / "report.html").read_text()
 
 
-def test_a_report_of_another_domain_has_no_words_of_soccer(models: Path, tmp_path: Path) -> None:
+def test_a_report_of_another_domain_has_no_soccer_terms(models: Path, tmp_path: Path) -> None:
     result, report = evaluated(models, tmp_path, "--oracle", "3")
     assert result["settings"]["chain"] == "two_legs"
     assert len(result["runs"]["start"][0]) == 8

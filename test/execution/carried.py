@@ -1,4 +1,4 @@
-"""A goal whose action somebody else executes, and a ledger of what its actions were told."""
+"""A goal whose action an external server executes, and a log of the calls of its actions."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ CARRY = Top("carry", "carried", HELD, HELD)
 ROLL = Top("roll", "carried", Condition(), Condition((Region("mark.x", 3.0, 0.0, 1.0),)), settles=1.0)
 
 
-class Ledger:
-    """Actions that somebody else executes, with what was told to each."""
+class ActionLog:
+    """Actions that run on an external server, with a log of their calls."""
 
     def __init__(self) -> None:
         self.log: list[str] = []
@@ -34,44 +34,44 @@ class Ledger:
         self.outcome, self.plans, self.refuses = Status.RUNNING, False, False
 
     def library(self) -> TopLibrary:
-        ledger = self
+        actions = self
 
-        class Carried(Action):
+        class External(Action):
             name = "carried"
 
             @property
             def planning(self) -> bool:
-                return ledger.plans
+                return actions.plans
 
             def start(self, world: World, goal: Goal) -> None:
-                if ledger.refuses:
-                    raise ActionError("nobody carries")
+                if actions.refuses:
+                    raise ActionError("no server")
                 self._goal = goal
-                ledger.starts.append(goal)
-                ledger.log.append("start")
+                actions.starts.append(goal)
+                actions.log.append("start")
 
             def step(self, world: World) -> Step:
-                return Step(None, ledger.outcome, f"carried: {ledger.outcome.value}")
+                return Step(None, actions.outcome, f"carried: {actions.outcome.value}")
 
             def end(self, reason: str) -> None:
-                ledger.ends.append((self._goal, reason))
-                ledger.log.append("end")
+                actions.ends.append((self._goal, reason))
+                actions.log.append("end")
 
-        return TopLibrary(ROBOT, "carried", tops=(VISIT, CARRY, ROLL), actions={"carried": Carried})
+        return TopLibrary(ROBOT, "carried", tops=(VISIT, CARRY, ROLL), actions={"carried": External})
 
 
-class Sent:
-    """One goal that is executed on a robot that others move, in ticks of 1/20 s."""
+class DrivenGoal:
+    """One goal on a robot that an external server moves, in ticks of 1/20 s."""
 
     def __init__(
-        self, ledger: Ledger, chain: TopChain, fence: Fence | None = None, *, refine: bool = False
+        self, actions: ActionLog, chain: TopChain, fence: Fence | None = None, *, refine: bool = False
     ) -> None:
         self.execution = execution(
             chain,
             refine=refine,
             again_after=0.0,
             now=0.0,
-            library=ledger.library(),
+            library=actions.library(),
             deadlines=Deadlines(action=1.0),
             fence=fence,
         )
@@ -87,9 +87,9 @@ class Sent:
         )
 
 
-def begun(ledger: Ledger, fence: Fence | None = None, steps: int = 1) -> Sent:
-    goal = Sent(ledger, TopChain((CALL,) * steps), fence)
+def started_goal(actions: ActionLog, fence: Fence | None = None, steps: int = 1) -> DrivenGoal:
+    goal = DrivenGoal(actions, TopChain((CALL,) * steps), fence)
     goal.tick()
     goal.tick()
-    assert ledger.starts == [CALL.goal]
+    assert actions.starts == [CALL.goal]
     return goal

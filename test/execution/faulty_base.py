@@ -27,7 +27,7 @@ TIMEOUT = 0.15
 
 @dataclass(frozen=True)
 class Failure:
-    """What goes wrong on `axis` (v or w) from `since` s on.
+    """A failure on `axis` (v or w) from `since` s on.
 
     `kind` is stuck, reversed, constant, delayed (by 1 s), or half. `place` says where: in the command, which
     the base then ramps; in the motion, at once; or in the odometry, which does not show the motion (stuck).
@@ -76,7 +76,7 @@ class KinematicBase:
         return failure.value if failure.kind == "constant" else share[failure.kind] * value
 
     def step(self) -> None:
-        """Go on by `DT`."""
+        """Advance by `DT`."""
         command = self._sent(self.time)
         command = Command(
             0.0 if abs(command.v) <= self.dead_band.v else self.share * command.v,
@@ -100,12 +100,12 @@ class KinematicBase:
         self.time += DT
 
     def odometry(self) -> Command:
-        """Return the velocities that odometry shows."""
+        """Return the velocities in the odometry."""
         failure = self._fails(("odometry",))
         return _with(self.speeds, failure.axis, 0.0) if failure else self.speeds
 
     def state(self) -> RobotState:
-        """Return what odometry shows."""
+        """Return the state in the odometry."""
         shows = self.odometry()
         return RobotState(self.shown or self.pose, shows.v, shows.w)
 
@@ -127,14 +127,14 @@ def _moved(pose: Pose, v: float, w: float) -> Pose:
 
 @dataclass
 class Goal:
-    """What came of a goal. Times are in s."""
+    """Result of a goal. Times are in s."""
 
     execution: Supervisor
     driving: Driving
     states: list[tuple[float, RobotState]] = field(default_factory=list)
     commands: list[Command] = field(default_factory=list)
     late: float = 0.0
-    """The longest stretch in which odometry differed from that of a healthy base with the same commands."""
+    """The longest interval in which odometry differed from that of a healthy base with the same commands."""
     ended: float | None = None
 
     @property
@@ -164,7 +164,7 @@ def execute(
     until_stood: bool = True,
     cancel: float = math.inf,
 ) -> Goal:
-    """Execute a goal until it has ended, or for `longest` s."""
+    """Execute a goal until it ends, at most for `longest` s."""
     robot, rng = library.robot, np.random.default_rng(seed)
     execution = Supervisor(
         library,
@@ -177,7 +177,7 @@ def execute(
         fence=Fence(-100.0, -100.0, 100.0, 100.0),
     )
     goal, twin = Goal(execution, Driving(robot, latency)), None
-    due, heard, stopped = 0.0, 0.0, False
+    due, received, stopped = 0.0, 0.0, False
     since: float | None = None
     while execution.phase is not Phase.ENDED and base.time < longest:
         if base.time >= cancel and execution.ending is None:
@@ -202,9 +202,9 @@ def execute(
                 _command((base, twin), command or STOP)
                 goal.states.append((base.time, base.state()))
                 goal.commands.append(command or STOP)
-                heard, stopped = base.time, False
+                received, stopped = base.time, False
         elif not stopped and execution.odometry_is_late(base.time):
-            goal.driving.sent(heard + (base.time - heard), STOP, base.time)
+            goal.driving.sent(received + (base.time - received), STOP, base.time)
             _command((base, twin), STOP)
             stopped = True
         if goal.ended is None and execution.ending is not None:

@@ -1,11 +1,11 @@
-"""Each action that starts is ended once, with the reason; nothing is sent where others move the robot."""
+"""Each started action is ended once, with the reason; external actions cause no velocity commands."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import pytest
-from carried import CALL, ROBOT, Ledger, Sent, begun
+from carried import CALL, ROBOT, ActionLog, DrivenGoal, started_goal
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step, finished
 from ator_ros.domains.soccer.domain import SOCCER
@@ -23,27 +23,27 @@ from ator_ros.world.inputs import Inputs
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 
-def succeed(ledger: Ledger, goal: Sent) -> None:
-    ledger.outcome = Status.SUCCEEDED
+def succeed(actions: ActionLog, goal: DrivenGoal) -> None:
+    actions.outcome = Status.SUCCEEDED
     goal.tick()
 
 
-def take_too_long(ledger: Ledger, goal: Sent) -> None:
+def take_too_long(actions: ActionLog, goal: DrivenGoal) -> None:
     for _ in range(22):
         goal.tick()
 
 
-def lose_the_object(ledger: Ledger, goal: Sent) -> None:
+def lose_the_object(actions: ActionLog, goal: DrivenGoal) -> None:
     for _ in range(2):
         goal.now += 0.05
         goal.execution.tick(World(goal.now, RobotState(Pose(0.0, 0.0, 0.0))), goal.now)
 
 
-def cancel(ledger: Ledger, goal: Sent) -> None:
+def cancel(actions: ActionLog, goal: DrivenGoal) -> None:
     goal.execution.end(Ending.CANCELED, "by the client")
 
 
-ENDINGS: dict[str, tuple[Callable[[Ledger, Sent], None], Ending, str]] = {
+ENDINGS: dict[str, tuple[Callable[[ActionLog, DrivenGoal], None], Ending, str]] = {
     "success": (succeed, Ending.SUCCEEDED, "carried: succeeded"),
     "time limit": (take_too_long, Ending.FAILED, "visit took longer than 1 s"),
     "object": (lose_the_object, Ending.INPUT_LOST, "mark is missing"),
@@ -54,56 +54,56 @@ ENDINGS: dict[str, tuple[Callable[[Ledger, Sent], None], Ending, str]] = {
 @pytest.mark.parametrize("how", ENDINGS)
 def test_an_action_is_ended_once_with_the_reason(how: str) -> None:
     act, ending, reason = ENDINGS[how]
-    ledger = Ledger()
-    goal = begun(ledger)
-    act(ledger, goal)
+    actions = ActionLog()
+    goal = started_goal(actions)
+    act(actions, goal)
     goal.execution.end(Ending.SHUTDOWN, "too late")
     goal.tick()
     assert goal.execution.ending is ending
-    assert [(of, reason in told) for of, told in ledger.ends] == [(CALL.goal, True)]
+    assert [(of, reason in given) for of, given in actions.ends] == [(CALL.goal, True)]
     assert goal.sent[-1] == STOP
 
 
-def test_an_action_that_does_not_start_is_not_ended() -> None:
-    ledger = Ledger()
-    ledger.refuses = True
-    goal = Sent(ledger, TopChain((CALL,)))
+def test_an_action_that_failed_to_start_is_not_ended() -> None:
+    actions = ActionLog()
+    actions.refuses = True
+    goal = DrivenGoal(actions, TopChain((CALL,)))
     goal.tick()
     goal.tick()
     assert goal.execution.ending is Ending.FAILED
-    assert ledger.ends == []
+    assert actions.ends == []
 
 
 def test_each_action_of_a_chain_is_ended_before_the_next_one_starts() -> None:
-    ledger = Ledger()
-    goal = begun(ledger, steps=2)
-    ledger.outcome = Status.SUCCEEDED
+    actions = ActionLog()
+    goal = started_goal(actions, steps=2)
+    actions.outcome = Status.SUCCEEDED
     goal.tick()
     assert goal.execution.ending is Ending.SUCCEEDED
-    assert ledger.log == ["start", "end", "start", "end"]
+    assert actions.log == ["start", "end", "start", "end"]
 
 
-def test_a_goal_that_moves_ends_the_action_with_the_former_one() -> None:
-    ledger = Ledger()
-    goal = begun(ledger)
+def test_a_moved_goal_ends_the_action_of_the_previous_goal() -> None:
+    actions = ActionLog()
+    goal = started_goal(actions)
     goal.tick(mark=2.5)
-    assert [start.pose.x for start in ledger.starts] == [2.0, 2.5]
-    assert ledger.ends == [(CALL.goal, "another goal took over")]
+    assert [start.pose.x for start in actions.starts] == [2.0, 2.5]
+    assert actions.ends == [(CALL.goal, "another goal took over")]
 
 
-def test_a_start_that_is_not_taken_is_ended_too() -> None:
-    ledger = Ledger()
-    goal = begun(ledger)
-    ledger.plans = True
+def test_a_restarted_action_without_a_path_is_also_ended() -> None:
+    actions = ActionLog()
+    goal = started_goal(actions)
+    actions.plans = True
     goal.tick(mark=2.5)
-    (new, why), (former, _) = ledger.ends
+    (new, why), (former, _) = actions.ends
     assert (new.pose.x, former.pose.x) == (2.5, 2.0)
     assert "no path" in why
 
 
-def test_where_others_move_the_robot_nothing_is_sent_and_nothing_is_accused() -> None:
-    ledger = Ledger()
-    goal = begun(ledger)
+def test_external_actions_cause_no_commands_and_no_base_fault() -> None:
+    actions = ActionLog()
+    goal = started_goal(actions)
     driving = Driving(ROBOT, 0.1)
     x = 0.0
     for tick in range(60):
@@ -116,7 +116,7 @@ def test_where_others_move_the_robot_nothing_is_sent_and_nothing_is_accused() ->
     assert goal.sent[1:] == [None]
 
 
-def test_motion_without_commands_is_accused_where_we_send_them() -> None:
+def test_uncommanded_motion_is_a_base_fault_for_local_actions() -> None:
     driving, x, faults = Driving(ROBOT, 0.1), 0.0, []
     for tick in range(60):
         moved = World(0.05 * tick, RobotState(Pose(x, 0.0, 0.0), 0.0 if tick < 5 else 1.0))
@@ -129,7 +129,7 @@ def test_motion_without_commands_is_accused_where_we_send_them() -> None:
 def test_an_action_is_set_up_once_before_its_first_start() -> None:
     log: list[str] = []
 
-    class Noting(Action):
+    class CountingAction(Action):
         name = "carried"
 
         def setup(self) -> None:
@@ -145,7 +145,7 @@ def test_an_action_is_set_up_once_before_its_first_start() -> None:
             log.append("end")
 
     top = Top("note", "carried", Condition(), Condition())
-    library = TopLibrary(ROBOT, "default", tops=[top], actions={"carried": Noting})
+    library = TopLibrary(ROBOT, "default", tops=[top], actions={"carried": CountingAction})
     call = TopCall(top, Goal(Pose(0.0, 0.0, 0.0)))
     executor = ChainExecutor(library, TopChain((call, call)))
     for tick in range(2):
@@ -172,32 +172,32 @@ def test_an_action_that_cannot_be_set_up_fails_its_step() -> None:
     assert (step.status, step.message) == (Status.FAILED, "expected a table, found none")
 
 
-def late(goal: Sent) -> World:
-    """Return the next state, in which the object that the step needs is overdue."""
+def late(goal: DrivenGoal) -> World:
+    """Return the next state, with the required object overdue."""
     return World(goal.now + 0.05, RobotState(Pose(0.0, 0.0, 0.0)), {"mark": ObjectState(2.0, 0.0)})
 
 
-def test_an_overdue_object_does_not_pause_it() -> None:
-    goal = begun(Ledger())
+def test_an_overdue_object_does_not_pause_an_external_action() -> None:
+    goal = started_goal(ActionLog())
     state = late(goal)
     assert goal.execution.tick(state, state.time, overdue=frozenset({"mark"})) is None
 
 
-def test_late_odometry_does_not_stop_it_until_the_goal_ends() -> None:
-    goal = begun(Ledger())
+def test_late_odometry_does_not_stop_an_external_action() -> None:
+    goal = started_goal(ActionLog())
     assert not goal.execution.odometry_is_late(goal.now + 0.2)
     goal.execution.watch(goal.now + 0.4)
     assert goal.execution.phase is Phase.ENDED
     assert "odom is missing" in goal.execution.reason
 
 
-def test_after_a_pause_the_robot_stands_soon_and_the_goal_waits_longer() -> None:
+def test_after_a_gap_the_robot_stops_before_the_goal_times_out() -> None:
     inputs, robot, slowdown = Inputs({}), RobotState(Pose(0.0, 0.0, 0.0)), 1.0
     for tick in range(80):
         inputs.robot(0.05 * tick, robot, 0.05 * tick + (3.0 if tick >= 60 else 0.0))
         slowdown = max(slowdown, inputs.slowdown)
     assert slowdown > 8.0
-    goal = Sent(Ledger(), TopChain((CALL,)))
+    goal = DrivenGoal(ActionLog(), TopChain((CALL,)))
     goal.tick()
     goal.execution.slowdown = slowdown
     assert not goal.execution.odometry_is_late(goal.now + 0.7)
@@ -207,7 +207,7 @@ def test_after_a_pause_the_robot_stands_soon_and_the_goal_waits_longer() -> None
 
 
 @pytest.mark.parametrize("name", ["goToPose", "dribbleBall", "shoot"])
-def test_the_first_search_from_rest_finds_its_tables_ready(name: str) -> None:
+def test_tables_of_the_first_search_from_rest_are_cached(name: str) -> None:
     action = SOCCER.actions()[name].factory(ROBOT)
     action.setup()
     caches = (free_sides, run_sides, entry_sides, exit_sides, run_up_sides, release_sides)
@@ -216,7 +216,7 @@ def test_the_first_search_from_rest_finds_its_tables_ready(name: str) -> None:
     ball = ROBOT.hold_point(Pose(0.0, 0.0, 0.0))
     objects = {} if name == "goToPose" else {BALL: ObjectState(ball.x, ball.y)}
     world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), objects)
-    mouth = Pose(*field_of(ROBOT).goal_centre(), 0.0)
+    mouth = Pose(*field_of(ROBOT).goal_center(), 0.0)
     action.start(world, Goal(mouth if name == "shoot" else Pose(1.0, 0.5, 0.0), 0.0, Point.HOLD))
     action.end("planned")
     assert [cache.cache_info().misses for cache in caches] == before

@@ -1,4 +1,4 @@
-"""The executor node's core, without ROS: phases, deadlines, reasons, and a ball that is silent or lost."""
+"""The executor's core without ROS: phases, deadlines, reasons, and missing or lost balls."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import STOP, ObjectState, World
 
 
-def test_an_execution_answers_once_then_drives_and_stands_before_it_ends() -> None:
+def test_an_execution_accepts_once_then_drives_and_stops_before_it_ends() -> None:
     run = execution(FORWARD)
     assert run.tick(world(), 100.0) == STOP
     assert run.tick(world(1.05), 100.05).v > 0.0
@@ -34,7 +34,7 @@ def test_an_execution_answers_once_then_drives_and_stands_before_it_ends() -> No
     assert run.ending is Ending.CANCELED
 
 
-def test_the_planned_way_leads_from_the_robot_to_the_goal_while_it_is_executed() -> None:
+def test_the_planned_path_leads_from_robot_to_goal_during_execution() -> None:
     run = execution(FORWARD_LEFT)
     assert run.path() is None
     run.tick(world(), 100.0)
@@ -47,11 +47,11 @@ def test_the_planned_way_leads_from_the_robot_to_the_goal_while_it_is_executed()
     assert run.path() is None
 
 
-def test_a_robot_that_drives_is_not_stopped_by_a_new_goal() -> None:
+def test_a_new_goal_does_not_stop_a_moving_robot() -> None:
     assert execution(FORWARD).tick(world(v=0.5), 100.0).v > 0.0
 
 
-def test_a_robot_that_never_stands_does_not_hold_the_goal_for_ever() -> None:
+def test_a_robot_that_never_stops_does_not_block_the_goal_forever() -> None:
     run = execution(FORWARD)
     run.end(Ending.CANCELED, "canceled by the client")
     for tick in range(102):
@@ -59,18 +59,18 @@ def test_a_robot_that_never_stands_does_not_hold_the_goal_for_ever() -> None:
     assert run.phase is Phase.ENDED
 
 
-def test_a_goal_that_is_canceled_before_any_odom_ends() -> None:
+def test_a_goal_canceled_before_the_first_odometry_ends() -> None:
     run = execution(FORWARD)
     run.end(Ending.CANCELED, "canceled by the client")
     assert run.executor.records == []
-    assert run.phase is Phase.STOPPING  # the robot may still move, as after the goal before
+    assert run.phase is Phase.STOPPING  # the robot may still move from the previous goal
     run.watch(100.35)
     assert (run.phase, run.ending, run.reason) == (Phase.ENDED, Ending.CANCELED, "canceled by the client")
 
 
-def test_half_of_the_silence_is_told_so_that_the_robot_may_stand() -> None:
+def test_odometry_is_late_after_half_of_the_timeout() -> None:
     run = execution(FORWARD)
-    assert not run.odometry_is_late(200.0)  # none has come: it has not been told to move
+    assert not run.odometry_is_late(200.0)  # none has arrived, so no command was sent
     run.tick(world(), 100.0)
     assert not run.odometry_is_late(100.14)
     assert run.odometry_is_late(100.16)
@@ -78,7 +78,7 @@ def test_half_of_the_silence_is_told_so_that_the_robot_may_stand() -> None:
     assert not run.odometry_is_late(100.2)
 
 
-def test_silence_ends_it_with_a_reason() -> None:
+def test_missing_odometry_ends_the_goal_with_a_reason() -> None:
     run = execution(FORWARD)
     run.tick(world(), 100.0)
     run.watch(100.25)
@@ -89,14 +89,14 @@ def test_silence_ends_it_with_a_reason() -> None:
     assert "odom is missing" in run.reason
 
 
-def test_an_invalid_chain_is_refused_without_a_command() -> None:
+def test_an_invalid_chain_is_rejected_without_a_command() -> None:
     run = execution(chain(("dribbleBall", Pose(1.0, 0.0, 0.0))))
     assert run.tick(world(ball=ObjectState(2.0, 2.0)), 100.0) == STOP
     assert run.ending is Ending.REFUSED
     assert "pre-condition of step 1 (dribbleBall) now" in run.reason
 
 
-def test_a_goal_that_comes_before_odom_waits_for_it() -> None:
+def test_a_goal_before_the_first_odometry_waits_for_it() -> None:
     run = execution(FORWARD)
     run.watch(101.9)
     assert run.phase is Phase.WAITING
@@ -106,14 +106,14 @@ def test_a_goal_that_comes_before_odom_waits_for_it() -> None:
     assert run.phase is Phase.EXECUTING
 
 
-def test_a_goal_whose_odom_never_comes_ends() -> None:
+def test_a_goal_without_any_odometry_ends() -> None:
     run = execution(FORWARD)
     run.watch(102.05)
     assert (run.phase, run.ending) == (Phase.ENDED, Ending.INPUT_LOST)
     assert run.reason == "odom is missing: expected one within 2 s of the goal, got none"
 
 
-def test_refinement_is_waited_for_until_its_deadline() -> None:
+def test_the_goal_waits_for_refinement_until_its_deadline() -> None:
     run = execution(FORWARD, refine=True)
     assert run.tick(world(), 100.0) == STOP
     assert run.phase is Phase.REFINING
@@ -151,7 +151,7 @@ def test_a_refined_chain_is_executed_if_it_is_valid() -> None:
     assert not other.refining.refined
 
 
-def test_a_refined_chain_whose_first_action_finds_no_way_is_executed_as_sent() -> None:
+def test_the_original_chain_is_executed_if_the_refined_one_has_no_path() -> None:
     sent = chain(("goToPose", Pose(3.0, 1.0, 0.0)), opened=frozenset({"x"}))
     in_a_post = chain(("goToPose", Pose(4.0, 1.0, 0.0)), opened=frozenset({"x"}))
     run = execution(sent, refine=True)
@@ -170,7 +170,7 @@ def test_a_refined_chain_whose_first_action_finds_no_way_is_executed_as_sent() -
 
 
 @pytest.mark.parametrize("refined", [False, True])
-def test_an_action_that_finds_no_way_to_what_was_sent_fails(refined: bool) -> None:
+def test_an_action_without_a_path_to_the_original_goal_fails(refined: bool) -> None:
     in_a_post = chain(("goToPose", Pose(4.0, 1.0, 0.0)), opened=frozenset({"x", "y"}))
     run = execution(in_a_post, refine=True)
     run.tick(world(), 100.0)
@@ -181,7 +181,7 @@ def test_an_action_that_finds_no_way_to_what_was_sent_fails(refined: bool) -> No
     assert len(run.executor.records) == 1 + refined
 
 
-def test_open_variables_are_filled_in_also_where_nothing_is_refined() -> None:
+def test_open_variables_are_filled_in_without_refinement() -> None:
     steps = ("goToBall", Pose(1.0, 0.0, 0.0)), ("dribbleBall", Pose(2.5, 0.0, 0.0))
     sent = chain(*steps, opened=frozenset({"yaw"}))
     filled = sent.with_goal(0, dataclasses.replace(sent.calls[0].goal, pose=Pose(1.0, 0.0, 0.7)))
@@ -201,7 +201,7 @@ def test_without_models_nothing_is_predicted() -> None:
     assert math.isnan(run.predicted_remaining(1.0))
 
 
-def test_what_remains_is_predicted_also_while_refinement_is_awaited() -> None:
+def test_the_remaining_time_is_predicted_while_waiting_for_refinement() -> None:
     models = load_models(ROBOT, SOCCER.known_features)
     run = execution(FORWARD, refine=True, predictor=Predictor(ROBOT, models))
     run.tick(world(), 100.0)
@@ -210,7 +210,7 @@ def test_what_remains_is_predicted_also_while_refinement_is_awaited() -> None:
 
 
 @pytest.mark.parametrize("ending", [Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN, Ending.INPUT_LOST])
-def test_an_action_that_is_broken_off_leaves_its_record(ending: Ending) -> None:
+def test_an_aborted_action_is_recorded(ending: Ending) -> None:
     run = execution(FORWARD)
     run.tick(world(), 100.0)
     run.tick(world(1.05), 100.05)
@@ -219,8 +219,8 @@ def test_an_action_that_is_broken_off_leaves_its_record(ending: Ending) -> None:
     run.end(ending, "for some reason")
     run.end(Ending.CANCELED, "too late")
     [record] = run.executor.records
-    told = record.top, record.reason, record.ending, record.end.time
-    assert told == ("goToPose", "for some reason", ending, 1.1)
+    recorded = record.top, record.reason, record.ending, record.end.time
+    assert recorded == ("goToPose", "for some reason", ending, 1.1)
     assert record.duration == pytest.approx(0.05)
     assert run.predicted_remaining(1.1) == 0.0
 
@@ -236,13 +236,13 @@ class TestAlternatives:
         assert run.executor.chain == FORWARD
         assert run.ending is None
 
-    def test_without_a_valid_plan_all_reasons_are_told(self) -> None:
+    def test_without_a_valid_plan_all_reasons_are_reported(self) -> None:
         run = execution(DRIBBLE, DRIBBLE)
         run.tick(AWAY, 100.0)
         assert run.ending is Ending.REFUSED
         assert run.reason.count(" | ") == 1
 
-    def test_refinement_chooses_among_them_and_may_change_only_what_that_one_opens(self) -> None:
+    def test_refinement_chooses_a_plan_and_changes_only_its_open_variables(self) -> None:
         opened = chain(("goToPose", Pose(1.0, 1.0, 0.0)), opened=frozenset({"yaw"}))
         turned = chain(("goToPose", Pose(1.0, 1.0, 0.5)), opened=frozenset({"yaw"}))
         run = execution(FORWARD, opened, refine=True)
@@ -256,7 +256,7 @@ class TestAlternatives:
         assert other.executor.chain == FORWARD
         assert "x of step 1" in other.refining.reason or "y of step 1" in other.refining.reason
 
-    def test_a_choice_that_was_never_offered_is_refused(self) -> None:
+    def test_a_choice_that_was_not_offered_is_rejected(self) -> None:
         run = execution(FORWARD, refine=True)
         run.tick(world(), 100.0)
         run.refined_to(FORWARD, True, "nonsense", chosen=3)
@@ -264,7 +264,7 @@ class TestAlternatives:
         assert "chosen: expected an index from 0 to 0, got 3" in run.refining.reason
 
 
-def test_a_goal_that_comes_before_the_ball_waits_for_it_standing() -> None:
+def test_a_goal_before_the_first_ball_message_waits_at_rest() -> None:
     run = execution(chain(("goToPose", Pose(-1.0, 0.0, 0.0)), ("goToBall", Pose(1.0, 0.0, 0.0))))
     for tick in range(10):
         assert run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick) == STOP
@@ -275,7 +275,7 @@ def test_a_goal_that_comes_before_the_ball_waits_for_it_standing() -> None:
     assert run.start.time == 1.5
 
 
-def test_one_state_without_the_ball_is_a_pause() -> None:
+def test_one_state_without_the_ball_pauses_the_goal() -> None:
     run, ball = execution(chain(("goToBall", Pose(1.0, 0.0, 0.0)))), ObjectState(1.0, 0.0)
     run.tick(world(ball=ball), 100.0)
     for tick in range(1, 9, 2):
@@ -284,7 +284,7 @@ def test_one_state_without_the_ball_is_a_pause() -> None:
     assert run.ending is None
 
 
-def test_a_ball_that_is_silent_when_its_step_comes_ends_the_goal() -> None:
+def test_a_missing_ball_at_the_start_of_its_step_ends_the_goal() -> None:
     run = execution(chain(("goToPose", Pose(0.0, 0.0, 0.0)), ("goToBall", Pose(1.0, 0.0, 0.0))))
     run.tick(world(ball=ObjectState(1.0, 0.0)), 100.0)
     for tick in range(1, 5):
@@ -292,14 +292,14 @@ def test_a_ball_that_is_silent_when_its_step_comes_ends_the_goal() -> None:
     assert (run.ending, len(run.executor.records)) == (
         Ending.INPUT_LOST,
         1,
-    )  # of goToPose: goToBall has not begun
+    )  # of goToPose: goToBall has not started
 
 
 CARRY = chain(("goToBall", Pose(1.0, 0.0, 0.0)), ("dribbleBall", Pose(2.5, 0.0, 0.0)))
 
 
 def carrying(*, fetches: int = 0) -> tuple[Supervisor, World]:
-    """Return an execution of CARRY that dribbles, and the state that it is in."""
+    """Return an execution of CARRY that dribbles, and its current state."""
     run = execution(CARRY, fetches=fetches)
     with Simulation(ROBOT) as simulation:
         simulation.place_object(BALL, 1.0, 0.0)
@@ -310,7 +310,7 @@ def carrying(*, fetches: int = 0) -> tuple[Supervisor, World]:
         return run, simulation.world()
 
 
-def test_a_ball_that_is_lost_ends_the_goal_under_that_name() -> None:
+def test_a_lost_ball_ends_the_goal_with_ball_lost() -> None:
     run, state = carrying()
     assert run.tick(state.with_object(BALL, ObjectState(1.0, 0.5)), 100.0) == STOP
     assert run.ending is Ending.OBJECT_LOST
@@ -318,12 +318,12 @@ def test_a_ball_that_is_lost_ends_the_goal_under_that_name() -> None:
     assert run.executor.records[-1].lost
 
 
-def test_a_ball_that_is_lost_is_fetched_where_it_is() -> None:
+def test_a_lost_ball_is_fetched_at_its_current_place() -> None:
     run, state = carrying(fetches=1)
     lost = state.with_object(BALL, ObjectState(1.0, 0.9))
     run.tick(lost, 100.0)
     assert (run.ending, run.executor.fetch_count, run.executor.call.top.name) == (None, 1, "goToBall")
-    run.tick(dataclasses.replace(lost, time=state.time + 0.05), 100.05)  # one action is planned a tick
+    run.tick(dataclasses.replace(lost, time=state.time + 0.05), 100.05)  # one action is planned per tick
     assert run.executor.chain.calls[0].goal.pose == Pose(1.0, 0.9, 0.0)
     for wait in (0.1, 0.15):
         assert run.tick(world(state.time + wait), 100.1) == STOP

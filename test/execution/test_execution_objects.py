@@ -1,4 +1,4 @@
-"""Supervisor with objects that are no ball: awaited, followed and missed by their names."""
+"""Supervisor with objects other than a ball: waiting, following and timeouts by object name."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def run() -> Supervisor:
     return execution(visit, library=LIBRARY, again_after=0.0)
 
 
-def test_a_goal_waits_for_the_object_that_it_needs(run: Supervisor) -> None:
+def test_a_goal_waits_for_its_required_object(run: Supervisor) -> None:
     assert run.tick(world(0, ball=BALL), 100.0) == STOP
     assert (run.phase, run.reason) == (Phase.WAITING, "waiting for the cup")
     run.watch(102.05)
@@ -43,7 +43,7 @@ def test_a_goal_waits_for_the_object_that_it_needs(run: Supervisor) -> None:
     assert "cup is missing: visit needs it" in run.reason
 
 
-def test_a_step_follows_its_object_and_no_other(run: Supervisor) -> None:
+def test_a_step_follows_only_its_own_object(run: Supervisor) -> None:
     run.tick(world(0, cup=CUP, ball=BALL), 100.0)
     assert run.tick(world(1, cup=CUP, ball=ObjectState(-1.0, 2.0)), 100.05).v > 0.0
     assert run.executor.chain.calls[0].goal.pose == Pose(2.0, 0.0, 0.0)
@@ -52,7 +52,7 @@ def test_a_step_follows_its_object_and_no_other(run: Supervisor) -> None:
     assert run.ending is None
 
 
-def test_a_step_pauses_while_its_object_is_overdue_and_ends_without_it(run: Supervisor) -> None:
+def test_a_step_pauses_while_its_object_is_overdue_and_then_ends(run: Supervisor) -> None:
     run.tick(world(0, cup=CUP), 100.0)
     assert run.tick(world(1, cup=CUP), 100.05, overdue=frozenset({"ball"})).v > 0.0
     assert run.tick(world(2, cup=CUP), 100.1, overdue=frozenset({"cup"})) == STOP

@@ -1,4 +1,4 @@
-"""The area that the robot may drive in."""
+"""The fence: the area that the robot may drive in."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_the_fence_is_the_field_and_its_margin() -> None:
 
 
 @pytest.mark.parametrize("edges", [[1.0, 2.0, 3.0], [2.0, 0.0, 1.0, 1.0], [0.0, 0.0, math.inf, 1.0]])
-def test_edges_that_are_none_are_refused(edges: list[float]) -> None:
+def test_invalid_edges_are_rejected(edges: list[float]) -> None:
     with pytest.raises(ValueError, match="expected"):
         Fence.of(edges)
 
@@ -39,13 +39,13 @@ def test_edges_that_are_none_are_refused(edges: list[float]) -> None:
         ("goToPose", Pose(5.1, 0.0, 0.0), False),
         ("goToBall", Pose(0.0, -3.6, 0.0), False),
         ("dribbleBall", Pose(4.9, 0.0, math.pi), False),  # the axle is behind the ball
-        ("shoot", Pose(40.0, 0.0, 0.0), True),  # nobody drives there
+        ("shoot", Pose(40.0, 0.0, 0.0), True),  # shoot does not drive to its goal
     ],
 )
-def test_steps_that_lead_out_are_named(top: str, pose: Pose, fine: bool) -> None:
-    said = FENCE.violation(chain((top, pose)), ROBOT)
-    assert (said is None) is fine
-    assert fine or f"chain.calls[0].goal ({top}): expected a place for the robot inside" in (said or "")
+def test_steps_that_leave_the_fence_are_reported(top: str, pose: Pose, fine: bool) -> None:
+    violation = FENCE.violation(chain((top, pose)), ROBOT)
+    assert (violation is None) is fine
+    assert fine or f"chain.calls[0].goal ({top}): expected a place for the robot inside" in (violation or "")
 
 
 @pytest.mark.parametrize(
@@ -58,15 +58,17 @@ def test_steps_that_lead_out_are_named(top: str, pose: Pose, fine: bool) -> None
         (Pose(4.4, 0.0, 0.0), 0.8, True),
     ],
 )
-def test_a_goal_leaves_room_for_errors_and_to_stop(pose: Pose, speed: float, fine: bool) -> None:
+def test_a_goal_leaves_room_for_errors_and_for_braking(pose: Pose, speed: float, fine: bool) -> None:
     plan = chain(("goToPose", pose))
-    said = FENCE.violation(plan.with_goal(0, dataclasses.replace(plan.calls[0].goal, speed=speed)), ROBOT)
-    assert (said is None) is fine
-    assert fine or "0.15 m from its edge, with room to stop, got the axle" in (said or "")
+    violation = FENCE.violation(
+        plan.with_goal(0, dataclasses.replace(plan.calls[0].goal, speed=speed)), ROBOT
+    )
+    assert (violation is None) is fine
+    assert fine or "0.15 m from its edge, with room to stop, got the axle" in (violation or "")
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.4, 0.8])
-def test_what_is_accepted_beside_the_edge_succeeds(speed: float) -> None:
+def test_accepted_goals_beside_the_edge_succeed(speed: float) -> None:
     def plan(x: float) -> TopChain:
         made = chain(("goToPose", Pose(x, 1.0, 0.0)))
         return made.with_goal(0, dataclasses.replace(made.calls[0].goal, speed=speed))
@@ -78,8 +80,8 @@ def test_what_is_accepted_beside_the_edge_succeeds(speed: float) -> None:
         assert done.ending is Ending.SUCCEEDED, done.reason
 
 
-def test_the_reaction_takes_as_long_as_odometry_does() -> None:
-    """At 6 Hz the robot drives on for longer before a command reaches it than at 20 Hz."""
+def test_the_reaction_time_grows_with_the_odometry_period() -> None:
+    """At 6 Hz a command takes longer to reach the robot than at 20 Hz."""
     faults = []
     for period in (0.05, 0.17):
         watch = FenceWatch(FENCE, ROBOT, Deadlines().longest_gap)
@@ -92,36 +94,36 @@ def test_the_reaction_takes_as_long_as_odometry_does() -> None:
 
 
 @pytest.mark.parametrize("velocity", [(1.5, 0.0), (40.0, 0.0)])
-def test_a_ball_is_not_followed_out(velocity: tuple[float, float]) -> None:
-    """The ball is told to roll as it does, or as no ball can."""
+def test_a_ball_is_not_followed_beyond_the_fence(velocity: tuple[float, float]) -> None:
+    """The reported velocity of the ball is correct, or impossible."""
     vx, vy = velocity
 
-    def told(world: World) -> World:
+    def observed(world: World) -> World:
         return World(
             world.time, world.robot, {BALL: ObjectState(4.0 + vx * world.time, vy * world.time, vx, vy)}
         )
 
     start = World(0.0, RobotState(Pose(2.0, 0.0, 0.0)), {BALL: ObjectState(4.0, 0.0)})
-    done = drive(LIBRARY, start, chain(("goToBall", Pose(4.0, 0.0, 0.0))), odometry=told)
+    done = drive(LIBRARY, start, chain(("goToBall", Pose(4.0, 0.0, 0.0))), odometry=observed)
     assert done.ending is not Ending.SUCCEEDED
     assert all(FENCE.outside(w.robot.pose.x, w.robot.pose.y) == 0.0 for w in done.worlds)
     assert done.worlds[-1].time < 5.0
 
 
-def test_a_ball_that_leaves_ends_the_goal_by_that_name() -> None:
-    def told(world: World) -> World:
+def test_a_ball_that_leaves_the_fence_ends_the_goal() -> None:
+    def observed(world: World) -> World:
         rolls = max(0.0, world.time - 1.0)
         return World(world.time, world.robot, {BALL: ObjectState(2.0, 2.0 + rolls, 0.0, 1.2 * (rolls > 0.0))})
 
     start = World(0.0, RobotState(Pose(-1.0, 0.0, 0.0)), {BALL: ObjectState(2.0, 2.0)})
-    done = drive(LIBRARY, start, chain(("goToBall", Pose(2.0, 2.0, 0.0))), odometry=told)
+    done = drive(LIBRARY, start, chain(("goToBall", Pose(2.0, 2.0, 0.0))), odometry=observed)
     assert done.ending is Ending.OUT_OF_BOUNDS
     assert "the ball leaves the fence" in done.reason
 
 
 @pytest.mark.parametrize("speed", [0.6, 1.2])
-def test_a_robot_that_would_leave_stands_before(speed: float) -> None:
-    """It comes fast, its goal beside the edge: no plan can brake in time."""
+def test_a_robot_is_stopped_before_it_leaves_the_fence(speed: float) -> None:
+    """The robot is fast and its goal beside the edge: no plan can brake in time."""
     small = Fence(-3.0, -3.0, 1.0, 3.0)
     x = 1.0 - 0.4 * speed**2 / (2.0 * ROBOT.limits.brake)
     start = World(0.0, RobotState(Pose(x, 0.0, 0.0), speed))

@@ -1,4 +1,4 @@
-"""A base that does not move as it is told: noticed in time, and nothing else mistaken for it."""
+"""The motion watch: bases that do not follow commands are detected in time, without false alarms."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ TICK = 0.05
 
 
 class HalfAsFast(Base):
-    """A base that makes half of each command."""
+    """A base that drives at half of each command."""
 
-    def obey(self, command: Command) -> Command:
+    def respond(self, command: Command) -> Command:
         return Command(0.5 * command.v, 0.5 * command.w)
 
 
@@ -44,7 +44,7 @@ BASES = {
 
 
 class Frozen:
-    """Odometry that tells the same state over and over from some time (s) on, with stamps that advance."""
+    """Odometry that repeats one state from `since` (s) on, with advancing stamps."""
 
     def __init__(self, since: float) -> None:
         self._since, self._last = since, START
@@ -55,8 +55,8 @@ class Frozen:
         return dataclasses.replace(self._last, time=world.time)
 
 
-def stood(done: Drive, since: float) -> float:
-    """Return for how long from `since` (s) the robot truly moved."""
+def time_to_stop(done: Drive, since: float) -> float:
+    """Return for how long after `since` (s) the robot actually moved."""
     return (
         max([w.time for w in done.worlds if w.time >= since and not w.robot.is_standing], default=since)
         - since
@@ -68,16 +68,16 @@ def runaway(since: float, speeds: Command) -> Callable[[float, Command], Command
 
 
 @pytest.mark.parametrize("since", [0.0, 0.15, 0.3, 1.0, 2.0])
-def test_odometry_that_freezes_stops_the_robot_within_half_a_second(since: float) -> None:
+def test_frozen_odometry_stops_the_robot_within_half_a_second(since: float) -> None:
     done = drive(LIBRARY, START, AHEAD, odometry=Frozen(since))
     assert done.ending is Ending.BASE_FAULT
     assert "frozen" in done.reason
-    assert stood(done, since) <= 0.5 + 1e-6
+    assert time_to_stop(done, since) <= 0.5 + 1e-6
 
 
 @pytest.mark.parametrize("speeds", [Command(0.6, 0.0), Command(0.0, 1.0), Command(-0.6, 0.0)])
 def test_a_base_that_moves_without_a_command_ends_the_goal(speeds: Command) -> None:
-    waits = chain(("goToBall", Pose(2.0, 0.0, 0.0)))  # for a ball, standing
+    waits = chain(("goToBall", Pose(2.0, 0.0, 0.0)))  # at rest, for a ball
     done = drive(LIBRARY, START, waits, motors=runaway(0.5, speeds), limit=3.0)
     assert done.ending is Ending.BASE_FAULT
     assert ("turns" if speeds.w else "moves") + " although it was not commanded to" in done.reason
@@ -86,7 +86,7 @@ def test_a_base_that_moves_without_a_command_ends_the_goal(speeds: Command) -> N
     assert 0.5 < done.ended <= 1.0
 
 
-def test_a_base_that_drives_on_after_its_goal_spoils_the_success() -> None:
+def test_a_base_that_drives_on_after_its_goal_fails_the_goal() -> None:
     near = chain(("goToPose", Pose(0.0, 0.0, 0.0)))
     plain = drive(LIBRARY, START, near)
     assert plain.ending is Ending.SUCCEEDED
@@ -95,7 +95,7 @@ def test_a_base_that_drives_on_after_its_goal_spoils_the_success() -> None:
     assert done.ending is not Ending.SUCCEEDED
 
 
-def test_nobody_minds_what_happened_before_the_goal() -> None:
+def test_motion_before_the_goal_is_ignored() -> None:
     watch = MotionWatch(ROBOT, 0.0)
     for tick in range(40):  # pushed by hand
         watch.fault(tick * TICK, RobotState(Pose(0.04 * tick, 0.0, 0.0), 0.8), tick * TICK)
@@ -107,8 +107,8 @@ def test_nobody_minds_what_happened_before_the_goal() -> None:
 
 
 @pytest.mark.parametrize("preempts", [True, False])
-def test_commands_on_their_way_count_when_another_goal_takes_over(preempts: bool) -> None:
-    """They reach the base after the newer goal has told it to stand, which takes as long."""
+def test_commands_in_transit_count_when_another_goal_takes_over(preempts: bool) -> None:
+    """They reach the base before the stop command of the newer goal, which has the same latency."""
     latency, v, x = 0.5, 0.0, 0.0
     driving, sent, faults = Driving(ROBOT, latency), [], []
     for tick in range(40):
@@ -124,7 +124,7 @@ def test_commands_on_their_way_count_when_another_goal_takes_over(preempts: bool
     assert any(faults) is not preempts
 
 
-def test_another_latency_counts_from_the_next_goal_on_unless_it_takes_over() -> None:
+def test_a_new_latency_applies_from_the_next_goal_unless_it_preempts() -> None:
     driving = Driving(ROBOT, 0.0)
     there = World(0.0, RobotState(Pose(0.0, 0.0, 0.0), 0.5))
 
@@ -140,35 +140,35 @@ def test_another_latency_counts_from_the_next_goal_on_unless_it_takes_over() -> 
 
 
 def fault_of_coasting(deceleration: float) -> str | None:
-    """Return what is said of a base at full speed that is told to stand and slows down like this (m/s^2)."""
-    watch, x, v, said = MotionWatch(ROBOT, 0.0), 0.0, ROBOT.limits.v, None
+    """Return the fault of a base that is commanded to stop at full speed and decelerates by this (m/s^2)."""
+    watch, x, v, fault = MotionWatch(ROBOT, 0.0), 0.0, ROBOT.limits.v, None
     for tick in range(80):
-        said = said or watch.fault(tick * TICK, RobotState(Pose(x, 0.0, 0.0), v), tick * TICK)
+        fault = fault or watch.fault(tick * TICK, RobotState(Pose(x, 0.0, 0.0), v), tick * TICK)
         watch.sent(tick * TICK, STOP)
         v = max(0.0, v - deceleration * TICK)
         x += v * TICK
-    return said
+    return fault
 
 
-def test_a_base_may_coast_as_slowly_as_half_its_described_braking() -> None:
+def test_a_base_may_brake_at_half_its_described_deceleration() -> None:
     assert fault_of_coasting(0.5 * ROBOT.limits.brake) is None
     assert "not commanded to" in (fault_of_coasting(0.0) or "")
 
 
-def test_commands_need_real_time_however_fast_simulated_time_is() -> None:
+def test_latency_is_real_time_for_any_rate_of_simulated_time() -> None:
     watch = MotionWatch(ROBOT, 0.0)
-    said = []
+    faults = []
     for tick in range(60):
-        said.append(watch.fault(tick * TICK, RobotState(Pose(0.0, 0.0, 0.0)), 0.002 * tick))
+        faults.append(watch.fault(tick * TICK, RobotState(Pose(0.0, 0.0, 0.0)), 0.002 * tick))
         watch.sent(tick * TICK, Command(0.5, 0.0))
-    assert said[45] is None
-    assert said[-1] is not None
+    assert faults[45] is None
+    assert faults[-1] is not None
 
 
-def struck(done: Drive) -> bool:
-    """Return whether the robot ran into something: it lost speed five times as fast as it can brake.
+def collided(done: Drive) -> bool:
+    """Return whether the robot collided: it decelerated five times as fast as it can brake.
 
-    A base with lazy motors that the paper's actions let run at the goal may hit a post: that blocks it truly.
+    With the paper's actions, a base with slow motors may hit a goal post, which blocks it.
     """
     speeds = [abs(world.robot.v) for world in done.worlds]
     most = 5.0 * ROBOT.limits.brake * TICK
@@ -176,23 +176,23 @@ def struck(done: Drive) -> bool:
 
 
 def alarms(base: Base, action_set: str, indices: range) -> list[str]:
-    """Return what the watch and the fence say of random chains in which nothing blocks the robot."""
-    library, said = SOCCER.library(ROBOT, action_set), []
-    # A base slower than described swings wide, and the paper's actions know no field: both truly leave.
+    """Return the faults and fence violations of random chains without collisions."""
+    library, faults = SOCCER.library(ROBOT, action_set), []
+    # Slow bases overshoot in bends, and the paper's actions ignore the field: both may leave the fence.
     stays = base.scale == 1.0 and action_set == "default"
     fence = Fence.around(ROBOT) if stays else Fence(-50.0, -50.0, 50.0, 50.0)
     for index in indices:
         trial = random_trial(SOCCER, ("dribble", "shoot")[index % 2], library, seed=902, index=index)
         done = drive(library, trial.world, trial.chain, base, seed=index, fence=fence)
-        if done.ending in (Ending.BASE_FAULT, Ending.OUT_OF_BOUNDS) and not struck(done):
-            said.append(f"{action_set} {index}: {done.reason}")
-    return said
+        if done.ending in (Ending.BASE_FAULT, Ending.OUT_OF_BOUNDS) and not collided(done):
+            faults.append(f"{action_set} {index}: {done.reason}")
+    return faults
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("action_set", ["default", "bezier"])
 @pytest.mark.parametrize("name", BASES)
-def test_no_base_is_accused_in_many_chains(
+def test_no_base_raises_a_fault_in_many_chains(
     request: pytest.FixtureRequest, name: str, action_set: str
 ) -> None:
     if (name, action_set) == ("dead zone", "bezier"):
@@ -214,7 +214,7 @@ class Shrunk:
 
 
 @pytest.mark.parametrize("share", [0.05, 0.12])
-def test_odometry_that_shows_a_fraction_of_the_motion_is_noticed_within_half_a_second(share: float) -> None:
+def test_odometry_that_shows_a_fraction_of_the_motion_is_detected_in_time(share: float) -> None:
     done = drive(LIBRARY, START, AHEAD, odometry=Shrunk(share))
     assert done.ending is Ending.BASE_FAULT
     assert "odometry" in done.reason
@@ -236,29 +236,29 @@ def test_a_pose_in_a_bend_is_not_frozen() -> None:
 
 @pytest.mark.parametrize("rate", [20, 50, 200])
 def test_a_frozen_pose_that_jitters_is_still_frozen(rate: int) -> None:
-    watch, period, said = MotionWatch(ROBOT, 0.0), 1.0 / rate, None
+    watch, period, fault = MotionWatch(ROBOT, 0.0), 1.0 / rate, None
     for tick in range(rate):
         time = tick * period
         watch.sent(time - period, Command(1.0, 0.0))
         pose = Pose(1.0 + 0.004 * (tick % 2), 0.0, 0.0)
-        said = watch.fault(time, RobotState(pose, 1.0, 0.0), time)
-        if said:
+        fault = watch.fault(time, RobotState(pose, 1.0, 0.0), time)
+        if fault:
             assert time < 0.4
             break
-    assert "odometry is frozen" in (said or "")
+    assert "odometry is frozen" in (fault or "")
 
 
-def test_odometry_at_5_hz_blames_no_base_that_stands_between_two_messages() -> None:
+def test_odometry_at_5_hz_raises_no_fault_for_stops_between_messages() -> None:
     watch = MotionWatch(ROBOT, 0.0)
     for tick in range(20):
         time = 0.2 * tick
-        state = STANDING  # it has hardly begun to move when it is stopped again
+        state = STANDING  # it has barely started to move when it is stopped again
         assert watch.fault(time, state, time) is None
         watch.sent(time, Command(0.5, 0.0))
         watch.sent(time + 0.15, STOP)
 
 
-def test_a_base_a_third_as_strong_as_described_is_not_called_weak() -> None:
+def test_a_base_with_a_third_of_the_acceleration_raises_no_fault() -> None:
     watch, v, x = MotionWatch(ROBOT, 0.0), 0.0, 0.0
     for tick in range(200):
         target = ROBOT.limits.v * (-1.0 if 80 <= tick < 140 else 1.0) / 3.0
@@ -269,18 +269,18 @@ def test_a_base_a_third_as_strong_as_described_is_not_called_weak() -> None:
 
 
 @pytest.mark.parametrize("rate", [2.0, 3.0, 5.0, 10.0])
-def test_odometry_that_froze_while_standing_is_noticed_however_rarely_it_comes(rate: float) -> None:
-    watch, said, tick = MotionWatch(ROBOT, 0.0), None, 0
-    while said is None:
+def test_odometry_frozen_at_rest_is_detected_at_any_rate(rate: float) -> None:
+    watch, fault, tick = MotionWatch(ROBOT, 0.0), None, 0
+    while fault is None:
         time = tick / rate
-        said = watch.fault(time, STANDING, time)
+        fault = watch.fault(time, STANDING, time)
         watch.sent(time, Command(0.5, 0.0))
         tick += 1
         assert time <= 0.5
-    assert "the base does not move" in said
+    assert "the base does not move" in fault
 
 
-def test_rare_odometry_does_not_accuse_a_late_base() -> None:
+def test_low_rate_odometry_of_a_late_base_raises_no_fault() -> None:
     for rate in (2.0, 3.0, 5.0):
         watch, v, x = MotionWatch(ROBOT, 0.0), 0.0, 0.0
         for tick in range(int(3.0 * rate)):
@@ -293,36 +293,36 @@ def test_rare_odometry_does_not_accuse_a_late_base() -> None:
                 x += v / rate / 100.0
 
 
-def test_a_command_that_left_late_counts_from_then() -> None:
-    """The executor was busy: its answer to a state meets a base that knows nothing of it yet."""
+def test_a_delayed_command_counts_from_when_it_was_sent() -> None:
+    """After a delay of the executor, the base has not yet received the command."""
     watch = MotionWatch(ROBOT, 0.0)
     assert watch.fault(0.0, STANDING, 0.0) is None
     watch.sent(0.0, Command(0.09, 0.0), 0.29)
     assert watch.fault(0.30, STANDING, 0.3) is None
-    for tick in range(7, 13):  # which does not excuse one that stands for good
+    for tick in range(7, 13):  # a base that never moves is still a fault
         watch.sent(TICK * (tick - 1), Command(0.09, 0.0), TICK * (tick - 1))
-        said = watch.fault(TICK * tick, STANDING, TICK * tick)
-    assert "the base does not move" in (said or "")
+        fault = watch.fault(TICK * tick, STANDING, TICK * tick)
+    assert "the base does not move" in (fault or "")
 
 
-def test_a_base_that_stood_by_itself_for_want_of_commands_is_not_accused() -> None:
+def test_a_base_that_stops_itself_without_commands_raises_no_fault() -> None:
     watch = MotionWatch(ROBOT, 0.0)
     assert watch.fault(0.0, STANDING, 0.0) is None
     watch.sent(0.0, Command(0.09, 0.0), 0.0)
     assert watch.fault(1.2, RobotState(Pose(0.04, 0.0, 0.0)), 1.2) is None
     watch.sent(1.2, Command(0.5, 0.0), 1.2)
-    assert watch.fault(2.4, RobotState(Pose(0.0401, 0.0, 0.0), 0.2), 2.4) is None  # it has just begun
+    assert watch.fault(2.4, RobotState(Pose(0.0401, 0.0, 0.0), 0.2), 2.4) is None  # it has just started
 
 
 @pytest.mark.parametrize("rate", [4, 5, 20])
-def test_wheels_that_are_blocked_at_once_are_not_called_frozen_odometry(rate: int) -> None:
-    watch, said, tick = MotionWatch(ROBOT, 0.0), None, 0
-    while said is None:
+def test_suddenly_blocked_wheels_are_not_reported_as_frozen_odometry(rate: int) -> None:
+    watch, fault, tick = MotionWatch(ROBOT, 0.0), None, 0
+    while fault is None:
         time = tick / rate
         moved = min(time, 1.0)
         state = RobotState(Pose(moved, 0.0, 0.0), 1.0 if time <= 1.0 else 0.0)
-        said = watch.fault(time, state, time)
+        fault = watch.fault(time, state, time)
         watch.sent(time, Command(1.0, 0.0), time)
         tick += 1
         assert time <= 1.75
-    assert "the base does not move" in said
+    assert "the base does not move" in fault

@@ -1,4 +1,4 @@
-"""A ball that moves while a chain is executed: it is followed, missed, and fetched again."""
+"""A ball that moves during a chain: following, loss, and fetching."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ DRIBBLE = TopChain((*APPROACH.calls, call("dribbleBall", 2.0, 0.5, 0.3)))
 
 
 class Drive:
-    """A chain executed in the simulation, disturbed until `disturb` says that it was done often enough."""
+    """A chain executed in the simulation and disturbed until `disturb` returns true."""
 
     def __init__(self, chain: TopChain, disturb: Disturb, *, fetches: int = 0) -> None:
         self.executor = ChainExecutor(LIBRARY, chain, fetches=fetches)
@@ -65,7 +65,7 @@ class Drive:
 
 
 def once(index: int, after: float, move: Callable[[Simulation], None], times: int = 1) -> Disturb:
-    """Move the ball in step `index`, `after` s from its start; again in as many further steps of the kind."""
+    """Move the ball in step `index`, `after` s from its start, in up to `times` executions of the step."""
     done: set[int] = set()
 
     def disturb(simulation: Simulation, executor: ChainExecutor, step: Step) -> bool:
@@ -85,17 +85,17 @@ def away(simulation: Simulation) -> None:
     simulation.place_object(BALL, ball.x, ball.y + (1.0 if ball.y < 0.5 else -1.0))
 
 
-def test_what_a_top_does_with_the_ball_follows_from_its_conditions() -> None:
-    def those(says: Callable[[object], bool]) -> set[str]:
-        return {name for name in LIBRARY if says(LIBRARY[name])}
+def test_the_use_of_the_ball_follows_from_the_conditions_of_a_top() -> None:
+    def matching(predicate: Callable[[object], bool]) -> set[str]:
+        return {name for name in LIBRARY if predicate(LIBRARY[name])}
 
-    assert those(objects_in) == {"goToBall", "dribbleBall", "shoot"}
-    assert those(held_first) == {"dribbleBall", "shoot"}
-    assert those(kept) == {"dribbleBall"}
-    assert those(followed) == those(object_fetched_by) == {"goToBall"}
+    assert matching(objects_in) == {"goToBall", "dribbleBall", "shoot"}
+    assert matching(held_first) == {"dribbleBall", "shoot"}
+    assert matching(kept) == {"dribbleBall"}
+    assert matching(followed) == matching(object_fetched_by) == {"goToBall"}
 
 
-def test_a_ball_that_is_displaced_is_followed_without_a_stop() -> None:
+def test_a_displaced_ball_is_followed_without_a_stop() -> None:
     drive = Drive(APPROACH, once(0, 1.0, lambda simulation: simulation.place_object(BALL, 0.3, 0.5)))
     assert drive.status is Status.SUCCEEDED
     assert drive.tops == [("goToBall", Ending.PREEMPTED), ("goToBall", Ending.SUCCEEDED)]
@@ -109,7 +109,7 @@ def test_a_ball_that_is_displaced_is_followed_without_a_stop() -> None:
     assert total == pytest.approx(drive.executor.elapsed)
 
 
-def test_a_rolling_ball_is_approached_where_it_rolls_out() -> None:
+def test_a_rolling_ball_is_approached_where_it_comes_to_rest() -> None:
     drive = Drive(
         APPROACH, once(0, 0.5, lambda simulation: simulation.place_object(BALL, 0.0, 0.0, vx=0.3, vy=-0.9))
     )
@@ -119,12 +119,12 @@ def test_a_rolling_ball_is_approached_where_it_rolls_out() -> None:
     assert drive.executor.chain.calls[0].goal.pose.y == pytest.approx(ball_of(drive.world).y, abs=0.15)
 
 
-def test_a_ball_that_comes_into_the_way_is_stopped_for() -> None:
-    def into_the_way(simulation: Simulation) -> None:
+def test_the_robot_stops_for_a_ball_on_its_path() -> None:
+    def into_the_path(simulation: Simulation) -> None:
         ahead = simulation.world().robot.pose.ahead(0.75)
         simulation.place_object(BALL, ahead.x, ahead.y)
 
-    drive = Drive(APPROACH, once(0, 1.5, into_the_way))
+    drive = Drive(APPROACH, once(0, 1.5, into_the_path))
     assert drive.status is Status.SUCCEEDED
     assert "stopping" in {step.message.partition(",")[0] for step in drive.steps}
     assert drive.executor.records[1].start.robot.v == pytest.approx(0.0, abs=0.02)
@@ -153,7 +153,7 @@ def test_an_approach_that_follows_the_ball_has_one_time_limit() -> None:
     assert [record.ending for record in executor.records[:2]] == [Ending.PREEMPTED] * 2
 
 
-def test_a_robot_that_never_stands_does_not_hold_up_its_step_for_ever() -> None:
+def test_a_robot_that_never_stops_does_not_block_its_step_forever() -> None:
     goal = Pose(0.0, 0.0, 0.0)
     moving = [World(0.05 * tick, RobotState(goal, 0.5), {BALL: ObjectState(1.0, 0.0)}) for tick in range(60)]
     run = StepRun(LIBRARY, APPROACH, 0, 2.0, standing_first=True)
@@ -186,14 +186,14 @@ def test_a_ball_is_fetched_as_often_as_allowed() -> None:
     assert drive.executor.records[-1].lost
 
 
-def test_a_chain_without_a_fetching_step_cannot_fetch() -> None:
+def test_a_chain_without_a_fetching_step_does_not_fetch() -> None:
     start = call("goToPose", -ROBOT.hold, 0.0)
     chain = TopChain((start, call("dribbleBall", 2.0, 0.5, 0.3)))
     drive = Drive(chain, once(1, 1.0, away), fetches=3)
     assert (drive.status, drive.executor.fetch_count) == (Status.FAILED, 0)
 
 
-def test_a_failed_shot_is_no_lost_ball() -> None:
+def test_a_failed_shot_is_not_a_lost_ball() -> None:
     chain = TopChain((*APPROACH.calls, call("shoot", 4.0, 0.0)))
 
     def stop_it(simulation: Simulation, _: ChainExecutor, step: Step) -> bool:

@@ -1,4 +1,4 @@
-"""What is left of a goal is refined again along the way, other plans included, while the robot drives on."""
+"""The rest of a goal, including alternative plans, is refined again while the robot drives."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class CountsSteps(Predictor):
 
 
 class Drive:
-    """An execution in the simulation, for which the test answers in refinement's place."""
+    """An execution in the simulation, with the test in place of the refinement server."""
 
     def __init__(
         self,
@@ -80,8 +80,8 @@ class Drive:
             self.simulation.command(command)
             self.simulation.tick()
 
-    def asked(self, ticks: int = 30, ball: tuple[float, float] = (2.0, 0.4)) -> Question:
-        """Let the ball be moved on the way, and give the question that this raises."""
+    def moved_ball_question(self, ticks: int = 30, ball: tuple[float, float] = (2.0, 0.4)) -> Question:
+        """Move the ball during the drive, and return the resulting refinement request."""
         self.tick(ticks)
         assert self.run.question is None
         self.simulation.place_object(BALL, *ball)
@@ -115,14 +115,14 @@ def with_yaw(chain: TopChain, yaw: float) -> TopChain:
     return chain.with_goal(0, dataclasses.replace(goal, pose=goal.pose._replace(yaw=yaw)))
 
 
-def asked(drive: Drive) -> Question:
-    return drive.asked(20, (0.3, 0.4))
+def moved_ball_question(drive: Drive) -> Question:
+    return drive.moved_ball_question(20, (0.3, 0.4))
 
 
 def assert_smooth(commands: list[Command]) -> None:
-    """Make sure that commands change in a tick by hardly more than the base can.
+    """Assert that commands change per tick by little more than the base can follow.
 
-    A new plan begins with what makes up for the motors' lag: up to half as much again in turning.
+    A new plan starts by compensating the motor lag: up to 50 % more in turning.
     """
     limits = ROBOT.limits
     for one, other in itertools.pairwise(commands):
@@ -132,20 +132,20 @@ def assert_smooth(commands: list[Command]) -> None:
         assert abs(other.w - one.w) <= 1.5 * limits.aw * CONTROL_PERIOD + 1e-6, f"{one} to {other}"
 
 
-def test_a_question_on_the_way_offers_the_other_plans_with_their_goals_at_the_ball(
+def test_a_question_offers_the_other_plans_with_their_goals_at_the_ball(
     simulation: Simulation,
 ) -> None:
-    question = Drive(simulation, HERE, ANYWHERE, TopChain((SHOOT,))).asked()
-    ((number, other),) = question.others  # the last is no valid plan from here
+    question = Drive(simulation, HERE, ANYWHERE, TopChain((SHOOT,))).moved_ball_question()
+    ((number, other),) = question.others  # the last plan is invalid from here
     assert number == 1
     assert other.calls[0].goal.pose == Pose(2.0, 0.4, 0.0)
     assert other.calls[1:] == ANYWHERE.calls[1:]
     assert question.cause == "the ball comes to rest 0.40 m from the forecast"
 
 
-def test_another_plan_is_taken_up_without_a_stop_and_carried_out(simulation: Simulation) -> None:
+def test_another_plan_is_executed_without_a_stop(simulation: Simulation) -> None:
     drive = Drive(simulation, ANYWHERE, HERE, AROUND)
-    question = drive.asked()
+    question = drive.moved_ball_question()
     assert [number for number, _ in question.others] == [1, 2]
     drive.run.refined_to(question.others[1][1], False, "3 s faster", chosen=2)
     drive.tick(20)
@@ -155,8 +155,8 @@ def test_another_plan_is_taken_up_without_a_stop_and_carried_out(simulation: Sim
     assert_smooth(drive.commands[3:])
     assert drive.run.predicted_remaining(drive.simulation.time) == pytest.approx(2.0 + 0.0, abs=0.1)
     assert drive.run.refining.refined_again == 1
-    told = "as the ball comes to rest 0.40 m from the forecast: alternative 2 is chosen: 3 s faster"
-    assert told in drive.run.refining.reason
+    reason = "as the ball comes to rest 0.40 m from the forecast: alternative 2 is chosen: 3 s faster"
+    assert reason in drive.run.refining.reason
     assert drive.to_the_end() is Ending.SUCCEEDED, drive.run.reason
     assert [r.top for r in drive.run.executor.records if r.ending is Ending.SUCCEEDED] == [
         "goToPose",
@@ -167,23 +167,23 @@ def test_another_plan_is_taken_up_without_a_stop_and_carried_out(simulation: Sim
 
 def test_a_plan_with_more_steps_is_predicted_to_its_end(simulation: Simulation) -> None:
     drive = Drive(simulation, HERE, ANYWHERE)
-    question = drive.asked()
+    question = drive.moved_ball_question()
     drive.run.refined_to(question.others[0][1], False, "better", chosen=1)
-    seen = set()
+    predicted_steps = set()
     while drive.run.ending is None:
-        seen.add(
+        predicted_steps.add(
             (drive.run.executor.index, math.isfinite(drive.run.predicted_remaining(drive.simulation.time)))
         )
         drive.tick()
     assert drive.run.ending is Ending.SUCCEEDED, drive.run.reason
-    assert seen == {(0, True), (1, True), (2, True)}
+    assert predicted_steps == {(0, True), (1, True), (2, True)}
 
 
-def test_a_choice_that_was_not_offered_or_changes_what_it_may_not_is_left_alone(
+def test_an_invalid_choice_is_ignored(
     simulation: Simulation,
 ) -> None:
     drive = Drive(simulation, HERE, ANYWHERE)
-    drive.asked()
+    drive.moved_ball_question()
     before = drive.run.executor.chain
     drive.run.refined_to(ANYWHERE, False, "nonsense", chosen=2)
     assert "chosen: expected an index from 0 to 1, got 2" in drive.run.refining.reason
@@ -200,7 +200,7 @@ def test_a_choice_that_was_not_offered_or_changes_what_it_may_not_is_left_alone(
     assert drive.run.refining.refined_again == 0
 
 
-def test_a_robot_that_keeps_to_its_way_raises_no_question(simulation: Simulation) -> None:
+def test_a_robot_on_its_path_causes_no_question(simulation: Simulation) -> None:
     drive = Drive(simulation, ANYWHERE)
     while drive.run.ending is None:
         drive.tick()
@@ -208,7 +208,7 @@ def test_a_robot_that_keeps_to_its_way_raises_no_question(simulation: Simulation
     assert drive.run.ending is Ending.SUCCEEDED
 
 
-def test_a_robot_that_is_pushed_off_its_way_raises_one_question(simulation: Simulation) -> None:
+def test_a_robot_pushed_off_its_path_causes_one_question(simulation: Simulation) -> None:
     drive = Drive(simulation, ANYWHERE)
     drive.tick(30)
     there = simulation.world().robot
@@ -233,22 +233,22 @@ def test_goals_of_later_steps_follow_the_ball_until_a_step_moves_it() -> None:
     assert with_followed(twice, world, ROBOT).calls[2] == twice.calls[2]
 
 
-def test_what_is_done_in_common_is_not_done_again() -> None:
+def test_completed_steps_that_plans_share_are_not_repeated() -> None:
     hold = ROBOT.pose_holding(Pose(2.0, 0.0, 0.2))
     world = World(0.0, RobotState(hold), {BALL: ObjectState(2.0, 0.0)})
     plans = (ANYWHERE, HERE, AROUND)
     after = continuations(plans, 0, ANYWHERE, 1, world, ROBOT)
     assert [(number, [step.top.name for step in rest.calls]) for number, rest in after] == [
         (1, ["shoot"]),
-        (2, ["goToPose", "goToBall", "shoot"]),  # anew: it began otherwise
+        (2, ["goToPose", "goToBall", "shoot"]),  # from the start: the first step differs
     ]
     elsewhere = TopChain((call("goToPose", -1.0, 0.0), FETCH, SHOOT))
     shared = continuations((AROUND, elsewhere), 0, AROUND, 1, world, ROBOT)
     assert [len(rest) for _, rest in shared] == [3]
 
 
-def test_the_question_is_about_the_robot_in_motion_and_the_ball_where_it_is(drive: Drive) -> None:
-    question = asked(drive)
+def test_the_question_has_the_moving_robot_and_the_current_ball(drive: Drive) -> None:
+    question = moved_ball_question(drive)
     assert question.world.robot.v > 0.3
     assert question.step == 0
     assert question.chain.calls[0].goal.pose == Pose(0.3, 0.4, 0.0)
@@ -256,7 +256,7 @@ def test_the_question_is_about_the_robot_in_motion_and_the_ball_where_it_is(driv
 
 
 def test_the_answer_changes_the_goal_without_a_stop(drive: Drive) -> None:
-    question = asked(drive)
+    question = moved_ball_question(drive)
     drive.tick(4)
     drive.run.refined_to(with_yaw(question.chain, NEW_YAW), True, "0.5 s faster")
     drive.tick(10)
@@ -273,8 +273,8 @@ def test_the_answer_changes_the_goal_without_a_stop(drive: Drive) -> None:
     assert outcomes == [moved, answered, (0, Ending.SUCCEEDED), (1, Ending.SUCCEEDED)]
 
 
-def test_a_ball_that_moves_on_after_the_question_keeps_its_place(drive: Drive) -> None:
-    question = asked(drive)
+def test_the_answer_applies_to_the_ball_that_moved_since(drive: Drive) -> None:
+    question = moved_ball_question(drive)
     drive.simulation.place_object(BALL, 0.3, 0.6)
     drive.tick()
     drive.run.refined_to(with_yaw(question.chain, NEW_YAW), True, "0.5 s faster")
@@ -282,8 +282,8 @@ def test_a_ball_that_moves_on_after_the_question_keeps_its_place(drive: Drive) -
     assert drive.run.executor.chain.calls[0].goal.pose == Pose(0.3, 0.6, NEW_YAW)
 
 
-def test_without_an_answer_it_goes_on(drive: Drive) -> None:
-    asked(drive)
+def test_the_goal_continues_without_an_answer(drive: Drive) -> None:
+    moved_ball_question(drive)
     drive.tick(12)
     assert drive.run.question is None
     assert "asked again after" in drive.run.refining.reason
@@ -293,34 +293,34 @@ def test_without_an_answer_it_goes_on(drive: Drive) -> None:
 
 
 @pytest.mark.parametrize(
-    ("step", "change", "told"),
+    ("step", "change", "reason"),
     [
         (0, {"x": -2.0}, "x of step 1 (goToBall): expected 0.3 as planned, got -2"),
         (1, {"yaw": math.nan}, "yaw of step 2 (dribbleBall): expected a number from"),
         (1, {"speed": 0.4}, "speed of step 2 (dribbleBall): expected 0 as planned, got 0.4"),
     ],
 )
-def test_an_answer_that_changes_what_it_may_not_is_left_alone_on_the_way(
-    drive: Drive, step: int, change: dict[str, float], told: str
+def test_an_answer_that_changes_bound_variables_is_ignored(
+    drive: Drive, step: int, change: dict[str, float], reason: str
 ) -> None:
-    question = asked(drive)
+    question = moved_ball_question(drive)
     goal = with_values(question.chain.calls[step].goal, change)
     drive.run.refined_to(with_yaw(question.chain, NEW_YAW).with_goal(step, goal), True, "nonsense")
     drive.tick()
     assert drive.run.executor.chain == question.chain
-    assert f"m from the forecast: the answer cannot be used: {told}" in drive.run.refining.reason
+    assert f"m from the forecast: the answer cannot be used: {reason}" in drive.run.refining.reason
     assert drive.to_the_end() is Ending.SUCCEEDED
     assert drive.run.refining.refined_again == 0
 
 
-def test_a_long_refusal_on_the_way_is_told_in_short(drive: Drive) -> None:
-    asked(drive)
+def test_a_long_refusal_is_abbreviated(drive: Drive) -> None:
+    moved_ball_question(drive)
     drive.run.unrefined("no valid plan: " + 50 * "it is too far; ")
     assert "m from the forecast: no valid plan: it is too far; " in drive.run.refining.reason
     assert len(drive.run.refining.reason) < 250
 
 
-def test_a_question_on_the_way_is_a_valid_plan_also_while_the_ball_rolls(drive: Drive) -> None:
+def test_a_question_is_a_valid_plan_while_the_ball_rolls(drive: Drive) -> None:
     drive.tick(20)
     drive.simulation.place_object(BALL, 0.3, 0.4, vx=0.5)
     drive.tick()
@@ -331,7 +331,7 @@ def test_a_question_on_the_way_is_a_valid_plan_also_while_the_ball_rolls(drive: 
     assert question.chain.violations(question.world, ROBOT) == []
 
 
-def test_a_small_move_raises_no_question(drive: Drive) -> None:
+def test_a_small_displacement_causes_no_question(drive: Drive) -> None:
     drive.tick(20)
     drive.simulation.place_object(BALL, 0.0, 0.14)
     drive.tick()
@@ -342,7 +342,7 @@ def test_a_small_move_raises_no_question(drive: Drive) -> None:
 
 
 @pytest.mark.parametrize("options", [{"refine": False}, {"again_after": 0.0}])
-def test_who_does_not_want_it_is_not_asked(simulation: Simulation, options: dict[str, Any]) -> None:
+def test_no_question_where_it_is_disabled(simulation: Simulation, options: dict[str, Any]) -> None:
     drive = on_chain(simulation, **options)
     drive.tick(20)
     drive.simulation.place_object(BALL, 0.3, 0.4)

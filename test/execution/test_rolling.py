@@ -1,4 +1,4 @@
-"""Balls that roll: chains refined along the way, and the observed deceleration of rolling objects."""
+"""Rolling balls: chains refined during execution, and estimation of the deceleration."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def trial(tools: Toolset, index: int) -> Trial:
     return random_trial(SOCCER, "rolling", make_library(tools.robot, SOURCE), seed=SEED, index=index)
 
 
-def test_the_plan_names_the_place_at_the_start_and_the_ball_rests_before_it_can_be_reached(
+def test_the_plan_uses_the_start_place_and_the_ball_rests_before_the_robot_arrives(
     tools: Toolset,
 ) -> None:
     for index in range(50):
@@ -52,7 +52,7 @@ def test_the_plan_names_the_place_at_the_start_and_the_ball_rests_before_it_can_
         assert rolling <= drawn.world.robot.pose.distance(there) / tools.robot.limits.v
 
 
-def test_with_no_questions_it_takes_as_long_as_without_them_and_with_them_it_is_changed(
+def test_questions_change_the_chain_and_disabled_ones_do_not(
     tools: Toolset,
 ) -> None:
     drawn, library = trial(tools, 1), make_library(tools.robot, SOURCE)
@@ -73,7 +73,7 @@ def test_with_no_questions_it_takes_as_long_as_without_them_and_with_them_it_is_
     assert changes >= 1
 
 
-def test_a_ball_that_leaves_in_any_turn_cannot_be_dribbled_and_the_action_says_so() -> None:
+def test_a_ball_that_is_lost_in_every_turn_cannot_be_dribbled() -> None:
     robot = load_robot()
     ball = dataclasses.replace(robot.scene.objects["ball"], rolling_deceleration=0.03)
     scene = dataclasses.replace(robot.scene, objects={"ball": ball})
@@ -94,7 +94,7 @@ def library() -> TopLibrary:
 def roll(
     rolling: Rolling, deceleration: float, *, seconds: float = 1.0, away: float = 1.0, noise: float = 0.0
 ) -> None:
-    """Let a ball roll away from the robot, from 1 m/s at `away` m before it."""
+    """Roll a ball away from the robot, at 1 m/s from `away` m ahead of it."""
     rng = np.random.default_rng(3)
     for tick in range(round(seconds / PERIOD) + 1):
         time = tick * PERIOD
@@ -108,7 +108,7 @@ def deceleration(rolling: Rolling) -> float:
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.03])
-def test_a_ball_that_rolls_twice_as_far_is_noticed_until_it_rolls_as_described(noise: float) -> None:
+def test_a_changed_deceleration_is_estimated_until_it_is_as_described(noise: float) -> None:
     rolling = Rolling(ROBOT)
     roll(rolling, DESCRIBED / 2.0, noise=noise)
     assert deceleration(rolling) == pytest.approx(DESCRIBED / 2.0, abs=0.051)
@@ -127,7 +127,7 @@ def test_a_ball_that_rolls_about_as_described_changes_nothing(share: float, libr
     assert rolling.diagnostics() == {}
 
 
-def test_what_is_pushed_braked_or_rolls_too_briefly_changes_nothing() -> None:
+def test_pushed_braked_or_briefly_rolling_balls_are_ignored() -> None:
     rolling = Rolling(ROBOT)
     roll(rolling, 0.0, away=-0.5, seconds=0.9)  # past the robot, beside its front
     for _ in range(2):
@@ -141,7 +141,7 @@ def test_what_is_pushed_braked_or_rolls_too_briefly_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("noise", [0.07, 0.2])
-def test_a_resting_ball_whose_velocity_is_noise_changes_nothing(noise: float) -> None:
+def test_velocity_noise_of_a_resting_ball_is_ignored(noise: float) -> None:
     rolling, rng = Rolling(ROBOT), np.random.default_rng(4)
     for tick in range(2000):
         ball = ObjectState(2.0, 0.0, *(noise * rng.standard_normal(2)))
@@ -149,7 +149,7 @@ def test_a_resting_ball_whose_velocity_is_noise_changes_nothing(noise: float) ->
         assert rolling.robot() is ROBOT or tick % 20
 
 
-def test_a_robot_that_knows_the_floor_brakes_so_that_it_keeps_the_ball(library: TopLibrary) -> None:
+def test_with_the_estimated_deceleration_the_robot_keeps_the_ball(library: TopLibrary) -> None:
     item = dataclasses.replace(ROBOT.scene.objects[BALL], rolling_deceleration=DESCRIBED / 2.0)
     actual = dataclasses.replace(ROBOT, scene=dataclasses.replace(ROBOT.scene, objects={BALL: item}))
     rolling = Rolling(ROBOT)

@@ -1,9 +1,9 @@
-"""A goal ends once, however and in whatever phase, and its action with it."""
+"""A goal and its action end once, for any ending and phase."""
 
 from __future__ import annotations
 
 import pytest
-from carried import CALL, Ledger, Sent
+from carried import CALL, ActionLog, DrivenGoal
 
 from ator_ros.actions.base import Status
 from ator_ros.execution.chain_executor import Ending
@@ -11,14 +11,14 @@ from ator_ros.execution.supervisor import Phase
 from ator_ros.tops.chain import TopChain
 
 
-def goal_in(phase: Phase, ledger: Ledger) -> Sent:
+def goal_in(phase: Phase, actions: ActionLog) -> DrivenGoal:
     """Return a goal in this phase."""
-    goal = Sent(ledger, TopChain((CALL,)), refine=phase is Phase.REFINING)
+    goal = DrivenGoal(actions, TopChain((CALL,)), refine=phase is Phase.REFINING)
     ticks = {Phase.WAITING: 0, Phase.REFINING: 1}.get(phase, 2)
     for _ in range(ticks):
         goal.tick()
     if phase is Phase.STOPPING:
-        ledger.outcome = Status.SUCCEEDED
+        actions.outcome = Status.SUCCEEDED
         goal.tick(v=0.5)
     assert goal.execution.phase is phase
     return goal
@@ -27,8 +27,8 @@ def goal_in(phase: Phase, ledger: Ledger) -> Sent:
 @pytest.mark.parametrize("cause", [Ending.CANCELED, Ending.INPUT_LOST, Ending.BASE_FAULT, None])
 @pytest.mark.parametrize("phase", [Phase.WAITING, Phase.REFINING, Phase.EXECUTING, Phase.STOPPING])
 def test_a_goal_may_end_in_each_phase(phase: Phase, cause: Ending | None) -> None:
-    ledger = Ledger()
-    goal = goal_in(phase, ledger)
+    actions = ActionLog()
+    goal = goal_in(phase, actions)
     execution = goal.execution
     if cause is Ending.INPUT_LOST:
         execution.watch(goal.now + 3.0)
@@ -38,19 +38,19 @@ def test_a_goal_may_end_in_each_phase(phase: Phase, cause: Ending | None) -> Non
         execution.end(cause, "asked for")
     expected = cause
     if phase is Phase.STOPPING and cause is not Ending.BASE_FAULT:
-        expected = Ending.SUCCEEDED  # it had ended
+        expected = Ending.SUCCEEDED  # it had already ended
     assert execution.ending is expected
     execution.end(Ending.SHUTDOWN, "the end")
     execution.drop()
     assert execution.phase is Phase.ENDED
     assert execution.ending is (expected or Ending.SHUTDOWN)
-    assert len(ledger.starts) == len(ledger.ends)
+    assert len(actions.starts) == len(actions.ends)
 
 
 def test_answers_of_refinement_start_the_chain() -> None:
-    ledger = Ledger()
-    goal = goal_in(Phase.REFINING, ledger)
+    actions = ActionLog()
+    goal = goal_in(Phase.REFINING, actions)
     goal.execution.unrefined("no better chain")
     assert goal.execution.phase is Phase.EXECUTING
     goal.tick()
-    assert ledger.starts == [CALL.goal]
+    assert actions.starts == [CALL.goal]

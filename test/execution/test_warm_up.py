@@ -1,4 +1,4 @@
-"""Warm-up: what a first goal needs is computed, and compiled, before."""
+"""Warm-up: tables and compiled code are ready before the first goal."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any
 
 import pytest
-from experience_rows import made_up_model
+from experience_rows import synthetic_model
 from parcels import PARCELS
 
 from ator_ros.actions.base import Action, Goal, Status, Step
@@ -43,7 +43,7 @@ def test_each_usable_top_is_refined_once(domain: Domain, robot: Robot) -> None:
             ended.append(super().refine(*arguments, **options))
             return ended[-1]
 
-    models = {name: made_up_model("goToPose", robot) for name in domain.actions()}
+    models = {name: synthetic_model("goToPose", robot) for name in domain.actions()}
     library = domain.library(robot)
     warm_up_refinement(library, Recording(robot, models, ranges=domain.ranges))
     assert "yaw" in {variable.name for variable in ended[0].free}
@@ -53,7 +53,7 @@ def test_each_usable_top_is_refined_once(domain: Domain, robot: Robot) -> None:
 
 
 class Lift(Action):
-    """Needs the cube, which its TOP's pre-condition names."""
+    """Requires the cube of its TOP's pre-condition."""
 
     name = "lift"
 

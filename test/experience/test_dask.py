@@ -15,7 +15,7 @@ import distributed
 import joblib
 import pandas as pd
 import pytest
-from experience_rows import made_up_model
+from experience_rows import synthetic_model
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.parallel import BackendError, Workers, run_tasks
@@ -52,7 +52,7 @@ def test_collect_gives_the_same_table(address: str, tmp_path: Path) -> None:
 def test_evaluate_gives_the_same_runs(address: str, tmp_path: Path) -> None:
     models = tmp_path / "models"
     for action in SOCCER.actions():
-        save_model(models / f"{action}.json", made_up_model(action, load_robot()))
+        save_model(models / f"{action}.json", synthetic_model(action, load_robot()))
     given = ["--situations", "2", "--seed", "405", "--policies", "naive", "refined"]
     runs = []
     for name, words in {"here": ["--jobs", "1"], "there": on(address)}.items():
@@ -62,14 +62,14 @@ def test_evaluate_gives_the_same_runs(address: str, tmp_path: Path) -> None:
     assert runs[0] == runs[1]
 
 
-def test_an_address_that_is_none_is_refused() -> None:
+def test_an_invalid_address_is_rejected() -> None:
     expected = "cluster: expected a dask scheduler as in tcp://host:8786, got 'nowhere'"
     with pytest.raises(BackendError, match=expected):
         list(run_tasks(abs, [1], Workers(2, "dask", "nowhere")))
 
 
-def test_dask_without_a_cluster_is_refused() -> None:
-    gc.collect()  # dask stumbles over clients of former tests that are collected meanwhile
+def test_dask_without_a_cluster_is_rejected() -> None:
+    gc.collect()  # dask fails if clients of previous tests are garbage-collected meanwhile
     with pytest.raises(BackendError, match="'dask' cannot be used"):
         list(run_tasks(abs, [1], Workers(2, "dask")))
 
@@ -86,7 +86,7 @@ assert before == [signal.getsignal(number) for number in (signal.SIGINT, signal.
 """
 
 
-def test_one_core_leaves_the_signals_alone_and_ends_well() -> None:
+def test_one_core_keeps_the_signal_handlers_and_exits_cleanly() -> None:
     environment = {**os.environ, "LOKY_MAX_CPU_COUNT": "1"}
     command = [sys.executable, "-c", PROGRAM]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
@@ -94,7 +94,7 @@ def test_one_core_leaves_the_signals_alone_and_ends_well() -> None:
 
 
 def wait_for(file: Path) -> str:
-    """Return the name of `file` once it is there, as a task that takes a while."""
+    """Wait for `file` and return its name, like a slow task."""
     for _ in range(600):
         if file.exists():
             return file.name
@@ -103,12 +103,12 @@ def wait_for(file: Path) -> str:
 
 
 @pytest.mark.long
-def test_results_come_as_they_are_made(address: str, tmp_path: Path) -> None:
+def test_results_are_yielded_as_they_finish(address: str, tmp_path: Path) -> None:
     files = [tmp_path / name for name in ("one", "two", "three")]
-    for file in files if joblib.__version__.startswith("1.3.") else files[:1]:  # 1.3 gives all at once
+    for file in files if joblib.__version__.startswith("1.3.") else files[:1]:  # 1.3 yields all at once
         file.touch()
     results = run_tasks(wait_for, files, Workers(-1, "dask", address))
-    assert next(results) == "one"  # the others wait for what is made only now
+    assert next(results) == "one"  # the other tasks wait for the files created below
     for file in files[1:]:
         file.touch()
     assert list(results) == ["two", "three"]

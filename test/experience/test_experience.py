@@ -59,7 +59,7 @@ TURNING = ActionSpec("goToPose", TurnDriveTurn, SOCCER.actions()["goToPose"].sam
 
 def draw(action: str, robot: Robot, count: int = 300) -> list[Situation]:
     rng = np.random.default_rng(1)
-    count = min(count, 60) if action == "shoot" else count  # each shot is planned when it is drawn
+    count = min(count, 60) if action == "shoot" else count  # drawing a shot includes planning it
     return [SOCCER.actions()[action].sample(robot, rng) for _ in range(count)]
 
 
@@ -79,7 +79,7 @@ def test_situations_lie_on_the_field_and_within_the_limits(action: str, robot: R
 
 
 def planned(robot: Robot, action: Action, world: World, goal: Goal) -> Step:
-    """Start an action, step it until it plans no more or has ended, and return its last step."""
+    """Start an action, step it until it finishes planning or ends, and return its last step."""
     with Simulation(robot) as simulation:
         place(simulation, world)
         action.start(simulation.world(), goal)
@@ -95,8 +95,8 @@ def planned(robot: Robot, action: Action, world: World, goal: Goal) -> Step:
 
 @every_robot
 @pytest.mark.parametrize("action", list(SOCCER.actions()))
-def test_starts_ask_for_what_the_robot_can_do(action: str, robot: Robot) -> None:
-    """A large robot may find no path to an arrival at speed beside the fence: a failure to learn from."""
+def test_drawn_starts_are_feasible(action: str, robot: Robot) -> None:
+    """A large robot may have no path to an arrival at speed beside the fence, which is a recorded failure."""
     impossible = 0
     for situation in draw(action, robot, 10):
         made = SOCCER.actions()[action].factory(robot)
@@ -106,7 +106,7 @@ def test_starts_ask_for_what_the_robot_can_do(action: str, robot: Robot) -> None
 
 
 @every_robot
-def test_approaches_start_clear_of_a_ball_that_lies_at_the_goal(robot: Robot) -> None:
+def test_approaches_start_clear_of_the_ball_at_the_goal(robot: Robot) -> None:
     situations = draw("goToPose", robot)
     with_ball = [s for s in situations if s.goal.point is Point.HOLD]
     assert 0.5 < len(with_ball) / len(situations) < 0.7
@@ -146,7 +146,7 @@ def test_episode_ends_at_the_time_limit_as_a_failure(robot: Robot) -> None:
     assert episode.duration == pytest.approx(1.0)
 
 
-def test_a_ball_that_is_lost_makes_a_failure_of_a_good_end(robot: Robot) -> None:
+def test_a_lost_ball_makes_an_arrival_a_failure(robot: Robot) -> None:
     goal = Goal(Pose(1.0, 0.0, math.pi), 0.0, Point.HOLD)  # straight through the ball
     situation = Situation("goToPose", RobotState(Pose(-0.5, 0.0, 0.0)), {BALL: ObjectState(0.9, 0.0)}, goal)
     with Simulation(robot) as simulation:
@@ -155,7 +155,7 @@ def test_a_ball_that_is_lost_makes_a_failure_of_a_good_end(robot: Robot) -> None
     assert "but post-condition of goToBall: expected hold.x within 0.1 of ball.x" in episode.reason
 
 
-def test_same_seed_gives_the_same_table_whatever_the_workers(robot: Robot, frame: pd.DataFrame) -> None:
+def test_same_seed_gives_the_same_table_for_any_workers(robot: Robot, frame: pd.DataFrame) -> None:
     tops, objects = SOCCER.tops, SOCCER.objects
     parallel = join(collect([TURNING], tops, robot, objects=objects, episodes=6, seed=5, workers=Workers(2)))
     pd.testing.assert_frame_equal(parallel, frame, check_exact=True)
@@ -163,7 +163,7 @@ def test_same_seed_gives_the_same_table_whatever_the_workers(robot: Robot, frame
     assert other["x"].iloc[0] != frame["x"].iloc[0]
 
 
-def test_table_survives_the_file(frame: pd.DataFrame, tmp_path: Path) -> None:
+def test_table_is_unchanged_by_a_file(frame: pd.DataFrame, tmp_path: Path) -> None:
     file = tmp_path / "new" / "experience.parquet"
     write_experience(file, Experience(frame, {"seed": 5}))
     experience = read_experience(file)
@@ -175,7 +175,7 @@ def test_table_survives_the_file(frame: pd.DataFrame, tmp_path: Path) -> None:
     assert len(pd.read_parquet(file)) == len(frame)
 
 
-def test_damaged_foreign_and_newer_files_are_refused(frame: pd.DataFrame, tmp_path: Path) -> None:
+def test_damaged_foreign_and_newer_files_are_rejected(frame: pd.DataFrame, tmp_path: Path) -> None:
     file = tmp_path / "experience.parquet"
     with pytest.raises(ExperienceError, match=r"experience\.parquet: expected a Parquet file"):
         read_experience(file)
@@ -193,7 +193,7 @@ def test_damaged_foreign_and_newer_files_are_refused(frame: pd.DataFrame, tmp_pa
         read_experience(file)
 
 
-def test_missing_pyarrow_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_missing_pyarrow_is_reported_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(ExperienceError, match="pip install pyarrow"):
         read_experience(tmp_path / "experience.parquet")

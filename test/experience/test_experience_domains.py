@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bags import action_performance, own_types, write_records
-from experience_rows import made_up_experience
+from experience_rows import synthetic_experience
 from parcels import CARRY, PARCELS
 
 from ator_ros.domains import domain as domains
@@ -59,15 +59,15 @@ def test_a_domain_of_any_objects_is_collected_and_learned(installed: Domain, tmp
     )
 
 
-def test_a_table_of_another_domain_is_refused(tmp_path: Path) -> None:
+def test_a_table_of_another_domain_is_rejected(tmp_path: Path) -> None:
     file = tmp_path / "table.parquet"
-    write_experience(file, Experience(made_up_experience("goToPose"), {"domain": "soccer"}))
+    write_experience(file, Experience(synthetic_experience("goToPose"), {"domain": "soccer"}))
     with pytest.raises(ExperienceError, match=r"metadata\.domain: expected 'parcels', got .soccer."):
         read_sources([file], ROBOT, PARCELS)
 
 
 def dock(store: Any, number: int, **objects: tuple[float, float]) -> Any:
-    """Return the record of an action that no domain of ours has."""
+    """Return the record of an action that no shipped domain has."""
     goal = Pose(1.0 + 0.05 * number, 0.0, 0.0)
     message = action_performance(
         store, goal=goal, speed=0.0, duration=2.0 + 0.1 * number, code=1, action="dock"
@@ -81,7 +81,7 @@ def dock(store: Any, number: int, **objects: tuple[float, float]) -> Any:
     return message
 
 
-def test_records_of_any_action_are_learned_under_its_name(tmp_path: Path) -> None:
+def test_records_of_any_action_are_learned(tmp_path: Path) -> None:
     store = own_types()
     records = [dock(store, number, station=(2.0, 0.5), box=(0.5, 1.0)) for number in range(25)]
     write_records(tmp_path / "bag", store, records)
@@ -98,7 +98,7 @@ def test_records_of_any_action_are_learned_under_its_name(tmp_path: Path) -> Non
     assert model.trees["duration"].samples[0] == 25
 
 
-def test_records_with_foreign_names_of_objects_are_left_out(tmp_path: Path) -> None:
+def test_records_with_unknown_object_names_are_omitted(tmp_path: Path) -> None:
     store = own_types()
     records = [dock(store, 0), dock(store, 1, **{"../evil": (0.0, 0.0)})]
     records.append(dock(store, 2, **{f"o{number}": (0.0, 0.0) for number in range(17)}))
@@ -113,7 +113,7 @@ def test_records_with_foreign_names_of_objects_are_left_out(tmp_path: Path) -> N
 def test_held_objects_determine_the_top() -> None:
     tops = [drive_between(SOCCER, *held) for held in ((None, None), (None, "ball"), ("ball", "ball"))]
     assert [top.name if top else "" for top in tops] == ["goToPose", "goToBall", "dribbleBall"]
-    # A ball that was lost on the way: what remains is a drive.
+    # A ball lost during the drive leaves a plain drive.
     lost = drive_between(SOCCER, "ball", None)
     assert lost is not None
     assert lost.name == "goToPose"

@@ -1,4 +1,4 @@
-"""Tables and recordings that anybody may have written: names that lead elsewhere, values without sense."""
+"""Untrusted tables and recordings: names with paths, invalid values."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from bags import action_performance, own_types, write_records
-from experience_rows import made_up_experience
+from experience_rows import synthetic_experience
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.columns import ExperienceError
@@ -25,7 +25,7 @@ ELSEWHERE = ["../evil", "a b"]
 
 
 def table(folder: Path, frame: pd.DataFrame, action_set: object = "default") -> Path:
-    """Write a table of experience and give its file."""
+    """Write a table of experience and return its file."""
     file = folder / "table.parquet"
     write_experience(file, Experience(frame, {"robot_digest": ROBOT.digest(), "action_set": action_set}))
     return file
@@ -37,10 +37,10 @@ def files_below(folder: Path) -> set[Path]:
 
 @pytest.mark.parametrize("name", ELSEWHERE)
 @pytest.mark.parametrize("field", ["action", "action_set"])
-def test_a_table_cannot_make_train_write_elsewhere(
+def test_names_in_a_table_cannot_change_the_output_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, field: str
 ) -> None:
-    frame = made_up_experience("goToPose" if field == "action_set" else name, episodes=40)
+    frame = synthetic_experience("goToPose" if field == "action_set" else name, episodes=40)
     file = table(tmp_path, frame, name if field == "action_set" else "default")
     assert main([str(file), "--models", str(tmp_path / "deep" / "models")]) == 1
     assert f"table.parquet: {field}: expected a name" in capsys.readouterr().err
@@ -59,21 +59,21 @@ def test_a_table_cannot_make_train_write_elsewhere(
         ("action", [None, "a b"]),
     ],
 )
-def test_values_are_what_their_column_holds(tmp_path: Path, column: str, values: list[object]) -> None:
-    whole = made_up_experience("goToPose", episodes=5)
+def test_invalid_values_of_a_column_are_rejected(tmp_path: Path, column: str, values: list[object]) -> None:
+    whole = synthetic_experience("goToPose", episodes=5)
     for value in values:
         with pytest.raises(ExperienceError, match=rf"table\.parquet: {column}: expected "):
             read_experience(table(tmp_path, whole.assign(**{column: [value] * 5})))
 
 
-def test_a_table_without_rows_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = table(tmp_path, made_up_experience("goToPose", episodes=5).iloc[:0])
+def test_a_table_without_rows_is_rejected(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = table(tmp_path, synthetic_experience("goToPose", episodes=5).iloc[:0])
     assert main([str(file), "--models", str(tmp_path)]) == 1
     assert "table.parquet: expected rows of experience, found none" in capsys.readouterr().err
 
 
-def test_models_are_where_their_names_say(tmp_path: Path) -> None:
-    model = train("goToPose", made_up_experience("goToPose"), ROBOT)
+def test_models_in_the_wrong_place_are_rejected(tmp_path: Path) -> None:
+    model = train("goToPose", synthetic_experience("goToPose"), ROBOT)
     save_model(tmp_path / "dribbleBall.json", model)
     with pytest.raises(FileError, match=r"dribbleBall\.json: action: expected 'dribbleBall' in this place"):
         load_models(ROBOT, SOCCER.known_features, folder=tmp_path)

@@ -61,12 +61,12 @@ def collected() -> Experience:
         ({"rest": 2.0}, "cruise: rest: expected a number from 0.2 to 1"),
     ],
 )
-def test_a_declaration_that_makes_no_sense_is_refused(changes: dict[str, Any], message: str) -> None:
+def test_an_invalid_declaration_is_rejected(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         dataclasses.replace(CRUISE, **changes)
 
 
-def test_conditions_name_only_what_the_action_declares() -> None:
+def test_conditions_use_only_declared_variables() -> None:
     high = dataclasses.replace(VISIT, post=Condition((Term("robot.x", "goal.height", 0.1),)))
     with pytest.raises(DomainError, match=r"visit.post\[0\].target: expected one of .* got 'goal.height'"):
         dataclasses.replace(DELIVERY, tops=(high,))
@@ -78,7 +78,7 @@ def test_conditions_name_only_what_the_action_declares() -> None:
 # Experience
 
 
-def test_values_are_columns_of_experience(collected: Experience, tmp_path: Path) -> None:
+def test_values_are_experience_columns(collected: Experience, tmp_path: Path) -> None:
     assert list(collected.frame.columns) == list(columns(("parcel",), ("cruise",)))
     file = tmp_path / "table.parquet"
     write_experience(file, collected)
@@ -118,7 +118,7 @@ def test_records_of_the_executor_hold_the_values(tmp_path: Path) -> None:
 # Model
 
 
-def test_a_model_predicts_from_the_value(
+def test_a_model_uses_the_value(
     collected: Experience, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     entry = EntryPoint("delivery", "outside.delivery:DELIVERY", domains.GROUP)
@@ -159,7 +159,7 @@ def test_an_open_value_is_refined() -> None:
         assert answer.chain.calls[1].goal.values == {"cruise": 0.5}
 
 
-def test_a_commitment_and_a_bound_value_stay() -> None:
+def test_committed_and_bound_values_are_kept() -> None:
     assert not refined(plan(frozenset())).free
     answer = refined(plan(frozenset({"cruise"}), PASS))
     assert not answer.free
@@ -176,7 +176,7 @@ def test_a_commitment_and_a_bound_value_stay() -> None:
         ({"cruise"}, {"cruise": 0.7, "hurry": 1.0}, "expected the goal variables"),
     ],
 )
-def test_an_answer_changes_only_what_it_may(opened: set[str], values: dict[str, float], message: str) -> None:
+def test_an_answer_changes_only_open_values(opened: set[str], values: dict[str, float], message: str) -> None:
     asked = plan(frozenset(opened))
     answer = asked.with_goal(0, with_values(asked.calls[0].goal, values))
     with pytest.raises(InvalidChainError, match=rf"step 1 \(visit\): {message}"):

@@ -1,4 +1,4 @@
-"""The store of records: bounded, readable whenever its process is killed, and read by `train`."""
+"""The store of records: bounded, readable after a kill at any time, and a source of `train`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def durations(folder: Path) -> list[float]:
     return read_records(folder, "default").rows["duration"].tolist()
 
 
-def test_what_is_appended_is_read(tmp_path: Path) -> None:
+def test_appended_episodes_are_read(tmp_path: Path) -> None:
     made = list(episodes(5))
     stored(tmp_path, iter(made))
     rows = read_store(tmp_path).frame
@@ -43,14 +43,14 @@ def test_declared_goal_variables_are_kept(tmp_path: Path) -> None:
     assert read_store(tmp_path).goal_variables == ("force",)
 
 
-def test_train_reads_it_as_a_source(tmp_path: Path) -> None:
+def test_train_reads_the_store(tmp_path: Path) -> None:
     stored(tmp_path, episodes(30))
     experience = read_sources([tmp_path], ROBOT, SOCCER)
     assert len(experience.frame) == 30
     assert experience.metadata["action_set"] == "default"
 
 
-def test_it_goes_on_after_the_last_episode(tmp_path: Path) -> None:
+def test_numbering_continues_after_the_last_episode(tmp_path: Path) -> None:
     stored(tmp_path, episodes(3)).close()
     store = stored(tmp_path, episodes(2, seed=2))
     assert store.ends == {"default": 5}
@@ -67,7 +67,7 @@ def test_the_oldest_parts_are_dropped(tmp_path: Path) -> None:
     assert np.allclose(rows["duration"], [made[n % 50].duration for n in rows[NUMBER]])
 
 
-def test_a_line_that_was_cut_off_is_dropped(tmp_path: Path) -> None:
+def test_a_truncated_line_is_dropped(tmp_path: Path) -> None:
     stored(tmp_path, episodes(3)).close()
     file = tmp_path / "default" / "000000.jsonl"
     file.write_bytes(file.read_bytes() + b'{"action": "goTo')
@@ -80,7 +80,7 @@ GARBAGE = [b"\xff\xfe\x00", b'{"action": 3}', b"[" * 100_000]
 
 
 @pytest.mark.parametrize("line", GARBAGE)
-def test_garbage_costs_no_other_line(tmp_path: Path, line: bytes) -> None:
+def test_an_invalid_line_affects_no_other(tmp_path: Path, line: bytes) -> None:
     stored(tmp_path, episodes(3)).close()
     file = tmp_path / "default" / "000000.jsonl"
     first, *others = file.read_bytes().split(b"\n")
@@ -90,7 +90,7 @@ def test_garbage_costs_no_other_line(tmp_path: Path, line: bytes) -> None:
     assert read.damaged == 1
 
 
-def test_a_store_of_another_robot_is_refused(tmp_path: Path) -> None:
+def test_a_store_of_another_robot_is_rejected(tmp_path: Path) -> None:
     stored(tmp_path)
     with pytest.raises(FileError, match="choose another folder"):
         RecordStore(tmp_path, dataclasses.replace(INFO, robot_digest="other"), most=100)
@@ -123,7 +123,7 @@ def test_a_killed_writer_leaves_a_readable_store(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("field", "value"), [("duration", b"1e300"), ("action", b'"../x"')])
-def test_an_episode_with_impossible_values_costs_no_other(tmp_path: Path, field: str, value: bytes) -> None:
+def test_an_episode_with_invalid_values_affects_no_other(tmp_path: Path, field: str, value: bytes) -> None:
     stored(tmp_path, episodes(3)).close()
     file = tmp_path / "default" / "000000.jsonl"
     lines = file.read_bytes().split(b"\n")

@@ -1,4 +1,4 @@
-"""Recordings of real robots: stamps, topics, types, frames and quaternions as their drivers have them."""
+"""Recordings of real robots: stamps, topics, types, frames and quaternions of various drivers."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from ator_ros.tools import train
 ROBOT = SOCCER.robot(None)
 TICK = 0.04
 HEADINGS = (0.6, -1.1, 2.0, -2.8, 1.4)
-"""To which the robot turns before each drive."""
+"""Headings to which the robot turns before each drive."""
 
 
 def ticks() -> Iterator[Tick]:
-    """Turn, drive and stand, once for each heading; the base follows its commands at once."""
+    """Turn, drive and stop, once for each heading; the base follows commands immediately."""
     time, pose = 0.0, Pose(0.3, -0.2, 0.1)
     for heading in HEADINGS:
         turn = wrap_angle(heading - pose.yaw)
@@ -52,7 +52,7 @@ def recorded(
     order: Callable[[list[Tick]], list[Tick]] = list,
     **odometry: Any,
 ) -> Path:
-    """Write a recording: odometry and commands, and in `extra` topic, type and maker of other messages."""
+    """Write a recording of odometry and commands; `extra` has topic, type and factory of other messages."""
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     make, bag = Messages(offset, place), folder / "bag"
@@ -104,7 +104,7 @@ def test_projected_coordinates_give_the_same_table_elsewhere(tmp_path: Path, usu
 
 
 @pytest.mark.parametrize("oddity", [{"length": 1.5}, {"in_world": True, "frame": "/odom"}])
-def test_what_can_be_repaired_gives_the_same_table(
+def test_repaired_messages_give_the_same_table(
     tmp_path: Path, usual: pd.DataFrame, oddity: dict[str, Any]
 ) -> None:
     experience = read(recorded(tmp_path, **oddity))
@@ -112,15 +112,13 @@ def test_what_can_be_repaired_gives_the_same_table(
     assert experience.remarks == ()
 
 
-def test_a_twist_that_contradicts_the_poses_is_named_in_one_line(tmp_path: Path) -> None:
+def test_a_twist_that_contradicts_the_poses_is_reported(tmp_path: Path) -> None:
     (line,) = read(recorded(tmp_path, slip=0.1)).remarks
     assert line.startswith("bag: odom: pose and twist.linear contradict each other: expected about 0.40 m/s")
     assert "\n" not in line
 
 
-def test_some_messages_without_direction_are_left_out_and_counted(
-    tmp_path: Path, usual: pd.DataFrame
-) -> None:
+def test_messages_without_orientation_are_omitted_and_counted(tmp_path: Path, usual: pd.DataFrame) -> None:
     def without_some(make: Messages, tick: Tick) -> Any:
         return make.odometry(tick, length=0.0 if round(tick.time / TICK) % 7 == 3 else 1.0)
 
@@ -136,7 +134,7 @@ def command(make: Messages, tick: Tick) -> Any:
 
 
 @pytest.mark.parametrize("topic", ["/v/odom", "/v/ball"])
-def test_a_topic_of_another_type_is_skipped_and_named(
+def test_a_topic_of_another_type_is_skipped_and_reported(
     tmp_path: Path, usual: pd.DataFrame, topic: str
 ) -> None:
     def pose(make: Messages, tick: Tick) -> Any:
@@ -153,7 +151,7 @@ DRIVER = {"odom": "/base/wheel_odometry", "cmd_vel": "/base/command"}
 NAMES = ["--odom", DRIVER["odom"], "--cmd-vel", "base/command"]
 
 
-def test_topics_can_be_named_and_are_listed_where_they_are_not(
+def test_topics_can_be_given_and_are_listed_otherwise(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = recorded(tmp_path, **DRIVER)
@@ -203,7 +201,7 @@ POSES = "geometry_msgs/msg/PoseStamped"
         ("/tracker/cart_pose", "topic: /tracker/cart_pose, type: PoseStamped"),
     ],
 )
-def test_an_object_is_read_from_where_it_is_declared_to_come(tmp_path: Path, topic: str, source: str) -> None:
+def test_an_object_is_read_from_its_declared_source(tmp_path: Path, topic: str, source: str) -> None:
     domain = errands(tmp_path, source)
     experience = read(recorded(tmp_path, (topic, POSES, tracked), offset=1.76e9), domain)
     frame = experience.frame

@@ -1,4 +1,4 @@
-"""Experience from recordings, made here with rosbags' writer."""
+"""Experience from recordings, written with rosbags."""
 
 from __future__ import annotations
 
@@ -59,19 +59,19 @@ def test_definitions_of_services_and_actions_are_skipped(tmp_path: Path) -> None
     pd.testing.assert_frame_equal(again, whole)
 
 
-def test_a_recording_without_the_topics_is_refused(tmp_path: Path) -> None:
+def test_a_recording_without_the_topics_is_rejected(tmp_path: Path) -> None:
     record(tmp_path / "bag", topics=("/robot/odom",))
     with pytest.raises(ExperienceError, match=r"or odom \(Odometry\) and cmd_vel .*: /robot/odom; name them"):
         read_recording(tmp_path / "bag", ROBOT, SOCCER)
 
 
-def test_a_missing_package_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_missing_package_is_reported_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "mcap.reader", None)
     with pytest.raises(ExperienceError, match="pip install mcap-ros2-support"):
         read_recording(tmp_path, ROBOT, SOCCER)
 
 
-def test_records_of_the_executor_are_taken_as_they_are(tmp_path: Path) -> None:
+def test_records_of_the_executor_are_read_unchanged(tmp_path: Path) -> None:
     store = own_types()
     record = action_performance(store, goal=Pose(1.5, 0.5, 0.7), speed=0.3, duration=3.25, code=1)
     failed = action_performance(store, goal=Pose(2.5, 0.5, 0.7), speed=0.0, duration=9.0, code=2)
@@ -93,7 +93,7 @@ def test_records_of_the_executor_are_taken_as_they_are(tmp_path: Path) -> None:
     assert frame["position_error"].iloc[0] == 0.01
 
 
-def test_records_with_numbers_that_are_none_are_left_out(tmp_path: Path) -> None:
+def test_records_with_invalid_numbers_are_omitted(tmp_path: Path) -> None:
     store = own_types()
     good = action_performance(store, goal=Pose(1.5, 0.5, 0.7), speed=0.3, duration=3.25, code=1)
     bad = [
@@ -116,9 +116,7 @@ def test_records_with_numbers_that_are_none_are_left_out(tmp_path: Path) -> None
     assert experience.metadata["records_left_out"] == len(bad)
 
 
-def test_records_that_no_executor_makes_are_left_out(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_implausible_records_are_omitted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     store = own_types()
     usual = {"goal": Pose(1.5, 0.5, 0.7), "speed": 0.0, "code": 1}
     good = [
@@ -142,8 +140,8 @@ def test_records_that_no_executor_makes_are_left_out(
     assert experience.metadata["records_left_out"] == len(bad)
     assert len(experience.of("goToPose")) == len(good) + 1
     assert train.main([str(tmp_path / "bag"), "--models", str(tmp_path / "models")]) == 0
-    said = capsys.readouterr().err
-    assert f"train: left out {len(bad)} records that cannot be used" in said
+    output = capsys.readouterr().err
+    assert f"train: left out {len(bad)} records that cannot be used" in output
     assert (
-        f"train: bag: left out {len(bad)} of {len(good) + 1 + len(bad)} records: call.top: expected" in said
+        f"train: bag: left out {len(bad)} of {len(good) + 1 + len(bad)} records: call.top: expected" in output
     )

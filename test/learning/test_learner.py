@@ -1,4 +1,4 @@
-"""When the node `learning` learns, and that no record is lost."""
+"""The schedule of learning rounds, without losing records."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NOTHING = {"made": "", "digest": "", "damaged": 0, "actions": {}}
 
 
 class FakeRound:
-    """Stands in for `RoundProcess`; the test ends it."""
+    """Replaces `RoundProcess`; the test ends it."""
 
     def __init__(self) -> None:
         self.done, self.killed = False, False
@@ -66,7 +66,7 @@ def test_a_round_begins_after_a_batch_and_only_one_at_a_time(
     rounds[0].done = True
     learner.work(3.0)
     learner.work(4.0)
-    assert len(rounds) == 1  # nothing is new
+    assert len(rounds) == 1  # no new records
     take(learner, 10)
     learner.work(5.0)
     assert len(rounds) == 2
@@ -116,7 +116,7 @@ def test_records_wait_while_the_disk_is_full(
     assert len(read_records(tmp_path / RECORDS, "default").rows) == 8
 
 
-def test_freezing_ends_a_round_and_outlasts_the_process(
+def test_freezing_ends_a_round_and_persists(
     tmp_path: Path, learner: Learner, rounds: list[FakeRound]
 ) -> None:
     take(learner, 10)

@@ -1,4 +1,4 @@
-"""A round of learning runs in a process of low priority."""
+"""A learning round runs in a process of low priority."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A round of learning: better models are adopted, others are not, and worse ones are rolled back."""
+"""A learning round: better models are adopted, others are not, and worse ones are rolled back."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from experience_rows import made_up_model
+from experience_rows import synthetic_model
 from stored import ROBOT, episodes, round_of, stored
 
 from ator_ros.domains.soccer.domain import SOCCER
@@ -32,15 +32,15 @@ def predicted(model: PerformanceModel, rows: pd.DataFrame) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def shipped(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with a model of the usual durations of made-up episodes."""
+    """Return a folder with a model of the usual durations of synthetic episodes."""
     folder = tmp_path_factory.mktemp("shipped")
-    save_model(folder / "goToPose.json", made_up_model("goToPose", ROBOT))
+    save_model(folder / "goToPose.json", synthetic_model("goToPose", ROBOT))
     shutil.copy(SOCCER.shipped_models / "gate.json", folder)
     shutil.copy(SOCCER.shipped_models / "calibration.json", folder)
     return folder
 
 
-def test_a_robot_that_stays_the_same_keeps_its_models(tmp_path: Path, shipped: Path) -> None:
+def test_an_unchanged_robot_keeps_its_models(tmp_path: Path, shipped: Path) -> None:
     switched = 0
     for seed in range(8):
         folder = tmp_path / str(seed)
@@ -52,7 +52,7 @@ def test_a_robot_that_stays_the_same_keeps_its_models(tmp_path: Path, shipped: P
 
 
 @pytest.mark.parametrize("before", [0, 500])
-def test_a_robot_that_became_slower_gets_new_models_soon(tmp_path: Path, shipped: Path, before: int) -> None:
+def test_a_slower_robot_gets_new_models_soon(tmp_path: Path, shipped: Path, before: int) -> None:
     changed = episodes(45, seed=4, slower=1.3)
     stored(tmp_path / RECORDS, episodes(before, seed=3), changed)
     result = round_of(tmp_path, shipped)
@@ -77,7 +77,7 @@ def stored_again(folder: Path) -> Path:
     return folder
 
 
-def test_what_was_learned_from_is_not_tested_on(tmp_path: Path, shipped: Path) -> None:
+def test_training_episodes_are_not_test_episodes(tmp_path: Path, shipped: Path) -> None:
     stored(tmp_path / RECORDS, episodes(60, slower=1.3))
     assert round_of(tmp_path, shipped)["made"]
     again = round_of(tmp_path, shipped)
@@ -86,7 +86,7 @@ def test_what_was_learned_from_is_not_tested_on(tmp_path: Path, shipped: Path) -
     assert "too few new records: 0" in again["actions"][NAME]["reason"]
 
 
-def test_a_round_without_enough_records_says_how_many_it_needs(tmp_path: Path) -> None:
+def test_a_round_with_too_few_records_reports_the_required_number(tmp_path: Path) -> None:
     for count, reason in (
         (5, "too few new records: 5, expected 12 that succeeded"),
         (25, "too few records: 16 without those that are predicted, expected 20"),
@@ -96,10 +96,10 @@ def test_a_round_without_enough_records_says_how_many_it_needs(tmp_path: Path) -
         assert result["actions"][NAME]["reason"] == reason
 
 
-def test_a_set_that_turns_out_worse_is_rolled_back(tmp_path: Path, shipped: Path) -> None:
+def test_a_set_with_larger_errors_is_rolled_back(tmp_path: Path, shipped: Path) -> None:
     stored(tmp_path / RECORDS, episodes(60, slower=1.3)).close()
     round_of(tmp_path, shipped)
-    stored(tmp_path / RECORDS, episodes(30, seed=5)).close()  # the tyre was changed back
+    stored(tmp_path / RECORDS, episodes(30, seed=5)).close()  # the robot is as fast as before
     result = round_of(tmp_path, shipped)
     assert result["actions"][NAME]["kind"] == "back to the models of the start"
     place = current_set(tmp_path)
@@ -111,7 +111,7 @@ def test_a_set_that_turns_out_worse_is_rolled_back(tmp_path: Path, shipped: Path
     assert np.array_equal(predicted(old, rows), predicted(new, rows))
 
 
-def test_cold_start_waits_until_predictions_are_worth_something(tmp_path: Path) -> None:
+def test_cold_start_waits_until_predictions_are_useful(tmp_path: Path) -> None:
     nothing = tmp_path / "nothing"
     nothing.mkdir()
     folder = tmp_path / "learned"
@@ -125,7 +125,7 @@ def test_cold_start_waits_until_predictions_are_worth_something(tmp_path: Path) 
     assert load_gate(place / "gate.json") == ThresholdGate(gain=0.05, spread_factor=0.5)
 
 
-def test_a_store_with_garbage_and_a_damaged_part_is_learned_from(tmp_path: Path, shipped: Path) -> None:
+def test_learning_from_a_partly_damaged_store(tmp_path: Path, shipped: Path) -> None:
     store = stored(tmp_path / RECORDS)
     for episode in episodes(2 * PART + 200, slower=1.3):
         store.append("default", episode)
@@ -135,18 +135,16 @@ def test_a_store_with_garbage_and_a_damaged_part_is_learned_from(tmp_path: Path,
     assert result["damaged"] == 1
 
 
-def test_a_new_set_searches_no_farther_than_the_experience_of_the_one_before(
-    tmp_path: Path, shipped: Path
-) -> None:
+def test_a_new_set_keeps_the_search_ranges_of_the_previous_experience(tmp_path: Path, shipped: Path) -> None:
     starts = {"speedg": (0.0, 0.5), "braking": (0.0, 0.35)}
-    bounded, action = tmp_path / "bounded", made_up_model("goToPose", ROBOT)
+    bounded, action = tmp_path / "bounded", synthetic_model("goToPose", ROBOT)
     shutil.copytree(shipped, bounded)
     save_model(
         bounded / "goToPose.json", dataclasses.replace(action, metadata={"training": {"starts": starts}})
     )
     for models, expected in ((bounded, starts), (shipped, {})):
         folder = tmp_path / f"of_{models.name}"
-        for slower in (1.3, 1.7):  # and the set after it
+        for slower in (1.3, 1.7):  # and the next set
             stored(folder / RECORDS, episodes(45, seed=4, slower=slower))
             assert round_of(folder, models)["made"]
         place = current_set(folder)
@@ -154,7 +152,7 @@ def test_a_new_set_searches_no_farther_than_the_experience_of_the_one_before(
         assert load_model(place / "goToPose.json", ROBOT, SOCCER.known_features).experience == expected
 
 
-def test_records_of_impossible_durations_do_not_matter(tmp_path: Path, shipped: Path) -> None:
+def test_records_with_impossible_durations_have_no_effect(tmp_path: Path, shipped: Path) -> None:
     records = [
         dataclasses.replace(e, duration=9e5) if n % 10 == 0 else e for n, e in enumerate(episodes(100))
     ]

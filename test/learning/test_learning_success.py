@@ -1,4 +1,4 @@
-"""Failures are learned: situations in which an action fails are predicted to fail."""
+"""Failures are learned: situations with failures are predicted to fail."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def turn_of(episode: Episode) -> float:
 
 
 def failing(stream: Iterator[Episode]) -> Iterator[Episode]:
-    """Yield episodes; those that begin with a sharp turn fail at the time limit."""
+    """Yield episodes; those that start with a sharp turn fail at the time limit."""
     for episode in stream:
         fails = turn_of(episode) > SHARP
         yield dataclasses.replace(
@@ -34,7 +34,7 @@ def failing(stream: Iterator[Episode]) -> Iterator[Episode]:
         )
 
 
-def test_what_fails_is_predicted_to_fail_after_some_tens_of_records(tmp_path: Path) -> None:
+def test_failures_are_predicted_after_tens_of_records(tmp_path: Path) -> None:
     stored(tmp_path / RECORDS, failing(episodes(60)))
     verdict = round_of(tmp_path)["actions"][SUCCESS]
     assert "Brier score" in verdict["reason"]
@@ -45,10 +45,10 @@ def test_what_fails_is_predicted_to_fail_after_some_tens_of_records(tmp_path: Pa
     assert read_manifest(place).seen[SUCCESS] == 60
     model = load_model(place / "goToPose.json", ROBOT, SOCCER.known_features)
     fresh = list(failing(episodes(200, seed=9)))
-    said = np.array([_success(model, episode) for episode in fresh])
+    success = np.array([_success(model, episode) for episode in fresh])
     fails = np.array([not episode.success for episode in fresh])
-    assert said[fails].mean() < 0.2
-    assert said[~fails].mean() > 0.8
+    assert success[fails].mean() < 0.2
+    assert success[~fails].mean() > 0.8
 
 
 def _success(model, episode: Episode) -> float:
@@ -60,7 +60,7 @@ def _success(model, episode: Episode) -> float:
     return float(model.predict(direct, ("success",)).success[0])
 
 
-def test_a_few_failures_by_chance_are_no_pattern(tmp_path: Path) -> None:
+def test_a_few_random_failures_are_not_a_pattern(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     stream = (dataclasses.replace(e, success=bool(rng.random() > 0.1)) for e in episodes(200))
     stored(tmp_path / RECORDS, stream)
@@ -68,7 +68,7 @@ def test_a_few_failures_by_chance_are_no_pattern(tmp_path: Path) -> None:
     assert verdict["kind"] in ("", *(f"the rate of {size} episodes" for size in (200, 100)))
 
 
-def test_failures_that_are_avoided_are_not_forgotten(tmp_path: Path) -> None:
+def test_avoided_failures_are_not_forgotten(tmp_path: Path) -> None:
     stored(tmp_path / RECORDS, failing(episodes(60))).close()
     assert round_of(tmp_path)["actions"][SUCCESS]["kind"]
     straight = [episode for episode in episodes(400, seed=4) if turn_of(episode) < 0.8 * SHARP]

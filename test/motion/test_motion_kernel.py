@@ -1,4 +1,4 @@
-"""Durations come from one place: compiled code, arrays and numbers agree to the last bit."""
+"""Durations from compiled code, arrays and numbers are bit-identical."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def drawn_drives(limits: Limits) -> FloatArray:
 
 
 @every_robot
-def test_turns_take_as_long_as_their_rate_says(robot: Robot) -> None:
+def test_turns_have_the_duration_of_their_rate(robot: Robot) -> None:
     limits, angles = robot.limits, np.linspace(-5.0, 5.0, 101)
     times, result = durations.turn_time(angles, limits.w, limits.aw), np.empty(101)
     size = np.abs(angles)
@@ -61,9 +61,7 @@ def test_straight_drives_take_the_same_time_in_every_form(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize(("a", "brake"), [(0.25, 0.3), (0.8, 0.8), (0.9, 0.4)])
-def test_drives_gain_and_lose_speed_no_faster_than_the_base_and_lead_all_the_way(
-    a: float, brake: float
-) -> None:
+def test_drives_respect_the_accelerations_and_cover_the_distance(a: float, brake: float) -> None:
     limits = Limits(v=1.2, w=1.5, a=a, brake=brake, aw=1.3)
     for distance, before, after in drawn_drives(limits).tolist():
         gaining, steady, losing, top = durations.drive_parts(distance, before, after, limits)

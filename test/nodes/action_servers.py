@@ -1,4 +1,4 @@
-"""Action servers as others write them, good ones and bad ones; they execute what the tests tell them to."""
+"""Action servers of other packages, valid and faulty; the tests control how their goals end."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NAME = "drive"
 
 
 def declared(**changes: Any) -> RemoteCall:
-    """Return how the servers here are declared: their goal is a chain of one step."""
+    """Return the declaration of these servers: their goal is a chain of one step."""
     values: dict[str, Any] = {
         "server": NAME,
         "type": "ator_interfaces/action/ExecuteChain",
@@ -33,12 +33,12 @@ def declared(**changes: Any) -> RemoteCall:
 
 
 class Server(ActionServer):
-    """A server that keeps its goals until it is told how they end.
+    """A server that keeps its goals until a test finishes them.
 
     Parameters
     ----------
     node : Node
-        Whose server.
+        Node of the server.
     accepts, cancels : bool
         Whether it accepts goals and cancellations.
     """
@@ -61,26 +61,26 @@ class Server(ActionServer):
         return CancelResponse.ACCEPT if self._cancels else CancelResponse.REJECT
 
     def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
-        """Keep a goal that is to be executed."""
+        """Store a goal for `finish`."""
         (execute_callback or self._execute_callback)(goal_handle)
 
     def finish(self, state: str = "succeed", *, code: int = 1, reason: str = "") -> None:
-        """Bring the latest goal to its end: succeed, abort or canceled."""
+        """End the latest goal: succeed, abort or canceled."""
         handle, result = self.goals[-1], ExecuteChain.Result()
         result.outcome.code, result.outcome.reason = code, reason
         getattr(handle, state)()
         super().notify_execute(handle, lambda _: result)
 
 
-class Deaf(Server):
-    """A server that answers no cancellation, as one whose only thread drives."""
+class UnresponsiveServer(Server):
+    """A server that does not answer cancel requests, like one with a single busy thread."""
 
-    deaf = True
+    unresponsive = True
 
     async def _execute_cancel_request(self, request_header_and_message: Any) -> None:
-        if not self.deaf:
+        if not self.unresponsive:
             await super()._execute_cancel_request(request_header_and_message)
 
-    def tell(self) -> None:
+    def publish_feedback(self) -> None:
         """Publish feedback on the latest goal."""
         self.goals[-1].publish_feedback(ExecuteChain.Feedback())

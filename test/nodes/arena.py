@@ -1,4 +1,4 @@
-"""The three nodes, of which any may fail, and what must hold whatever fails."""
+"""The three nodes, any of which may fail, and the checks that must hold for any failure."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from chain_client import ChainClient, Sent, call
+from chain_client import ChainClient, SentGoal, call
 from process import Process, Processes
 from ros_client import Client
 
@@ -29,7 +29,7 @@ READY = {
     "refinement": "refining chains",
 }
 SETTINGS: dict[str, dict[str, object]] = {
-    # Faster than real time the simulation waits for commands: a loaded machine changes how long it takes.
+    # Faster than real time, the simulation waits for commands, so that load changes only the duration.
     "simulation": {"real_time_factor": 2.0, "command_wait": 0.5, "log_level": "debug"},
     "executor": {"odom_timeout": 1.5, "refinement_timeout": 3.0, "start_timeout": 20.0},
     "refinement": {},
@@ -37,10 +37,10 @@ SETTINGS: dict[str, dict[str, object]] = {
 _STOP = re.compile(r"the robot stands since (\S+) s, last commanded to move at (\S+) s")
 
 
-class Visit:
-    """A client that came to the arena after the last node had started.
+class ArenaClient:
+    """A client that was created after the last node had started.
 
-    Discovery forgets a node that was killed only after seconds; a newcomer never hears of it.
+    Discovery drops a killed node after seconds only; a new participant does not discover it.
     """
 
     def __init__(self, client: Client) -> None:
@@ -48,27 +48,27 @@ class Visit:
         self._chains = ChainClient(client)
 
     def place(self) -> None:
-        """Put robot and ball to where the chain of the tests starts, and wait until that is known."""
+        """Place robot and ball at the start of the tests' chain, and wait for their messages."""
         self.ros.place(robot=START, ball=BALL)
         self.ros.eventually(
             lambda: self.ros.robot().pose.distance(START) < 0.02 and abs(self.ros.ball().x) < 0.02,
             "robot and ball at their places",
         )
 
-    def send(self, calls: list[TopCall], *, refine: bool = False) -> Sent:
+    def send(self, calls: list[TopCall], *, refine: bool = False) -> SentGoal:
         """Send a chain."""
         return self._chains.send(calls, refine=refine)
 
-    def ended(self, sent: Sent) -> ExecuteChain.Result:
-        """Wait for a goal's end, which must have a reason, and whose record must be announced, once."""
+    def ended(self, sent: SentGoal) -> ExecuteChain.Result:
+        """Wait for the end of a goal; assert that it has a reason and that its record is published once."""
         result = sent.result()
         assert result.outcome.code
         assert result.outcome.reason
         assert result.record.outcome == result.outcome
-        told = self._chains.chains
-        announced = lambda: [chain.chain_id for chain in told].count(result.record.chain_id)  # noqa: E731
-        self.ros.eventually(announced, "the chain's record")
-        assert announced() == 1
+        chains = self._chains.chains
+        published = lambda: [chain.chain_id for chain in chains].count(result.record.chain_id)  # noqa: E731
+        self.ros.eventually(published, "the chain's record")
+        assert published() == 1
         return result
 
     def succeed(self) -> None:
@@ -96,12 +96,12 @@ class Arena:
         self.domain = domain
         self._processes = Processes(domain, logs)
         self.observer = Client(domain)
-        self._visit: Visit | None = None
+        self._client: ArenaClient | None = None
         self._started: dict[str, list[Process]] = {name: [] for name in SETTINGS}
         self.nodes: dict[str, Process] = {}
 
     def start(self, *names: str) -> None:
-        """Start nodes, side by side, and wait until they are ready."""
+        """Start nodes in parallel, and wait until they are ready."""
         self._leave()
         for name in names:
             self.nodes[name] = self._processes.start(name, **self._settings[name])
@@ -114,31 +114,31 @@ class Arena:
         assert node.running, node.output
         return READY[name] in node.output
 
-    def visit(self) -> Visit:
-        """Return a client that has come after the last node was started."""
-        if self._visit is None:
-            self._visit = Visit(Client(self.domain))
-        return self._visit
+    def new_client(self) -> ArenaClient:
+        """Return a client created after the last node start."""
+        if self._client is None:
+            self._client = ArenaClient(Client(self.domain))
+        return self._client
 
     def _leave(self) -> None:
-        if self._visit is not None:
-            self._visit.ros.close()
-            self._visit = None
+        if self._client is not None:
+            self._client.ros.close()
+            self._client = None
 
     def check(self) -> None:
-        """Make sure that the robot always stood in time."""
+        """Assert that the robot always stopped in time."""
         late = [stop for stop in self.stops() if stop[1] - stop[0] > LONGEST_STOP_TIME + 1e-6]
-        assert not late, f"expected the robot to stand within {LONGEST_STOP_TIME} s, (told, stood): {late}"
+        assert not late, f"expected the robot to stand within {LONGEST_STOP_TIME} s, (sent, stood): {late}"
         nodes = [node for nodes in self._started.values() for node in nodes]
         assert not [node.output for node in nodes if "Traceback" in node.output]
 
     def stops(self) -> list[tuple[float, float]]:
-        """Return when the robot was last told to move, and since when it stood, by the simulations' logs."""
+        """Return the times of the last command to move and of the stop, from the simulations' logs."""
         logs = "".join(node.output for node in self._started["simulation"])
-        return [(float(told), float(stood)) for stood, told in _STOP.findall(logs)]
+        return [(float(sent), float(stood)) for stood, sent in _STOP.findall(logs)]
 
     def close(self) -> None:
-        """End all."""
+        """Stop all nodes."""
         self._leave()
         self.observer.close()
         self._processes.kill()
@@ -146,7 +146,7 @@ class Arena:
 
 @contextmanager
 def arena_with(logs: Path, settings: dict[str, dict[str, object]] | None = None) -> Iterator[Arena]:
-    """Yield an arena, without nodes, on a domain that nobody else uses."""
+    """Yield an arena, without nodes, on an unused domain."""
     with free_domain() as domain:
         arena = Arena(domain, logs, settings)
         try:

@@ -17,7 +17,7 @@ from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 
 
 def call(top: str, pose: Pose, *, opened: tuple[str, ...] = (), **values: float) -> TopCall:
-    """Write one step of a chain, with `values` of the goal variables that its action declares."""
+    """Return one step of a chain, with `values` of the goal variables that its action declares."""
     given = [GoalValue(name=name, value=value) for name, value in values.items()]
     message = TopCall(top=top, open=list(opened), values=given)
     message.goal.pose = pose_of(pose)
@@ -33,42 +33,42 @@ def chain_of_the_paper() -> list[TopCall]:
     ]
 
 
-class Sent:
-    """A goal that was accepted, with what was heard of it."""
+class SentGoal:
+    """An accepted goal, with its feedback."""
 
     def __init__(self, client: Client, handle: Any, feedback: list[Any]) -> None:
         self._client, self.handle, self.feedback = client, handle, feedback
         self._future = client.within(handle.get_result_async)
 
     def cancel(self) -> None:
-        """Ask for its end."""
+        """Cancel the goal."""
         future = self._client.within(self.handle.cancel_goal_async)
         self._client.eventually(future.done, "an answer to cancel")
         assert future.result().goals_canceling
 
     def ended(self) -> bool:
-        """Return whether it has ended."""
+        """Return whether the goal has ended."""
         return bool(self._future.done())
 
     def result(self, patience: float = 2 * PATIENCE) -> ExecuteChain.Result:
-        """Wait for its end."""
+        """Wait for the result."""
         self._client.eventually(self._future.done, "the goal's end", patience)
         return self._future.result().result
 
     def outcome(self) -> Outcome:
-        """Wait for its end and say how it ended."""
+        """Wait for the result and return its outcome."""
         return self.result().outcome
 
 
 class ChainClient:
-    """Sends chains and listens to what the executor says.
+    """Sends chains and subscribes to the executor's topics.
 
     Parameters
     ----------
     client : Client
-        On the domain of the executor.
+        Client on the domain of the executor.
     commands : type, optional
-        The type of the commands to listen to; None: to none.
+        The type of cmd_vel to subscribe to; None: no subscription.
     """
 
     def __init__(self, client: Client, commands: type | None = Twist) -> None:
@@ -83,22 +83,22 @@ class ChainClient:
         self._server = ActionClient(client.node, ExecuteChain, "execute_chain")
         self._known = False
 
-    def until_heard(self) -> None:
-        """Wait until what the executor publishes can be heard."""
+    def wait_for_publishers(self) -> None:
+        """Wait until the executor's publishers are discovered."""
         for topic in ("performance/action", "performance/chain", "cmd_vel"):
             self.ros.eventually(lambda name=topic: self.ros.node.count_publishers(name), topic)
 
-    def until_newer(self) -> None:
-        """Wait for a few messages, so that an executor's queue holds none from before."""
-        heard = len(self.ros.robots)
-        self.ros.eventually(lambda: len(self.ros.robots) > heard + 3, "newer odometry")
+    def wait_for_newer_odometry(self) -> None:
+        """Wait for a few messages, so that no older ones remain in an executor's queue."""
+        count = len(self.ros.robots)
+        self.ros.eventually(lambda: len(self.ros.robots) > count + 3, "newer odometry")
 
-    def send(self, calls: list[TopCall], **options: Any) -> Sent:
+    def send(self, calls: list[TopCall], **options: Any) -> SentGoal:
         """Send a chain; options are fields of the goal."""
         assert self._server.wait_for_server(timeout_sec=PATIENCE), "execute_chain is missing"
-        self.until_heard()
+        self.wait_for_publishers()
         if not self._known:
-            self.ros.meet("execute_chain")
+            self.ros.wait_for_discovery_by("execute_chain")
             self._known = True
         goal = ExecuteChain.Goal(**options)
         goal.chain.calls = calls
@@ -108,13 +108,13 @@ class ChainClient:
         )
         self.ros.eventually(future.done, "the goal's acceptance")
         assert future.result().accepted
-        return Sent(self.ros, future.result(), feedback)
+        return SentGoal(self.ros, future.result(), feedback)
 
     def standing(self) -> bool:
         """Return whether the robot stands."""
         robot = self.ros.robot()
         return abs(robot.v) < 0.03 and abs(robot.w) < 0.06
 
-    def until_moving(self) -> None:
+    def wait_until_moving(self) -> None:
         """Wait until the robot drives."""
         self.ros.eventually(lambda: self.ros.robot().v > 0.2, "the robot drives")

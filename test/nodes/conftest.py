@@ -1,4 +1,4 @@
-"""Fixtures of the node tests: a ROS domain of their own for every test, processes on it, and a client."""
+"""Fixtures of the node tests: a separate ROS domain for every test, processes on it, and a client."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Host = Callable[..., Hosted]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what starts processes."""
+    """Mark tests that start processes."""
     for item in items:
         if "start" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.node)
@@ -28,7 +28,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Show what the nodes wrote where a test fails."""
+    """Report the output of the nodes if a test fails."""
     report = yield
     if report.failed:
         tails = [(log.name, log.read_text(encoding="utf-8")[-_SHOWN:]) for log in LOGS if log.exists()]
@@ -54,16 +54,16 @@ def start(domain: int, tmp_path: Path) -> Iterator[Start]:
 @pytest.fixture
 def host(domain: int, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Iterator[Host]:
     """Yield a function that runs one node in this process: host("executor", models=folder)."""
-    monkeypatch.setenv(PROFILES, "")  # the node sets it; after the test it is as before
+    monkeypatch.setenv(PROFILES, "")  # restored after the test, since the node sets it
     hosted: list[Hosted] = []
 
-    def said() -> str:
-        told = capfd.readouterr()
-        return told.out + told.err
+    def output() -> str:
+        captured = capfd.readouterr()
+        return captured.out + captured.err
 
     def run(name: str, /, *words: str, **parameters: object) -> Hosted:
         assert not hosted
-        hosted.append(Hosted(name, domain, said, *words, **parameters))
+        hosted.append(Hosted(name, domain, output, *words, **parameters))
         return hosted[0]
 
     yield run
@@ -81,7 +81,7 @@ def client(domain: int) -> Iterator[Client]:
 
 @pytest.fixture
 def hall(client: Client, host: Host, tmp_path: Path) -> Iterator[Hall]:
-    """Yield a base and a server that moves it, and an executor of their domain."""
+    """Yield a base, a server that moves it, and an executor with their domain."""
     file = tmp_path / "errands.yaml"
     file.write_text(DOMAIN, encoding="utf-8")
     host("executor", domain=file, odom_timeout=2.0, start_timeout=1.0)

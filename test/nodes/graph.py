@@ -1,4 +1,4 @@
-"""What the nodes of a ROS graph really open, as another node sees it."""
+"""The topics, services and actions of a node, from the ROS graph."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _ACTION = "/_action/"
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """Full names of what one node opens; the parts of an action count as that action."""
+    """Full names of the topics, services and actions of one node; parts of an action count as the action."""
 
     publishes: frozenset[str]
     subscribes: frozenset[str]
@@ -23,19 +23,19 @@ class Surface:
 
     @property
     def names(self) -> frozenset[str]:
-        """All of them, whatever the node does with them."""
+        """The names of all kinds."""
         return self.publishes | self.subscribes | self.replies | self.requests | self.executes | self.calls
 
 
 def surface(observer: Node, name: str, namespace: str = "/") -> Surface:
-    """Look at a node; raises rclpy's NodeNameNonExistentError before it has been discovered.
+    """Return the names of a node; raises rclpy's NodeNameNonExistentError before it is discovered.
 
     Parameters
     ----------
     observer : Node
         Another node on the same domain.
     name, namespace : str
-        Of the node to look at; the namespace begins with a slash.
+        Of the inspected node; the namespace begins with a slash.
     """
     replies = _names(observer.get_service_names_and_types_by_node(name, namespace))
     requests = _names(observer.get_client_names_and_types_by_node(name, namespace))

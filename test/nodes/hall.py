@@ -1,4 +1,4 @@
-"""A base that a test moves, and servers of others that move it in a domain from a file."""
+"""A base that a test moves, and external action servers of a domain from a file."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ actions:
 
 
 class Base:
-    """A base whose odometry comes at 40 Hz, which is where it was put last; so is a cart, once it was put."""
+    """A base that publishes the pose last set at 40 Hz, and the position of a cart once it is set."""
 
     def __init__(self, client: Client) -> None:
         self.state = RobotState(Pose(0.0, 0.0, 0.0))
@@ -95,17 +95,17 @@ class Hall:
         return self._server
 
     def track(self, x: float, y: float) -> None:
-        """Tell from now on that the cart is at a place."""
+        """Publish this position of the cart from now on."""
         self.base.cart = (x, y)
 
     def close(self) -> None:
-        """End base and server."""
+        """Stop base and server."""
         self.base.close()
         if self._server is not None:
             self.client.within(self._server.destroy)
 
     def reach(self, server: Server, number: int, pose: Pose) -> None:
-        """Let the server bring the robot to `pose` for its goal of this number, and say that it has."""
+        """Move the robot to `pose` for the goal of this number, and let the server succeed."""
         self.client.eventually(lambda: len(server.goals) >= number, f"goal {number}")
         self.base.state = RobotState(pose)
         self.client.eventually(lambda: self.client.robot().pose == pytest.approx(pose), "odometry of it")

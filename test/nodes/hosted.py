@@ -1,4 +1,4 @@
-"""A node in this process, which starts in a tenth of the time that a process of its own takes."""
+"""A node in this process, which starts ten times as fast as a separate process."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from ator_ros.nodes.network import stay_on_this_machine
 
 
 class Hosted:
-    """A node of ours, named as its executable, that spins in a thread until it is closed; one at a time.
+    """A node, named by its executable, that spins in a thread until it is closed; one at a time.
 
-    `said` returns what was written to standard output and error since it was last called; `words` are other
+    `output` returns the standard output and error since its last call; `words` are other
     ROS arguments, and `parameters` the node's.
     """
 
     def __init__(
-        self, name: str, domain: int, said: Callable[[], str], /, *words: str, **parameters: object
+        self, name: str, domain: int, output: Callable[[], str], /, *words: str, **parameters: object
     ) -> None:
         pairs = ["{}:={}".format(*pair) for pair in parameters.items()]
         words += tuple(word for pair in pairs for word in ("-p", pair))
@@ -34,7 +34,7 @@ class Hosted:
             domain_id=domain,
             signal_handler_options=SignalHandlerOptions.NO,
         )
-        self._said, self._output = said, ""
+        self._read, self._output = output, ""
         made = getattr(importlib.import_module(f"ator_ros.nodes.{name}"), f"{name.capitalize()}Node")
         self.node: Node = made()
         executor = SingleThreadedExecutor()
@@ -44,17 +44,17 @@ class Hosted:
 
     @property
     def running(self) -> bool:
-        """Whether nothing that was raised has ended it."""
+        """Whether the node has not ended with an exception."""
         return self._spinning.is_alive()
 
     @property
     def output(self) -> str:
-        """What it has written so far."""
-        self._output += self._said()
+        """The output so far."""
+        self._output += self._read()
         return self._output
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Destroy the node."""
         self._spinning.end(PATIENCE)
         self.node.destroy_node()
         rclpy.try_shutdown()

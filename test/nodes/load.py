@@ -1,4 +1,4 @@
-"""Requests to refinement: an ordinary one, and the most expensive one."""
+"""Requests to refinement: a common one, and the most expensive one."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def short_request() -> RefineSubgoal.Request:
 
 
 def worst_request() -> RefineSubgoal.Request:
-    """Return a request for everything that may be free in the longest chain."""
+    """Return a request for all free variables of the longest chain."""
     library, calls = SOCCER.library(load_robot()), []
     for step in range(LONGEST_CHAIN):
         top = library["dribbleBall" if step % 2 else "goToBall"]

@@ -1,4 +1,4 @@
-"""A base that is not ours, for tests: it follows cmd_vel of one type and publishes odometry."""
+"""An external base for tests: it follows cmd_vel of one type and publishes odometry."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PERIOD = 0.05
 
 
 class MovingBase:
-    """Follows its commands at once; starts at the origin, and moves with a `share` of the commanded speed."""
+    """Follows commands immediately; starts at the origin, and moves at a `share` of the commanded speed."""
 
     def __init__(
         self,
@@ -44,11 +44,11 @@ class MovingBase:
         self.commanded = message.twist if isinstance(message, TwistStamped) else message
 
     def pause(self) -> None:
-        """Publish no more."""
+        """Stop publishing."""
         self.timer.cancel()
 
     def slow_down(self, rate: float) -> None:
-        """Let time go slower: a tick remains PERIOD long by its stamps."""
+        """Slow down time: by its stamps a tick still takes PERIOD."""
         self.timer.timer_period_ns = round(1e9 * PERIOD / rate)
 
     def _step(self) -> None:

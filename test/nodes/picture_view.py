@@ -1,6 +1,6 @@
-"""Make the picture of the view in the documentation: a race in its last step, in a headless Chromium.
+"""Render the view's picture of the documentation: the last step of a race, in a headless Chromium.
 
-By hand: ``scripts/run python test/nodes/picture_view.py docs/view.png``; look at it before it is committed.
+Run by hand: ``scripts/run python test/nodes/picture_view.py docs/view.png``; check before committing.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def own_view() -> Iterator[int]:
 
 
 def main() -> None:
-    """Drive a race and write the picture."""
+    """Execute a race and write the picture."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("picture", type=Path)
     options = parser.parse_args()

@@ -12,17 +12,17 @@ from pathlib import Path
 from ament_index_python.packages import get_package_prefix
 
 PATIENCE = 30.0
-"""Real seconds after which something that should have happened counts as missing."""
+"""Real seconds after which an expected event counts as missing."""
 
 
 LOGS: list[Path] = []
-"""Where the processes of the present test, or of its file, write: shown where a test fails."""
+"""Log files of the processes of the current test or file; reported if a test fails."""
 
 
 class Process:
-    """An installed executable with its command line, whose output goes to `log`.
+    """An installed executable with its command line; `log` is the file of its output.
 
-    `environment` are variables that differ; None takes one away.
+    `environment` are changed variables; None removes one.
     """
 
     def __init__(
@@ -53,41 +53,41 @@ class Process:
 
     @property
     def output(self) -> str:
-        """What it has written so far."""
+        """The output so far."""
         return self._log.read_text(encoding="utf-8")
 
     @property
     def pid(self) -> int:
-        """Its process id."""
+        """The process id."""
         return self._process.pid
 
     @property
     def running(self) -> bool:
-        """Whether it has not ended."""
+        """Whether the process is running."""
         return self._process.poll() is None
 
     def send(self, number: signal.Signals) -> None:
-        """Send it a signal."""
+        """Send a signal."""
         self._process.send_signal(number)
 
     def wait(self) -> int:
-        """Wait for its end and give the exit code."""
+        """Wait for the end and return the exit code."""
         return self._process.wait(timeout=PATIENCE)
 
     def stop(self, number: signal.Signals = signal.SIGINT) -> int:
-        """Ask it to end, wait, and give the exit code."""
+        """Send a signal, wait for the end, and return the exit code."""
         if self.running:
             self.send(number)
         return self.wait()
 
     def kill(self) -> None:
-        """End it at once, as `kill -9` does, frozen or not; without effect when it has ended."""
+        """Kill the process, as `kill -9` does, frozen or not; no effect if it has ended."""
         self._process.kill()
         self._process.wait()
 
 
 class Processes:
-    """The executables that a test has started, with their output in `logs`; none of them outlives it."""
+    """The executables that a test starts, with their output in `logs`; they end with the test."""
 
     def __init__(self, domain: int, logs: Path) -> None:
         self._domain, self._logs = domain, logs
@@ -124,7 +124,7 @@ class Processes:
         return self._programs[-1]
 
     def kill(self) -> None:
-        """End all of them at once."""
+        """Kill all of them."""
         for program in self._programs:
             program.kill()
             program.wait()

@@ -13,16 +13,16 @@ from ros_client import Client
 from ator_ros.nodes.diagnosis import type_name
 
 DEPTH = 5000
-"""Messages that wait on a busy machine: as fast as possible the nodes send hundreds in a second."""
+"""Queue depth for a busy machine: as fast as possible, nodes publish hundreds of messages per second."""
 
 
 class Recorder:
-    """Keeps the messages of topics, all of them, in the order in which they were sent.
+    """Stores all messages of topics, in publishing order.
 
     Parameters
     ----------
     client : Client
-        Hears the topics.
+        Client with the subscriptions.
     topics : dict
         Message type and QoS profile by topic name, which begins with a slash.
     """
@@ -35,13 +35,13 @@ class Recorder:
             client.node.create_subscription(kind, topic, self._keeper(topic), qos, raw=True)
 
     def _keeper(self, topic: str) -> Callable[[bytes, dict[str, int]], None]:
-        def keep(raw: bytes, told: dict[str, int]) -> None:
-            self._messages.append((topic, told["source_timestamp"], bytes(raw)))
+        def keep(raw: bytes, info: dict[str, int]) -> None:
+            self._messages.append((topic, info["source_timestamp"], bytes(raw)))
 
         return keep
 
     def write(self, folder: Path, *topics: str) -> Path:
-        """Write what was heard on these topics to a new folder: an MCAP file and its metadata.yaml."""
+        """Write the messages of these topics to a new folder: an MCAP file and its metadata.yaml."""
         from rosbags.rosbag2 import StoragePlugin, Writer
 
         store = own_types()

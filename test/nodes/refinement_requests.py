@@ -1,11 +1,11 @@
-"""Requests to the node `refinement`, and small models for it."""
+"""Requests to the `refinement` node, and small models for it."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from chain_client import call
-from experience_rows import made_up_model
+from experience_rows import synthetic_model
 from ros_client import Client
 
 from ator_interfaces.msg import ObjectState
@@ -17,16 +17,16 @@ from ator_ros.robot.description import load_robot
 
 
 def save_small_models(folder: Path) -> None:
-    """Write small performance models, learned from made-up experience."""
+    """Write small performance models, learned from synthetic experience."""
     robot = load_robot()
     for action in ("goToPose", "dribbleBall", "shoot"):
-        save_model(folder / f"{action}.json", made_up_model(action, robot))
+        save_model(folder / f"{action}.json", synthetic_model(action, robot))
 
 
 def request_of_the_paper(yaw: float = 0.0) -> RefineSubgoal.Request:
-    """Ask for the angle at which the ball is approached before it is dribbled, in comparison with `yaw`.
+    """Return a request for the approach angle before a dribble, compared with `yaw`.
 
-    Failures, which the small models predict often, cost nothing.
+    Failures, which the small models often predict, have no cost.
     """
     request = RefineSubgoal.Request(want_curve=True, as_given=True)
     request.objective.success = 0.0

@@ -1,4 +1,4 @@
-"""An action on somebody else's server and that server, stepped in one process."""
+"""A remote action and its server, stepped in one process."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from ator_ros.world.state import RobotState, World
 ROBOT = load_robot()
 GOAL = Goal(Pose(1.0, 2.0, 0.5), 0.3)
 PERIOD = 0.02
-"""Real s of a tick; by the stamps it takes five times as long."""
+"""Duration of a tick in real s; by the stamps it is five times as long."""
 
 
 class Bench:
-    """A node of ours and one of somebody else's, in one executor of this process."""
+    """The client's node and the server's node, in one rclpy executor of this process."""
 
     def __init__(self, domain: int) -> None:
         self._context = rclpy.Context()
@@ -39,21 +39,21 @@ class Bench:
         self._time = 0.0
 
     def declare(self, **timeouts: float) -> None:
-        """Use the server with other timeouts."""
+        """Set the timeouts of the server's declaration."""
         call = declared()
         call = dataclasses.replace(call, timeouts=dataclasses.replace(call.timeouts, **timeouts))
         self.server = RemoteServer(self.ours, call, "odom")
         self.action = RemoteAction(ROBOT, self.server)
 
     def freeze(self) -> None:
-        """Let the other node do nothing more, as where it was killed: DDS still counts it."""
+        """Stop spinning the server's node, as if it was killed: DDS still lists it."""
         self._executor.remove_node(self.theirs)
 
     def thaw(self) -> None:
         self._executor.add_node(self.theirs)
 
     def spin(self) -> None:
-        """Let both nodes work for a tick."""
+        """Spin both nodes for a tick."""
         end = time.monotonic() + PERIOD
         while time.monotonic() < end:
             self._executor.spin_once(timeout_sec=PERIOD / 4.0)
@@ -74,21 +74,21 @@ class Bench:
         return self.steps[-1]
 
     def until(self, happened: Callable[[], Any], patience: float = 5.0) -> None:
-        """Let both nodes work until something has happened."""
+        """Spin both nodes until a condition holds."""
         end = time.monotonic() + patience
         while not happened():
             assert time.monotonic() < end
             self.spin()
 
     def drive(self, happened: Callable[[], Any]) -> None:
-        """Step the action until something has happened; it must not end before."""
+        """Step the action until a condition holds; the action must not end before."""
         end = time.monotonic() + 5.0
         while not happened():
             assert time.monotonic() < end
             assert self.tick().status is Status.RUNNING, self.steps[-1]
 
     def outcome(self, patience: float = 10.0) -> tuple[Step, float]:
-        """Step the action until it ends, and end it; return its last step and how long that took."""
+        """Step the action until it ends; return its last step and the duration."""
         began = time.monotonic()
         while self.tick().status is Status.RUNNING:
             assert time.monotonic() - began < patience
@@ -98,7 +98,7 @@ class Bench:
     def close(self) -> None:
         self._executor.shutdown()
         for node in (self.ours, self.theirs):
-            for waitable in list(node.waitables):  # which outlive their node otherwise
+            for waitable in list(node.waitables):  # otherwise they outlive their node
                 getattr(waitable, "destroy", bool)()
             node.destroy_node()
         self._context.try_shutdown()

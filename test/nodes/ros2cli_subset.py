@@ -1,6 +1,6 @@
-"""The subset of the `ros2` command line that the documentation prints, for where it is not installed.
+"""The subset of the `ros2` command line in the documentation, for machines without it.
 
-ROS itself is real. Options and defaults are those of ros2cli 0.32 and launch_ros 0.26 (Jazzy); prints differ.
+Options and defaults are those of ros2cli 0.32 and launch_ros 0.26 (Jazzy); the output format differs.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from ator_ros.examples.call import filled
 
 
 def kind_of(name: str) -> Any:
-    """Return the type that is written as package/srv/Name."""
+    """Return the type named package/srv/Name."""
     package, folder, kind = name.split("/")
     return getattr(importlib.import_module(f"{package}.{folder}"), kind)
 
@@ -45,7 +45,7 @@ def echo_options() -> ArgumentParser:
 
 
 def echo_profile(reliability: str | None, durability: str | None) -> QoSProfile:
-    """Return what `ros2 topic echo` subscribes with: what is not given is as for sensor data."""
+    """Return the QoS of `ros2 topic echo`: sensor data, changed by the options."""
     profile = QoSProfile(
         depth=qos_profile_sensor_data.depth,
         reliability=qos_profile_sensor_data.reliability,
@@ -61,16 +61,16 @@ def echo_profile(reliability: str | None, durability: str | None) -> QoSProfile:
 def echo(node: Node, words: list[str]) -> None:
     """Print the messages of a topic."""
     options = echo_options().parse_args(words)
-    heard: list[Any] = []
+    received: list[Any] = []
     profile = echo_profile(options.qos_reliability, options.qos_durability)
-    node.create_subscription(kind_of(options.type), options.topic, heard.append, profile)
+    node.create_subscription(kind_of(options.type), options.topic, received.append, profile)
     while True:
         rclpy.spin_once(node)
-        for message in heard:
+        for message in received:
             print(message, "---", sep="\n", flush=True)
-        if heard and options.once:
+        if received and options.once:
             return
-        heard.clear()
+        received.clear()
 
 
 def call(node: Node, words: list[str]) -> None:
@@ -85,13 +85,13 @@ def call(node: Node, words: list[str]) -> None:
 
 
 def send_goal(node: Node, words: list[str]) -> None:
-    """Send a goal and print its feedback and its result, or that it was rejected."""
+    """Send a goal; print feedback and result, or that it was rejected."""
     (name, type_name, values) = (word for word in words if word != "--feedback")
     kind = kind_of(type_name)
     client = ActionClient(node, kind, name)
     client.wait_for_server()
     goal = filled(kind.Goal, yaml.safe_load(values))
-    show = (lambda told: print(f"Feedback: {told.feedback}")) if "--feedback" in words else None
+    show = (lambda message: print(f"Feedback: {message.feedback}")) if "--feedback" in words else None
     sent = client.send_goal_async(goal, feedback_callback=show)
     rclpy.spin_until_future_complete(node, sent)
     if not sent.result().accepted:
@@ -105,7 +105,7 @@ def send_goal(node: Node, words: list[str]) -> None:
 def launch(words: list[str]) -> int:
     """Start the nodes of a launch file: its arguments, parameter files, single parameters, one namespace."""
     share = get_package_share_directory(words[0])
-    root = ET.parse(Path(share, "launch", words[1])).getroot()  # noqa: S314 - a file of ours
+    root = ET.parse(Path(share, "launch", words[1])).getroot()  # noqa: S314 - our own file
     values = {entry.get("name"): entry.get("default") for entry in root.findall("arg")}
     given = dict(word.split(":=", 1) for word in words[2:])
     if strange := set(given) - set(values):
@@ -126,7 +126,7 @@ def launch(words: list[str]) -> int:
 
 
 def printed_by(command: str) -> str:
-    """Return what a command prints, with our Python for `python3`."""
+    """Return the output of a command, with this Python for `python3`."""
     words = shlex.split(command)
     words[0] = sys.executable if words[0] == "python3" else words[0]
     return subprocess.run(words, check=True, capture_output=True, text=True).stdout
@@ -148,7 +148,7 @@ def _node(node: ET.Element, put: Any, namespace: str) -> subprocess.Popen[bytes]
 
 
 def typed(value: str, kind: str | None) -> str:
-    """Return a parameter's value as YAML reads it: of the type that the launch file names, if any."""
+    """Return a parameter's value parsed as YAML, of the type in the launch file, if any."""
     if kind == "float":
         return repr(float(value))
     return f"'{value}'" if kind == "str" or not value else value

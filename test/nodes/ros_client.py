@@ -1,4 +1,4 @@
-"""A client of the nodes, for tests: it listens to odom and ball, commands, and calls services."""
+"""A client of the nodes for tests: it subscribes to odom and ball, publishes commands, and calls services."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ RETRY = 8.0
 
 
 class Client:
-    """A node in this process that listens to odom and ball, commands, and calls services.
+    """A node in this process that subscribes to odom and ball, publishes commands, and calls services.
 
-    `frame` is that of the robot's odometry in `namespace`. With `steers` it publishes commands: one process
+    `frame` is the odometry's frame in `namespace`. With `steers` it publishes commands: one process
     cannot have a topic with two types. With `observes` it subscribes to odom and ball.
     """
 
@@ -52,28 +52,28 @@ class Client:
         self._ball = ObjectReader(ObjectSource("ball"), frame)
         self._callers: dict[str, Any] = {}
         if observes:
-            self.node.create_subscription(Odometry, "odom", self._hear_robot, SENSOR_DATA)
-            self.node.create_subscription(Odometry, "ball", self._hear_ball, SENSOR_DATA)
+            self.node.create_subscription(Odometry, "odom", self._on_robot, SENSOR_DATA)
+            self.node.create_subscription(Odometry, "ball", self._on_ball, SENSOR_DATA)
         self._commands = self.node.create_publisher(Twist, "cmd_vel", NEWEST) if steers else None
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._spinning = SpinThread(self._executor)
         self._spinning.start()
 
-    def _hear_robot(self, message: Odometry) -> None:
+    def _on_robot(self, message: Odometry) -> None:
         self.robots.append(robot_from(message, frame=self._frame))
 
-    def _hear_ball(self, message: Odometry) -> None:
+    def _on_ball(self, message: Odometry) -> None:
         self.balls.append(self._ball.read(message))
 
     def listen(self, kind: type, topic: str, qos: Any) -> list[Any]:
-        """Subscribe to a topic; the list that is returned grows with every message."""
-        heard: list[Any] = []
-        self.node.create_subscription(kind, topic, heard.append, qos)
-        return heard
+        """Subscribe to a topic; return a list to which every message is appended."""
+        messages: list[Any] = []
+        self.node.create_subscription(kind, topic, messages.append, qos)
+        return messages
 
     def eventually(self, happened: Callable[[], Any], what: str, patience: float = PATIENCE) -> Any:
-        """Wait until `happened` gives something true, and give that; fails when it never does."""
+        """Wait until `happened` returns a true value, and return it; fail after `patience` s."""
         end = time.monotonic() + patience
         while time.monotonic() < end:
             result = happened()
@@ -83,11 +83,11 @@ class Client:
         raise AssertionError(f"expected within {patience:g} s: {what}")
 
     def robot(self) -> RobotState:
-        """Return the robot's state, once one is known."""
+        """Return the latest robot state; wait for the first."""
         return self.eventually(lambda: self.robots and self.robots[-1][1], "odometry")
 
     def ball(self) -> ObjectState:
-        """Return the ball's state, once one is known."""
+        """Return the latest ball state; wait for the first."""
         return self.eventually(lambda: self.balls and self.balls[-1][1], "a ball")
 
     def time(self) -> float:
@@ -104,12 +104,12 @@ class Client:
 
     def drive_a_tick(self, v: float) -> None:
         """Send one velocity command and wait for the next odometry."""
-        heard = len(self.robots)
+        count = len(self.robots)
         self.command(v=v)
-        self.eventually(lambda: len(self.robots) > heard, "the next tick")
+        self.eventually(lambda: len(self.robots) > count, "the next tick")
 
     def call(self, kind: type, name: str, request: Any | None = None) -> Any:
-        """Call a service and give its answer."""
+        """Call a service and return its response."""
         if name not in self._callers:
             self._callers[name] = self.node.create_client(kind, name)
         client = self._callers[name]
@@ -118,7 +118,7 @@ class Client:
         return self.eventually(lambda: self._answer(client, sent), f"an answer of {name}")
 
     def _answer(self, client: Any, request: Any) -> Any:
-        """Ask once; None when nothing came: a server that has just ended may still be discovered."""
+        """Call once; None without a response: a server that has just ended may still be discovered."""
         future = client.call_async(request)
         end = time.monotonic() + RETRY
         while not future.done() and time.monotonic() < end:
@@ -128,13 +128,13 @@ class Client:
             return None
         return future.result()
 
-    def meet(self, action: str) -> None:
-        """Wait until an action server knows this node, whose action client was made before."""
+    def wait_for_discovery_by(self, action: str) -> None:
+        """Wait until an action server has discovered this node's action client."""
         self.call(CancelGoal, f"{action}/_action/cancel_goal", cancel_request_for_unknown_goal())
 
     def place(self, robot: Pose | None = None, ball: tuple[float, float] | None = None) -> None:
         """Place robot and ball at rest."""
-        if ball is not None:  # the robot may come to where the ball is
+        if ball is not None:  # the robot may be placed at the ball's position
             assert self.call(PlaceObject, "place_ball", PlaceObject.Request(remove=True)).success
         if robot is not None:
             request = PlaceRobot.Request()
@@ -146,12 +146,12 @@ class Client:
             assert self.call(PlaceObject, "place_ball", request).success
 
     def within(self, do: Callable[[], Any]) -> Any:
-        """Do something in the thread that spins: rclpy's action client loses answers that outrun a caller."""
+        """Run `do` in the spinning thread: rclpy's action client loses responses that outrun a caller."""
         task = self._executor.create_task(do)
         return self.eventually(task.done, "a task") and task.result()
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Destroy the node."""
         self._spinning.end(PATIENCE)
         self.node.destroy_node()
         self._context.try_shutdown()

@@ -1,4 +1,4 @@
-"""Reads an SROS2 policy, and says where it departs from SROS2's schema (policy.xsd, version 0.2.0)."""
+"""Reads an SROS2 policy, and reports violations of SROS2's schema (policy.xsd, version 0.2.0)."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from graph import Surface
 
 
 def read_policy(file: Path) -> ET.Element:
-    """Parse a policy of ours."""
-    return ET.parse(file).getroot()  # noqa: S314, the file is ours
+    """Parse a policy."""
+    return ET.parse(file).getroot()  # noqa: S314, a file of this package
 
 
 def allowed(policy: ET.Element, node: str) -> Surface:
-    """Return what the profile of a node allows it to open, with full names."""
+    """Return the full names that the profile of a node allows."""
     (profile,) = policy.iterfind(f".//profile[@node='{node}']")
 
     def names(kind: str, rule: str) -> frozenset[str]:

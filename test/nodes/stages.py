@@ -1,12 +1,12 @@
-"""The stages of a chain, as places where something can fail."""
+"""The stages of a chain, in each of which a failure may occur."""
 
 from __future__ import annotations
 
 import signal
 from collections.abc import Callable
 
-from arena import Arena, Visit
-from chain_client import Sent, call
+from arena import Arena, ArenaClient
+from chain_client import SentGoal, call
 
 from ator_interfaces.srv import PlaceObject
 from ator_ros.geometry import Pose
@@ -20,52 +20,52 @@ SHOT = [
     call("dribbleBall", Pose(1.6, 0.0, 0.0)),
     call("shoot", Pose(4.0, 0.0, 0.0)),
 ]
-Stage = Callable[[Arena, Visit], Sent]
+Stage = Callable[[Arena, ArenaClient], SentGoal]
 
 
-def waiting(arena: Arena, visit: Visit) -> Sent:
-    """Let a goal wait for a ball."""
-    assert visit.ros.call(PlaceObject, "place_ball", PlaceObject.Request(remove=True)).success
-    heard = len(visit.ros.robots)
-    visit.ros.eventually(
-        lambda: len(visit.ros.robots) > heard + 50, "no ball for longer than any timeout here"
+def waiting(arena: Arena, client: ArenaClient) -> SentGoal:
+    """Send a goal that waits for a ball."""
+    assert client.ros.call(PlaceObject, "place_ball", PlaceObject.Request(remove=True)).success
+    count = len(client.ros.robots)
+    client.ros.eventually(
+        lambda: len(client.ros.robots) > count + 50, "no ball for longer than any timeout here"
     )
-    sent = visit.send(CHAIN)
-    visit.ros.eventually(lambda: said(sent, "waiting for the ball"), "the goal waits")
+    sent = client.send(CHAIN)
+    client.ros.eventually(lambda: has_status(sent, "waiting for the ball"), "the goal waits")
     return sent
 
 
-def refining(arena: Arena, visit: Visit) -> Sent:
-    """Let a goal wait for refinement, which is frozen."""
-    visit.place()
+def refining(arena: Arena, client: ArenaClient) -> SentGoal:
+    """Send a goal that waits for the frozen refinement node."""
+    client.place()
     arena.nodes["refinement"].send(signal.SIGSTOP)
-    sent = visit.send(CHAIN, refine=True)
-    visit.ros.eventually(lambda: said(sent, "waiting for refinement"), "the goal is being refined")
+    sent = client.send(CHAIN, refine=True)
+    client.ros.eventually(lambda: has_status(sent, "waiting for refinement"), "the goal is being refined")
     return sent
 
 
-def approach(arena: Arena, visit: Visit) -> Sent:
-    """Let the robot drive to the ball."""
-    visit.place()
-    sent = visit.send(CHAIN)
-    visit.ros.eventually(lambda: visit.ros.robot().v > 0.2, "the robot drives")
+def approach(arena: Arena, client: ArenaClient) -> SentGoal:
+    """Send a goal; wait until the robot drives to the ball."""
+    client.place()
+    sent = client.send(CHAIN)
+    client.ros.eventually(lambda: client.ros.robot().v > 0.2, "the robot drives")
     return sent
 
 
-def dribble(arena: Arena, visit: Visit) -> Sent:
-    """Let the robot drive with the ball."""
-    sent = approach(arena, visit)
-    visit.ros.eventually(lambda: any(told.top == "dribbleBall" for told in sent.feedback), "the dribble")
-    visit.ros.eventually(lambda: visit.ros.robot().v > 0.2, "the robot drives")
+def dribble(arena: Arena, client: ArenaClient) -> SentGoal:
+    """Send a goal; wait until the robot drives with the ball."""
+    sent = approach(arena, client)
+    client.ros.eventually(lambda: any(each.top == "dribbleBall" for each in sent.feedback), "the dribble")
+    client.ros.eventually(lambda: client.ros.robot().v > 0.2, "the robot drives")
     return sent
 
 
-def shoot(arena: Arena, visit: Visit) -> Sent:
-    """Let the robot run at the goal with the ball."""
-    visit.place()
-    sent = visit.send(SHOT)
-    visit.ros.eventually(lambda: any(told.top == "shoot" for told in sent.feedback), "the shot")
-    visit.ros.eventually(lambda: visit.ros.robot().v > 0.2, "the robot drives")
+def shoot(arena: Arena, client: ArenaClient) -> SentGoal:
+    """Send a goal; wait until the robot shoots."""
+    client.place()
+    sent = client.send(SHOT)
+    client.ros.eventually(lambda: any(message.top == "shoot" for message in sent.feedback), "the shot")
+    client.ros.eventually(lambda: client.ros.robot().v > 0.2, "the robot drives")
     return sent
 
 
@@ -73,6 +73,6 @@ MOVING = (approach, dribble, shoot)
 STAGES = (waiting, refining, *MOVING)
 
 
-def said(sent: Sent, words: str) -> bool:
-    """Return whether a goal's feedback has held these words."""
-    return any(words in told.status for told in sent.feedback)
+def has_status(sent: SentGoal, words: str) -> bool:
+    """Return whether a goal's feedback contained these words."""
+    return any(words in message.status for message in sent.feedback)

@@ -1,4 +1,4 @@
-"""Nonsense for the nodes, over topics, goals, parameters and command lines: said clearly, and survived."""
+"""Invalid input of the nodes' topics: reported clearly, without motion or crash."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ pytestmark = pytest.mark.node
 
 GOAL = Pose(1.0, 0.0, 0.0)
 SENSED = {"odom": "/sensed/odom", "ball": "/sensed/ball"}
-"""Where the executor listens here: the test's own client hears no nonsense."""
+"""Topics of the executor in this file, so that the test's client receives no invalid messages."""
 
 
 class Sensors:
-    """Odometry and ball of a robot that stands at the origin, sent by the test."""
+    """Odometry and ball of a robot at rest at the origin, published by the test."""
 
-    def __init__(self, client: Client, stranger: Client) -> None:
+    def __init__(self, client: Client, other: Client) -> None:
         self._odom = client.node.create_publisher(Odometry, SENSED["odom"], SENSOR_DATA)
         self._ball = client.node.create_publisher(Odometry, SENSED["ball"], SENSOR_DATA)
-        # A participant of its own: within one, a topic has one type.
-        self._words = stranger.node.create_publisher(String, SENSED["odom"], SENSOR_DATA)
+        # A separate participant, since a topic has one type within a participant.
+        self._words = other.node.create_publisher(String, SENSED["odom"], SENSOR_DATA)
         self._time = 1.0
 
     def send(self, change: Callable[[Odometry], None] | None = None, *, ball: bool = False) -> None:
-        """Send the next state, changed; `ball` says which of both messages is changed."""
+        """Publish the next state; `change` modifies the ball's message if `ball`, else the odometry."""
         self._time += 0.05
         robot = odometry_of(self._time, RobotState(Pose(0.0, 0.0, 0.0)), frame="odom", child="base_link")
         place = object_odometry_of(self._time, ObjectState(-2.0, 1.0), frame="odom", height=0.1)
@@ -52,13 +52,13 @@ def hosted() -> Iterator[tuple[Hosted, ChainClient, Sensors]]:
     """Run the executor in this process."""
     with pytest.MonkeyPatch.context() as patch, free_domain() as domain:
         patch.setenv(PROFILES, "")
-        client, stranger = Client(domain), Client(domain, "stranger")
+        client, other = Client(domain), Client(domain, "other")
         remapped = [word for pair in SENSED.items() for word in ("-r", "{}:={}".format(*pair))]
         node = Hosted("executor", domain, str, *remapped, odom_timeout=2.0, start_timeout=5.0)
-        yield node, ChainClient(client), Sensors(client, stranger)
+        yield node, ChainClient(client), Sensors(client, other)
         node.close()
         client.close()
-        stranger.close()
+        other.close()
 
 
 def not_a_number(message: Odometry) -> None:
@@ -99,14 +99,14 @@ NONSENSE = [
 
 
 @pytest.mark.parametrize(("change", "ball", "expected"), NONSENSE)
-def test_nonsense_from_the_sensors_is_named_and_moves_nothing(hosted, change, ball, expected) -> None:
+def test_invalid_sensor_messages_are_reported_and_move_nothing(hosted, change, ball, expected) -> None:
     node, chains, sensors = hosted
-    heard = len(chains.commands)
+    count = len(chains.commands)
     chains.ros.eventually(lambda: sensors.send(change, ball=ball) or expected in last_error(node), expected)
-    assert all(command.linear.x == command.angular.z == 0.0 for command in chains.commands[heard:])
+    assert all(command.linear.x == command.angular.z == 0.0 for command in chains.commands[count:])
     assert node.running
 
 
 def last_error(node: Hosted) -> str:
-    """Return the error that the node's diagnostics would tell; in its log warnings come at most every 2 s."""
+    """Return the last error in the node's diagnostics; its log is throttled to a warning per 2 s."""
     return str(node.node._health().values["last error"])

@@ -1,4 +1,4 @@
-"""Bases that subscribe to Twist or TwistStamped, and what is said if a base cannot receive commands."""
+"""Bases that subscribe to Twist or TwistStamped, and reports of bases that cannot receive commands."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SETTINGS = {"odom_timeout": 2.0, "start_timeout": 20.0}
 @pytest.mark.parametrize("kind", [Twist, TwistStamped])
 def test_the_type_that_the_base_subscribes_to_is_published(host: Host, client: Client, kind: type) -> None:
     host("executor", **SETTINGS)
-    base = MovingBase(client, kind)  # found after the start
+    base = MovingBase(client, kind)  # discovered after the start
     chains = ChainClient(client, commands=kind)
     outcome = chains.send(NEAR).outcome()
     assert outcome.code == Outcome.SUCCEEDED, outcome.reason
@@ -45,7 +45,7 @@ def test_the_type_that_the_base_subscribes_to_is_published(host: Host, client: C
 @pytest.mark.parametrize(
     ("set_to", "kind", "other"), [("true", Twist, "false"), ("false", TwistStamped, "true")]
 )
-def test_a_base_of_the_other_type_is_named_with_the_remedy(
+def test_a_base_of_the_other_type_is_reported_with_the_remedy(
     host: Host, client: Client, set_to: str, kind: type, other: str
 ) -> None:
     node = host("executor", stamped_commands=set_to, **SETTINGS)
@@ -64,7 +64,7 @@ def test_a_base_of_the_other_type_is_named_with_the_remedy(
     client.eventually(lambda: expected in health[-1].status[0].message, "diagnostics")
 
 
-def test_a_base_that_subscribes_elsewhere_is_named(host: Host, client: Client) -> None:
+def test_a_base_with_another_topic_is_reported(host: Host, client: Client) -> None:
     host("executor", **SETTINGS)
     MovingBase(client, topic="mobile_base/commands")
     outcome = ChainClient(client, commands=None).send(NEAR).outcome()
@@ -73,7 +73,7 @@ def test_a_base_that_subscribes_elsewhere_is_named(host: Host, client: Client) -
     assert "remap with -r cmd_vel:=/mobile_base/commands" in outcome.reason
 
 
-def test_a_quality_of_service_that_does_not_fit_is_named(host: Host, client: Client) -> None:
+def test_an_incompatible_quality_of_service_is_reported(host: Host, client: Client) -> None:
     host("executor", **SETTINGS)
     MovingBase(client, qos=QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
     outcome = ChainClient(client, commands=None).send(NEAR).outcome()
@@ -82,7 +82,7 @@ def test_a_quality_of_service_that_does_not_fit_is_named(host: Host, client: Cli
     assert outcome.reason.endswith(" fit: Volatile publisher and transient local subscription")
 
 
-def test_the_result_says_that_the_base_drove_at_half_the_commanded_speed(host: Host, client: Client) -> None:
+def test_the_result_reports_a_base_at_half_the_commanded_speed(host: Host, client: Client) -> None:
     host("executor", **SETTINGS)
     MovingBase(client, share=0.5)
     outcome = ChainClient(client).send([call("goToPose", Pose(2.0, 0.0, 0.0))]).outcome()

@@ -1,4 +1,4 @@
-"""`calibrate` drives the simulated base over ROS and writes a description that loads."""
+"""`calibrate` drives the simulated base over ROS and writes a valid description."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def calibrate(domain: int, *words: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture
 def publish(domain: int) -> Iterator[Callable[..., None]]:
-    """Yield a function that publishes an odometry message again and again; nothing here publishes cmd_vel."""
+    """Yield a function that publishes an odometry message repeatedly."""
     context = rclpy.Context()
     context.init(domain_id=domain)
     node = Node("strange_base", context=context)
@@ -67,7 +67,7 @@ def publish(domain: int) -> Iterator[Callable[..., None]]:
         ("/odom", 0.0, "odom.pose.pose.orientation: expected a quaternion (x, y, z, w) with a direction"),
     ],
 )
-def test_odometry_that_cannot_be_used_is_named_in_one_line(
+def test_invalid_odometry_is_reported_in_one_line(
     publish: Callable[..., None], domain: int, tmp_path: Path, frame: str, w: float, expected: str
 ) -> None:
     message = Odometry(child_frame_id="base_link")
@@ -80,7 +80,7 @@ def test_odometry_that_cannot_be_used_is_named_in_one_line(
     assert expected in line
 
 
-def test_stamps_that_stand_are_named(publish: Callable[..., None], domain: int, tmp_path: Path) -> None:
+def test_constant_stamps_are_reported(publish: Callable[..., None], domain: int, tmp_path: Path) -> None:
     message = Odometry(child_frame_id="base_link")
     message.header.frame_id, message.header.stamp.sec, message.pose.pose.orientation.w = "odom", 3, 1.0
     publish(message, step=0)
@@ -90,7 +90,7 @@ def test_stamps_that_stand_are_named(publish: Callable[..., None], domain: int, 
 
 @pytest.mark.long
 @pytest.mark.parametrize("stamped", [False, True])
-def test_a_base_is_described(start: Start, domain: int, tmp_path: Path, stamped: bool) -> None:
+def test_a_description_is_written(start: Start, domain: int, tmp_path: Path, stamped: bool) -> None:
     timing = {"real_time_factor": 5.0, "command_wait": 0.5, "latency": 0.1}
     start("simulation", **timing, stamped_commands=stamped, ball_start=AWAY)
     file = tmp_path / "mine.yaml"
@@ -107,10 +107,10 @@ def test_a_base_is_described(start: Start, domain: int, tmp_path: Path, stamped:
 
 
 @pytest.mark.long
-def test_another_publisher_of_commands_is_refused(
+def test_another_publisher_of_commands_is_an_error(
     start: Start, client: Client, domain: int, tmp_path: Path
 ) -> None:
-    """The client is one: it has a publisher for the tests that drive the robot themselves."""
+    """The test's client is one: it has a publisher of cmd_vel."""
     start("simulation", real_time_factor=5.0)
     client.eventually(lambda: bool(client.robots), "odometry")
     done = calibrate(domain, "--out", str(tmp_path / "mine.yaml"))

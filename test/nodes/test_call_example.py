@@ -1,4 +1,4 @@
-"""The example that calls services, sends goals and echoes topics where there is no command `ros2`."""
+"""The example that calls services, sends goals and echoes topics without the `ros2` command."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_a_goal_is_sent_and_feedback_and_result_printed_and_an_interrupt_cancels
         (("reset", "std_srvs/srv/Tri"), "type: expected an installed one, such as std_srvs/srv/Trigger, got"),
     ],
 )
-def test_what_cannot_be_called_is_reported(words: tuple[str, ...], message: str, domain: int) -> None:
+def test_invalid_calls_are_reported(words: tuple[str, ...], message: str, domain: int) -> None:
     code, _, errors = call(*words, domain=domain)
     assert code == 1
     assert errors.startswith("call: ")
@@ -99,12 +99,12 @@ def test_what_cannot_be_called_is_reported(words: tuple[str, ...], message: str,
         ({"position": 3}, r"request\.position: expected fields with values, got 3$"),
     ],
 )
-def test_values_that_do_not_fit_are_refused(values: object, message: str) -> None:
+def test_invalid_values_are_rejected(values: object, message: str) -> None:
     with pytest.raises(CallError, match=message):
         filled(PlaceObject.Request, values)
 
 
-def test_bytes_and_arrays_of_whole_numbers_are_printed() -> None:
+def test_bytes_and_integer_arrays_are_printed() -> None:
     info = GoalInfo()
     info.goal_id.uuid = list(range(16))
     assert "- 15\n" in text(info)

@@ -1,4 +1,4 @@
-"""The example client: its request is the README's, and with the nodes it is refined and executed."""
+"""The example client: its request is the README's, and the nodes refine and execute it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ator_ros.examples.call import filled
 from ator_ros.examples.refine_and_execute import request
 
 
-def test_its_request_is_answered_as_the_readme_says() -> None:
+def test_its_request_has_the_answer_of_the_readme() -> None:
     theirs = answered(filled(RefineSubgoal.Request, printed("ros2 service call /refine_subgoal")))
     answer = answered(request())
     assert answer.accepted

@@ -1,4 +1,4 @@
-"""Messages to the core's types and back; whatever comes in, only MessageError comes out."""
+"""Conversions between messages and core types; invalid messages raise only MessageError."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def near(first: Pose, second: Pose) -> bool:
 
 
 @given(worlds)
-def test_a_world_survives_the_way_through_a_message(world: World) -> None:
+def test_a_world_is_unchanged_by_a_message(world: World) -> None:
     back = world_from(messages.situation_of(world, frame=FRAME), frame=FRAME)
     assert back.time == pytest.approx(world.time, abs=1e-8)
     assert near(back.robot.pose, world.robot.pose)
@@ -65,7 +65,7 @@ def test_a_world_survives_the_way_through_a_message(world: World) -> None:
 
 
 @given(st.builds(RobotState, poses, speeds, speeds), balls)
-def test_odometry_survives_the_way_through_a_message(robot: RobotState, ball: ObjectState) -> None:
+def test_odometry_is_unchanged_by_a_message(robot: RobotState, ball: ObjectState) -> None:
     message = messages.odometry_of(1.25, robot, frame=FRAME, child="base_link")
     time, back = robot_from(message, frame=FRAME)
     assert time == 1.25
@@ -78,7 +78,7 @@ def test_odometry_survives_the_way_through_a_message(robot: RobotState, ball: Ob
 @given(
     st.lists(st.tuples(st.sampled_from(list(LIBRARY)), poses, st.floats(0.0, 2.0)), min_size=1, max_size=5)
 )
-def test_a_chain_survives_the_way_through_a_message(steps: list[tuple[str, Pose, float]]) -> None:
+def test_a_chain_is_unchanged_by_a_message(steps: list[tuple[str, Pose, float]]) -> None:
     message = TopChain(calls=[TopCall(top=top, speed=speed, open=["yaw", "*"]) for top, _, speed in steps])
     for call, (_, pose, _) in zip(message.calls, steps, strict=True):
         call.goal.pose = messages.pose_of(pose)
@@ -120,13 +120,13 @@ def lifted(**values: float) -> TopChain:
         (TopChain(calls=[TopCall(top="dribbleBall", open=["lift"])]), r"open: expected names .*got 'lift'"),
     ],
 )
-def test_values_that_are_not_those_declared_are_refused(chain: TopChain, expected: str) -> None:
+def test_undeclared_or_missing_values_are_rejected(chain: TopChain, expected: str) -> None:
     with pytest.raises(MessageError, match=expected):
         messages.chain_from(chain, LIFTING, frame=FRAME)
 
 
 def scrambled(message: Any, draw: st.DrawFn) -> Any:
-    """Fill every field of a message, whatever its type, with anything that the type allows."""
+    """Fill every field of a message with an arbitrary value of its type."""
     for name, kind in message.get_fields_and_field_types().items():
         value = getattr(message, name)
         if kind == "double":
@@ -144,7 +144,7 @@ def scrambled(message: Any, draw: st.DrawFn) -> Any:
 
 
 @given(st.data())
-def test_whatever_comes_in_is_read_or_refused(data: st.DataObject) -> None:
+def test_arbitrary_messages_are_read_or_rejected(data: st.DataObject) -> None:
     ball = msg.ObjectState(name="ball")
     chain = TopChain(calls=[scrambled(TopCall(), data.draw) for _ in range(data.draw(st.integers(0, 2)))])
     readers = [

@@ -1,4 +1,4 @@
-"""The installed demo, to its end and broken off: what `make demo` runs."""
+"""The installed demo of `make demo`, complete and interrupted."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ pytestmark = pytest.mark.node
 
 DEMO = Path(get_package_prefix("ator_ros"), "lib", "ator_ros", "demo")
 INTERRUPTED = 130
-# As fast as possible a simulation takes a whole core while nobody steers.
+# As fast as possible, a simulation without commands uses a whole core.
 QUICKLY = ("--real-time-factor", "10")
 PATIENCE = 120.0
 
 
 @pytest.fixture
 def demo(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
-    """Start the demo of two situations; whatever the test finds, no node outlives it."""
+    """Start the demo of two situations; all nodes end with the test."""
     words = [str(DEMO), "--situations", "2", *QUICKLY, "--out", str(tmp_path / "demo.png")]
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment)
@@ -35,12 +35,12 @@ def demo(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def nodes_of(demo: subprocess.Popen[str]) -> list[int]:
-    """Return the process ids of the nodes that the demo has started."""
+    """Return the process ids of the demo's nodes."""
     return [int(word) for word in Path(f"/proc/{demo.pid}/task/{demo.pid}/children").read_text().split()]
 
 
 @pytest.mark.long
-def test_it_tells_the_gain_and_draws_the_paths(tmp_path: Path) -> None:
+def test_it_prints_the_gain_and_draws_the_paths(tmp_path: Path) -> None:
     words = [str(DEMO), "--situations", "1", *QUICKLY, "--out", str(tmp_path / "demo.png")]
     ended = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert ended.returncode == 0, ended.stdout + ended.stderr
@@ -55,20 +55,20 @@ def test_it_tells_the_gain_and_draws_the_paths(tmp_path: Path) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_broken_off_it_tells_what_was_played_and_leaves_no_node(
+def test_an_interrupted_demo_reports_its_runs_and_leaves_no_node(
     demo: subprocess.Popen[str], tmp_path: Path, number: signal.Signals
 ) -> None:
     assert demo.stdout is not None
-    told = ""
-    while not told.endswith("situation 2 of 2"):
+    output = ""
+    while not output.endswith("situation 2 of 2"):
         letter = demo.stdout.read(1)
-        assert letter, f"expected a second situation, got {told}"
-        told += letter
+        assert letter, f"expected a second situation, got {output}"
+        output += letter
     nodes = nodes_of(demo)
     assert len(nodes) == 3
     demo.send_signal(number)
-    told, _ = demo.communicate(timeout=PATIENCE)
-    assert demo.returncode == INTERRUPTED, told
-    assert "of 1 situations succeeded" in told
+    output, _ = demo.communicate(timeout=PATIENCE)
+    assert demo.returncode == INTERRUPTED, output
+    assert "of 1 situations succeeded" in output
     assert (tmp_path / "demo.png").is_file()
     assert not [pid for pid in nodes if Path(f"/proc/{pid}").exists()]

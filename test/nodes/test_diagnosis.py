@@ -1,4 +1,4 @@
-"""Causes of missing inputs and of a base that does not move; several publishers of one state."""
+"""Diagnosed causes of missing inputs and of a base that does not move; several publishers of a state."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 @pytest.fixture
 def client(domain: int) -> Iterator[Client]:
-    """Yield a client that publishes and subscribes to nothing."""
+    """Yield a client without publishers and subscriptions."""
     made = Client(domain, steers=False, observes=False)
     yield made
     made.close()
@@ -34,7 +34,7 @@ def received(
     error: Exception | None = None,
     qos: QoSProfile = SENSOR_DATA,
 ) -> Diagnosis:
-    """Return the diagnosis of odometry: messages with these stamps came, and one that was ignored."""
+    """Return the diagnosis of odometry with these stamps and one ignored message."""
     inputs = {"odom": Input("odom", Odometry, qos)}
     diagnosis = Diagnosis(client.node, inputs, TfListener(client.node))
     for number, stamp in enumerate(stamps):
@@ -81,7 +81,7 @@ def test_the_cause_of_missing_odometry(client: Client) -> None:
     assert "reliable" in unfit
 
 
-def test_odometry_too_rare_to_drive_by_is_named_with_what_to_do(client: Client) -> None:
+def test_too_low_an_odometry_rate_is_reported_with_the_remedy(client: Client) -> None:
     rare = received(client, *(0.2 * i for i in range(9)), every=0.2)
     assert rare.rate_problem("odom", timeout=0.3) == (
         "odom: messages came 0.20 s apart, too rarely for a timeout of 0.3 s; set odom_timeout:=0.8: "

@@ -1,4 +1,4 @@
-"""The printed commands that use ROS, word for word; where there is no `ros2`, ros2cli_subset.py is used."""
+"""The printed commands that use ROS, verbatim; without `ros2`, ros2cli_subset.py replaces it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ IGNORED = shutil.ignore_patterns(
 
 
 class Shell:
-    """Runs printed commands in a folder, on a ROS domain; what it has started ends with it."""
+    """Runs printed commands in a folder, on a ROS domain; its processes end with it."""
 
     def __init__(self, folder: Path, domain: int) -> None:
         self.folder = folder
@@ -42,7 +42,7 @@ class Shell:
             "ROS_DOMAIN_ID": str(domain),
             "PATH": path,
             "PYTHONUNBUFFERED": "1",
-            "MAKEFLAGS": f"-j{os.cpu_count()}",  # else colcon says -l, which starves on a busy machine
+            "MAKEFLAGS": f"-j{os.cpu_count()}",  # colcon's default -l starves on a busy machine
         }
 
     def start(self, text: str, cwd: Path | None = None) -> Path:
@@ -61,7 +61,7 @@ class Shell:
         return log
 
     def run(self, text: str, cwd: Path | None = None) -> str:
-        """Run a command, which must succeed; return its output."""
+        """Run a command; assert that it succeeds; return its output."""
         log = self.start(text, cwd)
         code = self._started[-1].wait(timeout=PATIENCE)
         output = log.read_text(encoding="utf-8")
@@ -69,7 +69,7 @@ class Shell:
         return output
 
     def close(self) -> None:
-        """End what still runs, with all that it has started."""
+        """End all running commands and their child processes."""
         for number, patience in ((signal.SIGINT, 10.0), (signal.SIGKILL, 10.0)):
             for process in self._started:
                 if process.poll() is None:
@@ -87,13 +87,13 @@ def shell(tmp_path: Path, domain: int) -> Iterator[Shell]:
 
 
 def printed(beginning: str) -> str:
-    """Return the one printed command that begins so."""
+    """Return the only printed command with this beginning."""
     (text,) = {text for text in TEXTS if text.startswith(beginning)}
     return text
 
 
 def wait_for(words: str, log: Path, patience: float = PATIENCE) -> str:
-    """Wait until an output holds these words, and return it."""
+    """Wait until the output contains these words, and return it."""
     end = time.monotonic() + patience
     while words not in (output := log.read_text(encoding="utf-8", errors="replace")):
         assert time.monotonic() < end, f"expected {words!r}, got:\n{output[-3000:]}"
@@ -107,9 +107,9 @@ def test_the_printed_requests(shell: Shell) -> None:
         wait_for(words, nodes)
     actions = shell.start(printed("ros2 topic echo /performance/action"))
     assert "accepted=True, refined=True" in shell.run(printed("ros2 service call /refine_subgoal"))
-    told = shell.run(printed("ros2 action send_goal --feedback"))
-    assert "Feedback" in told
-    assert "arrived" in told
+    output = shell.run(printed("ros2 action send_goal --feedback"))
+    assert "Feedback" in output
+    assert "arrived" in output
     assert "predicted" in wait_for("dribbleBall", actions)
     assert "arrived" in shell.run(printed("ros2 topic echo --once"))
     for beginning in ("ros2 service call /reset", "ros2 service call /place_ball"):
@@ -119,7 +119,7 @@ def test_the_printed_requests(shell: Shell) -> None:
     assert "top='shoot'" in shell.run(printed("ros2 service call /plan_chains"))
 
 
-def test_two_robots_play_at_the_same_time(shell: Shell) -> None:
+def test_two_robots_drive_at_the_same_time(shell: Shell) -> None:
     started = [shell.start(printed('ros2 run ator_ros simulation --ros-args -p "robots'))]
     wait_for("simulating pioneer_3dx as ann, pioneer_3dx as bob", started[0])
     for name in ("ann", "bob"):
@@ -141,7 +141,7 @@ def stamp(pattern: str, text: str) -> int:
     return int(found[1])
 
 
-def test_a_copy_of_the_configuration_is_honoured(shell: Shell) -> None:
+def test_a_copy_of_the_configuration_is_used(shell: Shell) -> None:
     shell.run(printed("cp -rL"))
     robot = shell.folder / "my_config" / "pioneer.yaml"
     assert not robot.is_symlink()
@@ -154,10 +154,10 @@ def test_a_copy_of_the_configuration_is_honoured(shell: Shell) -> None:
     wait_for("ready for chains of my_robot", shell.start(alone, cwd=ROOT))
     shell.run(*re.findall(r"sed -i .*\\\n.*", (ROOT / "README.md").read_text(encoding="utf-8")))
     for name in ("refinement", "executor", "learning"):
-        assert f'models: "{shell.folder}/my_study/models"' in (robot.parent / f"{name}.yaml").read_text()
+        assert f"models: {shell.folder}/my_study/models\n" in (robot.parent / f"{name}.yaml").read_text()
 
 
-def test_a_node_runs_without_the_command_ros2(shell: Shell) -> None:
+def test_a_node_runs_without_the_ros2_command(shell: Shell) -> None:
     node = shell.start(printed("make run EXE=simulation"), cwd=ROOT)
     wait_for("simulating pioneer_3dx at 5 times real time", node)
 

@@ -1,4 +1,4 @@
-"""The nodes with a robot without a holder, whose area is far from the origin of odometry."""
+"""The nodes with a robot without a holder, in an area far from the origin of odometry."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 import yaml
 from chain_client import ChainClient, call
 from conftest import Host, Start
-from experience_rows import made_up_experience
+from experience_rows import synthetic_experience
 from refinement_requests import refine
 from robots import PLAIN
 from ros_client import Client
@@ -38,7 +38,7 @@ def file(tmp_path: Path) -> Path:
 @pytest.fixture
 def models(tmp_path: Path) -> Path:
     """Return a folder with a small model."""
-    rows = made_up_experience("goToPose")
+    rows = synthetic_experience("goToPose")
     model = train("goToPose", rows, DRIVE.equip(PLAIN), features=DRIVE.candidates("goToPose"))
     save_model(tmp_path / "models" / "goToPose.json", model)
     return tmp_path / "models"

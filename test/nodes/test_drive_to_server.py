@@ -16,14 +16,12 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
 
 
-def test_a_goal_is_executing_until_it_has_arrived_is_canceled_or_superseded(
-    start: Start, client: Client
-) -> None:
+def test_a_goal_executes_until_arrival_cancellation_or_a_newer_goal(start: Start, client: Client) -> None:
     base = MovingBase(client)
     start("drive_to_server")
     server = ActionClient(client.node, DriveTo, "drive_to")
     assert server.wait_for_server(timeout_sec=PATIENCE)
-    client.meet("drive_to")
+    client.wait_for_discovery_by("drive_to")
 
     def sent(x: float) -> Any:
         goal = DriveTo.Goal()

@@ -1,7 +1,7 @@
-"""The node `executor` with a ball that moves, through ROS; one set of processes for all tests here.
+"""The `executor` node with a moving ball, over ROS; all tests share one set of processes.
 
-The simulation runs at real time: what is done to the ball is done while the robot drives, also where that is
-slow. Where ticks come late the robot may lose the ball once more than the test wants: it may fetch it again.
+The simulation runs at real time, so that the ball is moved while the robot drives, also on a slow
+machine. With late ticks the robot may lose the ball once more than planned, and may fetch it again.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from chain_client import ChainClient, Sent, call, chain_of_the_paper
+from chain_client import ChainClient, SentGoal, call, chain_of_the_paper
 from process import Processes
 from ros_client import Client
 
@@ -42,29 +42,29 @@ def chains(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ChainClient]:
 
 @pytest.fixture(autouse=True)
 def placed(chains: ChainClient) -> None:
-    """Start every test with robot and ball at rest at their places."""
+    """Place robot and ball at rest before every test."""
     chains.ros.place(robot=START, ball=(0.0, 0.0))
     chains.ros.eventually(
         lambda: chains.standing() and chains.ros.robot().pose.distance(START) < 0.01
         and abs(chains.ros.ball().x) + abs(chains.ros.ball().y) < 0.01,
         "robot and ball are placed",
     )  # fmt: skip
-    chains.until_newer()
+    chains.wait_for_newer_odometry()
 
 
-def until(chains: ChainClient, sent: Sent, top: str) -> None:
-    """Wait until the robot drives in the step `top`."""
+def until(chains: ChainClient, sent: SentGoal, top: str) -> None:
+    """Wait until the robot drives in step `top`."""
     chains.ros.eventually(lambda: sent.feedback and sent.feedback[-1].top == top, top, LONG)
-    chains.until_moving()
+    chains.wait_until_moving()
 
 
-def steps(sent: Sent) -> list[tuple[int, int]]:
-    """Return step and outcome of each action."""
+def steps(sent: SentGoal) -> list[tuple[int, int]]:
+    """Return the step and outcome of each action."""
     return [(action.step, action.outcome.code) for action in sent.result(LONG).record.actions]
 
 
 @pytest.mark.long
-def test_a_lost_ball_is_fetched_again_when_the_goal_asks_for_it(chains: ChainClient) -> None:
+def test_a_lost_ball_is_fetched_again_if_the_goal_allows_it(chains: ChainClient) -> None:
     sent = chains.send(chain_of_the_paper()[:2], fetches=9)
     until(chains, sent, "dribbleBall")
     chains.ros.place(ball=(0.5, 1.5))
@@ -72,7 +72,7 @@ def test_a_lost_ball_is_fetched_again_when_the_goal_asks_for_it(chains: ChainCli
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
     assert result.record.fetched >= 1
     done = steps(sent)
-    # Where ticks come late the new approach is broken off, too, or the ball is lost once more.
+    # With late ticks the new approach is also aborted, or the ball is lost once more.
     assert [step for step, _ in done[:3]] == [0, 1, 0]
     assert (done[0], done[-1]) == ((0, Outcome.SUCCEEDED), (1, Outcome.SUCCEEDED))
     fetch = result.record.actions[2].call.goal.pose
@@ -84,7 +84,7 @@ def test_a_lost_ball_is_fetched_again_when_the_goal_asks_for_it(chains: ChainCli
 
 
 @pytest.mark.long
-def test_a_ball_that_is_displaced_while_it_is_approached_is_followed(chains: ChainClient) -> None:
+def test_a_ball_displaced_during_the_approach_is_followed(chains: ChainClient) -> None:
     sent = chains.send([call("goToBall", Pose(0.0, 0.0, 0.5))])
     until(chains, sent, "goToBall")
     chains.ros.place(ball=(0.3, 0.5))
@@ -99,7 +99,7 @@ def test_a_ball_that_is_displaced_while_it_is_approached_is_followed(chains: Cha
 
 
 @pytest.mark.long
-def test_refinement_is_asked_again_when_the_ball_was_displaced_and_the_robot_drives_on(
+def test_a_displaced_ball_is_refined_again_while_the_robot_drives(
     chains: ChainClient,
 ) -> None:
     calls = chain_of_the_paper()[:2]

@@ -1,4 +1,4 @@
-"""The node `executor`, used through ROS as its users do; one set of processes for all tests here."""
+"""The `executor` node over its ROS interfaces; all tests share one set of processes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from action_msgs.msg import GoalStatus, GoalStatusArray
-from chain_client import ChainClient, Sent, call, chain_of_the_paper
+from chain_client import ChainClient, SentGoal, call, chain_of_the_paper
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Path
 from process import Process, Processes
@@ -26,11 +26,11 @@ from ator_ros.nodes.qos import LATCHED, RESULTS
 pytestmark = pytest.mark.node
 
 FAR = call("goToPose", Pose(2.5, 1.5, 0.0))
-#: Lasts minutes of simulated time, since the simulation does not wait for this process: whatever happens
-#: while the robot drives happens before the chain's end.
+#: Takes minutes of simulated time, since the simulation does not wait for this process, so that all events
+#: of a test occur before the chain's end.
 PATROL = [FAR, call("goToPose", Pose(-2.5, 1.5, 3.1))] * 16
 SETTINGS = {
-    # Generous, since the machine may be busy with other tests.
+    # Long, since the machine may be busy with other tests.
     "executor": {"odom_timeout": 1.5, "refinement_timeout": 1.0},
     "simulation": {"real_time_factor": 10.0, "command_wait": 0.5},
 }
@@ -38,7 +38,7 @@ SETTINGS = {
 
 @pytest.fixture(scope="module")
 def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Callable[[str], Process], Client]]:
-    """Return a function that starts a node, and a client, on a domain of their own."""
+    """Return a function that starts a node, and a client, on a separate domain."""
     with free_domain() as domain:
         processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
         yield lambda name: processes.start(name, **SETTINGS.get(name, {})), client
@@ -63,14 +63,14 @@ def chains(graph, executor: Process) -> ChainClient:
 
 @pytest.fixture(autouse=True)
 def placed(chains: ChainClient) -> None:
-    """Start every test with robot and ball at rest where the chains expect them."""
+    """Place robot and ball at rest at the start of the chains before every test."""
     chains.ros.place(robot=Pose(-2.0, 0.0, 0.0), ball=(0.0, 0.0))
     chains.ros.eventually(
         lambda: chains.standing() and chains.ros.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 0.01
         and math.hypot(chains.ros.ball().x, chains.ros.ball().y) < 0.01,
         "robot and ball are placed",
     )  # fmt: skip
-    chains.until_newer()
+    chains.wait_for_newer_odometry()
 
 
 def test_a_chain_runs_to_its_end_and_is_recorded(chains: ChainClient) -> None:
@@ -103,14 +103,14 @@ def test_a_goal_has_the_status_that_clients_expect(chains: ChainClient) -> None:
         GoalStatusArray, "execute_chain/_action/status", qos_profile_action_status_default
     )
 
-    def last(sent: Sent) -> int | None:
+    def last(sent: SentGoal) -> int | None:
         found = [
             each for a in arrays for each in a.status_list if each.goal_info.goal_id == sent.handle.goal_id
         ]
         return found[-1].status if found else None
 
     driving = chains.send(PATROL)
-    chains.until_moving()
+    chains.wait_until_moving()
     chains.ros.eventually(lambda: last(driving) == GoalStatus.STATUS_EXECUTING, "executing")
     driving.cancel()
     chains.ros.eventually(lambda: last(driving) == GoalStatus.STATUS_CANCELED, "canceled")
@@ -118,9 +118,9 @@ def test_a_goal_has_the_status_that_clients_expect(chains: ChainClient) -> None:
     chains.ros.eventually(lambda: last(arrived) == GoalStatus.STATUS_SUCCEEDED, "succeeded")
 
 
-def test_what_is_under_way_can_be_drawn_also_by_who_comes_later(chains: ChainClient) -> None:
+def test_status_and_markers_are_latched_for_late_subscribers(chains: ChainClient) -> None:
     sent = chains.send(PATROL)
-    chains.until_moving()
+    chains.wait_until_moving()
     paths = chains.ros.listen(Path, "planned_path", LATCHED)
     names = ("chain", "object", "scene")
     drawn = {name: chains.ros.listen(MarkerArray, f"{name}_markers", LATCHED) for name in names}
@@ -141,7 +141,7 @@ def test_what_is_under_way_can_be_drawn_also_by_who_comes_later(chains: ChainCli
 
 def test_cancel_stops_the_robot(chains: ChainClient) -> None:
     sent = chains.send(PATROL)
-    chains.until_moving()
+    chains.wait_until_moving()
     sent.cancel()
     assert sent.outcome().code == Outcome.CANCELED
     chains.ros.eventually(chains.standing, "the robot stands")
@@ -162,7 +162,7 @@ def test_cancel_stops_the_robot(chains: ChainClient) -> None:
         ([call("goToPose", Pose(1000.0, 0.0, 0.0))], "expected a place for the robot inside the fence"),
     ],
 )
-def test_an_impossible_chain_is_refused_in_words(chains: ChainClient, calls: list, expected: str) -> None:
+def test_an_invalid_chain_is_rejected_with_a_reason(chains: ChainClient, calls: list, expected: str) -> None:
     result = chains.send(calls).result()
     assert result.outcome.code == result.record.outcome.code == Outcome.REFUSED
     assert expected in result.outcome.reason
@@ -172,7 +172,7 @@ def test_an_impossible_chain_is_refused_in_words(chains: ChainClient, calls: lis
 
 def test_a_newer_goal_preempts(chains: ChainClient) -> None:
     older = chains.send(PATROL)
-    chains.until_moving()
+    chains.wait_until_moving()
     assert chains.send([]).outcome().code == Outcome.REFUSED
     assert not older.ended()
     newer = chains.send([call("goToPose", Pose(-0.5, -1.0, 0.0))])
@@ -181,18 +181,18 @@ def test_a_newer_goal_preempts(chains: ChainClient) -> None:
     assert chains.ros.robot().pose.distance(Pose(-0.5, -1.0, 0.0)) < 0.06
 
 
-def test_a_missing_refinement_node_is_survived(chains: ChainClient) -> None:
+def test_a_goal_succeeds_without_a_refinement_node(chains: ChainClient) -> None:
     result = chains.send([call("goToPose", Pose(-1.5, 0.0, 0.0))], refine=True).result()
     assert result.outcome.code == Outcome.SUCCEEDED
     assert not result.record.refined
     assert "executed as sent, refinement failed: no answer within 1 s" in result.record.refinement
 
 
-def test_silence_of_odom_stops_the_robot_and_a_new_goal_works(
+def test_missing_odometry_stops_the_robot_and_a_new_goal_works(
     chains: ChainClient, simulation: Process
 ) -> None:
     sent = chains.send(PATROL)
-    chains.until_moving()
+    chains.wait_until_moving()
     simulation.send(signal.SIGSTOP)
     try:
         outcome = sent.outcome()
@@ -207,7 +207,7 @@ def test_silence_of_odom_stops_the_robot_and_a_new_goal_works(
 
 def test_a_reset_ends_the_goal(chains: ChainClient) -> None:
     sent = chains.send(PATROL)
-    chains.until_moving()
+    chains.wait_until_moving()
     assert chains.ros.call(Trigger, "reset").success
     outcome = sent.outcome()
     assert outcome.code == Outcome.INPUT_LOST
@@ -220,13 +220,13 @@ def test_health_is_published(chains: ChainClient) -> None:
     assert chains.send([call("goToPose", Pose(-1.8, 0.0, 0.0))]).outcome().code == Outcome.SUCCEEDED
 
     def known() -> bool:
-        # Refused anew each time: whatever else the executor notes in the meantime replaces its last error.
+        # Sent repeatedly, since other errors may replace the last error of the executor.
         assert chains.send([]).outcome().code == Outcome.REFUSED
         time.sleep(0.3)
         status = [message.status[0] for message in health if message.status[0].name == "/executor"]
-        errors = [value.value for told in status for value in told.values if value.key == "last error"]
+        errors = [value.value for each in status for value in each.values if value.key == "last error"]
         return any("chain.calls: expected 1 to 32 items, got 0" in error for error in errors)
 
     chains.ros.eventually(known, "diagnostics with the last error")
-    names = {value.key for told in health[-20:] for value in told.status[0].values}
+    names = {value.key for each in health[-20:] for value in each.status[0].values}
     assert {"odom", "longest tick (ms)", "99 % of the last 1000 ticks within (ms)"} <= names

@@ -1,4 +1,4 @@
-"""The executor with a domain from a file whose actions are on servers of others."""
+"""The executor with a domain file whose actions are on external servers."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def test_a_chain_is_executed_by_a_server_while_cmd_vel_is_silent(hall: Hall) -> 
     hall.client.eventually(lambda: server.goals, "a goal")
     commands = len(hall.chains.commands)
     hall.client.eventually(
-        lambda: any("executed by drive" in told.status for told in sent.feedback), "feedback"
+        lambda: any("executed by drive" in message.status for message in sent.feedback), "feedback"
     )
     time.sleep(0.3)
-    assert len(hall.chains.commands) <= commands + 1  # one may have been under way
+    assert len(hall.chains.commands) <= commands + 1  # one may have been in transit
     hall.reach(server, 1, first)
     hall.reach(server, 2, second)
     result = sent.result()
@@ -40,12 +40,12 @@ def test_a_chain_is_executed_by_a_server_while_cmd_vel_is_silent(hall: Hall) -> 
 
 
 @pytest.mark.parametrize("cancels", [True, False])
-def test_a_canceled_goal_ends_once_its_server_has_ended_or_its_time_is_up(hall: Hall, cancels: bool) -> None:
+def test_a_canceled_goal_ends_with_its_server_or_a_timeout(hall: Hall, cancels: bool) -> None:
     server = hall.serve(cancels=cancels)
     sent = hall.chains.send([call("visit", Pose(1.0, 0.5, 0.3))])
     hall.client.eventually(lambda: server.goals, "a goal")
     hall.client.eventually(
-        lambda: any("executed by drive" in told.status for told in sent.feedback), "feedback"
+        lambda: any("executed by drive" in message.status for message in sent.feedback), "feedback"
     )
     began = time.monotonic()
     sent.cancel()
@@ -59,11 +59,11 @@ def test_a_canceled_goal_ends_once_its_server_has_ended_or_its_time_is_up(hall: 
     assert 0.2 < took < 1.0 if cancels else 1.0 < took < 3.0
 
 
-def test_a_newer_goal_waits_for_the_server_that_drives(hall: Hall) -> None:
+def test_a_newer_goal_waits_for_the_active_server(hall: Hall) -> None:
     server = hall.serve()
     old = hall.chains.send([call("visit", Pose(1.0, 0.5, 0.3))])
     hall.client.eventually(
-        lambda: any("executed by drive" in told.status for told in old.feedback), "feedback"
+        lambda: any("executed by drive" in message.status for message in old.feedback), "feedback"
     )
     new = hall.chains.send([call("visit", Pose(2.0, 0.5, 0.3))])
     assert old.outcome().code == Outcome.PREEMPTED
@@ -79,7 +79,7 @@ LIVE |= {"action_timeout": 1.0, "refine_again_after": 0.0, "cart_timeout": 1.0}
 
 
 @pytest.mark.parametrize(("x", "code"), [(9.0, Outcome.OUT_OF_BOUNDS), (0.1, Outcome.FAILED)])
-def test_the_fence_and_a_time_limit_set_meanwhile_end_a_goal(hall: Hall, x: float, code: int) -> None:
+def test_the_fence_and_a_changed_time_limit_end_a_goal(hall: Hall, x: float, code: int) -> None:
     wanted = [Parameter(name, value=value).to_parameter_msg() for name, value in LIVE.items()]
     request = SetParameters.Request(parameters=wanted)
     results = hall.client.call(SetParameters, "executor/set_parameters", request).results
@@ -94,12 +94,12 @@ def test_the_fence_and_a_time_limit_set_meanwhile_end_a_goal(hall: Hall, x: floa
 
 
 @pytest.mark.long
-def test_a_server_that_is_killed_is_noticed_within_seconds(hall: Hall, start: Start) -> None:
-    """DDS counts it for 20 s, then the reason would be another; `silence` is 1.5 s."""
+def test_a_killed_server_is_detected_within_seconds(hall: Hall, start: Start) -> None:
+    """DDS lists it for 20 s, after which the reason would differ; `silence` is 1.5 s."""
     server = start("drive_to_server")
     sent = hall.chains.send([call("deliver", Pose(2.0, 0.5, 0.3))])
     hall.client.eventually(
-        lambda: any("executed by drive_to" in told.status for told in sent.feedback), "feedback"
+        lambda: any("executed by drive_to" in message.status for message in sent.feedback), "feedback"
     )
     time.sleep(2.0)
     assert not sent.ended()
@@ -111,15 +111,15 @@ def test_a_server_that_is_killed_is_noticed_within_seconds(hall: Hall, start: St
     assert time.monotonic() - began < 1.5 + 0.5 + 2.0  # silence, cancel, a busy machine
 
 
-def test_an_action_whose_type_is_not_installed_leaves_the_others_alone(hall: Hall) -> None:
-    heard = hall.client.listen(DiagnosticArray, "/diagnostics", RESULTS)
+def test_an_action_type_that_is_not_installed_does_not_affect_others(hall: Hall) -> None:
+    diagnostics = hall.client.listen(DiagnosticArray, "/diagnostics", RESULTS)
     outcome = hall.chains.send([call("fly", Pose(1.0, 0.0, 0.0))]).outcome()
     assert outcome.code == Outcome.FAILED
     assert "flying_msgs/action/Fly to be installed" in outcome.reason
     hall.client.eventually(
         lambda: any(
             "; without it fly cannot be executed" in status.message
-            for message in heard
+            for message in diagnostics
             for status in message.status
         ),
         "diagnostics",

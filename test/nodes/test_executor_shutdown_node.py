@@ -1,4 +1,4 @@
-"""The node `executor` is ended while the robot drives."""
+"""Shutdown of the `executor` node while the robot drives."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from selection import few
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
 
-#: Lasts for minutes of simulated time.
+#: Takes minutes of simulated time.
 PATROL = [call("goToPose", Pose(2.5, 1.5, 0.0)), call("goToPose", Pose(-2.5, 1.5, 3.1))] * 16
 
 
@@ -25,10 +25,10 @@ def test_shutdown_stops_the_robot_and_ends_cleanly(start: Start, host: Host, cli
     chains = ChainClient(client)
     client.robot()
     sent = chains.send(PATROL)
-    chains.until_moving()
+    chains.wait_until_moving()
     assert executor.stop(number) == 0
     assert "Traceback" not in executor.output
-    # A client that has not yet been discovered when the node ends may miss one of the two.
+    # A client that is not discovered before the node ends may miss one of the two.
     client.eventually(lambda: sent.ended() or chains.chains, "news of the end")
     record = sent.result().record if sent.ended() else chains.chains[-1]
     assert record.outcome.code == Outcome.SHUTDOWN

@@ -1,4 +1,4 @@
-"""The node `executor` started before what it listens to: a goal waits for its first odometry and ball."""
+"""The `executor` node started before its inputs: a goal waits for the first odometry and ball."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ator_interfaces.srv import PlaceObject
 from ator_ros.geometry import Pose
 
 LONG = 60.0
-"""Real seconds that a process may take to start on a loaded machine."""
+"""Start time of a process on a loaded machine in real s."""
 GENEROUS = {"start_timeout": LONG, "odom_timeout": 5.0}
 
 
-# At factor 0 the simulation waits only once it is steered: the goal's time limit may pass before that.
+# At factor 0 the simulation waits only after the first command; the goal's time limit may pass before.
 @pytest.mark.long
 @pytest.mark.parametrize("factor", [1.0, 4.0])
 def test_a_goal_before_the_simulation_can_be_canceled_and_the_next_is_executed(
@@ -38,7 +38,7 @@ def test_a_goal_before_the_simulation_can_be_canceled_and_the_next_is_executed(
     assert outcome.code == Outcome.SUCCEEDED, outcome.reason
 
 
-def test_a_goal_waits_for_the_ball_standing(start: Start, host: Host, client: Client) -> None:
+def test_a_goal_waits_for_the_ball_at_rest(start: Start, host: Host, client: Client) -> None:
     start("simulation", real_time_factor=2.0)
     client.ball()
     assert client.call(PlaceObject, "place_ball", PlaceObject.Request(remove=True)).success
@@ -52,7 +52,7 @@ def test_a_goal_waits_for_the_ball_standing(start: Start, host: Host, client: Cl
     assert outcome.code == Outcome.SUCCEEDED, outcome.reason
 
 
-def test_what_never_comes_is_named(host: Host, client: Client) -> None:
+def test_a_missing_input_is_named(host: Host, client: Client) -> None:
     host("executor", start_timeout=0.5)
     chains = ChainClient(client)
     outcome = chains.send([call("goToPose", Pose(1.0, 0.0, 0.0))]).outcome()

@@ -1,4 +1,4 @@
-"""Inputs fall silent, nodes freeze, die and start in any order, goals end at any moment: the robot stands."""
+"""The robot stops if inputs stop, nodes freeze, die or restart, or goals end, at any time."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from arena import LONGEST_STOP_TIME, Arena, Visit, arena_with
-from chain_client import Sent
+from arena import LONGEST_STOP_TIME, Arena, ArenaClient, arena_with
+from chain_client import SentGoal
 from nav_msgs.msg import Odometry
 from ros_client import Client, stamp
 from selection import few
@@ -31,9 +31,9 @@ DROPOUTS, LATE_TICKS = 0.05, 2
 
 
 class Relay:
-    """Stands between the simulation and the executor, and passes on what it is not told to keep back.
+    """A relay between simulation and executor that can drop messages.
 
-    What is in `silent` is kept back; `poor` has messages lost at random and the ball late, as a camera's.
+    Topics in `silent` are dropped; with `poor`, messages are lost at random and the ball is late.
     """
 
     def __init__(self, client: Client) -> None:
@@ -74,81 +74,81 @@ def relay(arena: Arena) -> Relay:
 
 @pytest.fixture(autouse=True)
 def recovery(arena: Arena, relay: Relay) -> Iterator[None]:
-    """Mend what a test has broken; then a new goal works, and what must hold always has held."""
+    """Restore nodes and inputs; assert that a new goal succeeds and that the invariants held."""
     yield
     relay.silent.clear()
     relay.poor = False
     for node in arena.nodes.values():
         node.send(signal.SIGCONT)
-    arena.visit().succeed()
+    arena.new_client().succeed()
     arena.check()
 
 
 @pytest.mark.parametrize("stage", few(MOVING, dribble))
 @pytest.mark.parametrize("name", INPUTS)
-def test_an_input_falls_silent(arena: Arena, relay: Relay, name: str, stage: Stage) -> None:
-    visit = arena.visit()
-    sent = stage(arena, visit)
+def test_an_input_stops(arena: Arena, relay: Relay, name: str, stage: Stage) -> None:
+    client = arena.new_client()
+    sent = stage(arena, client)
     stops = len(arena.stops())
     relay.silent.add(name)
-    outcome = visit.ended(sent).outcome
-    visit.ros.eventually(lambda: len(arena.stops()) > stops, "the robot stands")
+    outcome = client.ended(sent).outcome
+    client.ros.eventually(lambda: len(arena.stops()) > stops, "the robot stands")
     assert outcome.code == Outcome.INPUT_LOST
     assert f"{name} is missing" in outcome.reason
-    _, stood = arena.stops()[stops]
-    assert stood - relay.last[name] <= LONGEST_STOP_TIME + 1e-6
+    _, stopped = arena.stops()[stops]
+    assert stopped - relay.last[name] <= LONGEST_STOP_TIME + 1e-6
 
 
 @pytest.mark.long
 def test_a_chain_succeeds_with_lost_messages_and_a_late_ball(arena: Arena, relay: Relay) -> None:
-    visit = arena.visit()
+    client = arena.new_client()
     relay.poor = True
-    outcome = visit.ended(dribble(arena, visit)).outcome
+    outcome = client.ended(dribble(arena, client)).outcome
     assert outcome.code == Outcome.SUCCEEDED, outcome.reason
 
 
 @pytest.mark.parametrize("stage", few(STAGES, dribble))
 def test_the_executor_freezes(arena: Arena, stage: Stage) -> None:
-    visit = arena.visit()
-    sent = stage(arena, visit)
+    client = arena.new_client()
+    sent = stage(arena, client)
     stops = len(arena.stops())
     arena.nodes["executor"].send(signal.SIGSTOP)
-    frozen = visit.ros.time()
-    visit.ros.eventually(lambda: visit.ros.time() > frozen + 2.0, "two seconds pass")
+    frozen = client.ros.time()
+    client.ros.eventually(lambda: client.ros.time() > frozen + 2.0, "two seconds pass")
     if stage in MOVING:
         assert len(arena.stops()) > stops
     arena.nodes["executor"].send(signal.SIGCONT)
     if stage is waiting:
-        visit.place()
-    visit.ended(sent)
+        client.place()
+    client.ended(sent)
 
 
 def recovers(arena: Arena, name: str) -> None:
-    """Start a node again and show that a new goal works."""
+    """Restart a node and assert that a new goal succeeds."""
     arena.nodes["refinement"].send(signal.SIGCONT)
     arena.start(name)
-    arena.visit().succeed()
+    arena.new_client().succeed()
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("stage", few(STAGES, dribble))
 def test_the_executor_is_killed(arena: Arena, stage: Stage) -> None:
-    visit = arena.visit()
-    stage(arena, visit)
+    client = arena.new_client()
+    stage(arena, client)
     stops = len(arena.stops())
     arena.nodes["executor"].kill()
     if stage in MOVING:
-        visit.ros.eventually(lambda: len(arena.stops()) > stops, "the robot stands")
+        client.ros.eventually(lambda: len(arena.stops()) > stops, "the robot stands")
     recovers(arena, "executor")
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("stage", few(STAGES, dribble))
 def test_the_simulation_is_killed(arena: Arena, stage: Stage) -> None:
-    visit = arena.visit()
-    sent = stage(arena, visit)
+    client = arena.new_client()
+    sent = stage(arena, client)
     arena.nodes["simulation"].kill()
-    outcome = visit.ended(sent).outcome
+    outcome = client.ended(sent).outcome
     assert outcome.code == Outcome.INPUT_LOST
     assert "odom is missing" in outcome.reason
     recovers(arena, "simulation")
@@ -158,12 +158,12 @@ def test_the_simulation_is_killed(arena: Arena, stage: Stage) -> None:
 @pytest.mark.parametrize("stage", few(STAGES, refining))
 @pytest.mark.parametrize("frozen", [False, True])
 def test_refinement_is_killed_or_freezes(arena: Arena, stage: Stage, frozen: bool) -> None:
-    visit = arena.visit()
-    sent = stage(arena, visit)
+    client = arena.new_client()
+    sent = stage(arena, client)
     arena.nodes["refinement"].send(signal.SIGSTOP if frozen else signal.SIGKILL)
     if stage is waiting:
-        visit.place()
-    result = visit.ended(sent)
+        client.place()
+    result = client.ended(sent)
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
     if stage is refining:
         assert "executed as sent, refinement failed: no answer within 3 s" in result.record.refinement
@@ -180,9 +180,9 @@ def test_nodes_start_in_any_order(order: tuple[str, ...], tmp_path: Path) -> Non
     with arena_with(tmp_path) as arena:
         for name in order:
             arena.start(name)
-        visit = arena.visit()
-        visit.place()
-        result = visit.ended(visit.send(CHAIN[:1], refine=True))
+        client = arena.new_client()
+        client.place()
+        result = client.ended(client.send(CHAIN[:1], refine=True))
         assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
         assert "refinement failed" not in result.record.refinement
         arena.check()
@@ -190,29 +190,29 @@ def test_nodes_start_in_any_order(order: tuple[str, ...], tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("seed", few(range(6), 0, 1))
 def test_goals_are_canceled_and_preempted_at_any_moment(arena: Arena, seed: int) -> None:
-    """Send goals, each ended after a random time by a cancel or by the next goal; the last one succeeds."""
+    """Send goals, each canceled or preempted after a random time; the last one succeeds."""
     draw = random.Random(seed)
-    visit = arena.visit()
-    visit.place()
+    client = arena.new_client()
+    client.place()
     sent, canceled = [], set()
     for number in range(draw.randint(3, 6)):
-        sent.append(visit.send([*CHAIN, *CHAIN[1:]], refine=draw.random() < 0.3))
+        sent.append(client.send([*CHAIN, *CHAIN[1:]], refine=draw.random() < 0.3))
         time.sleep(draw.choice((0.0, 0.01, draw.uniform(0.0, 0.8))))
-        if draw.random() < 0.4 and canceling(visit, sent[-1]):
+        if draw.random() < 0.4 and canceling(client, sent[-1]):
             canceled.add(number)
-    visit.succeed()
+    client.succeed()
     for number, goal in enumerate(sent):
-        outcome = visit.ended(goal).outcome
+        outcome = client.ended(goal).outcome
         allowed = {Outcome.CANCELED} if number in canceled else {Outcome.PREEMPTED}
-        # The next chain begins where the last one was broken off: it may fail before its time.
+        # The next chain starts where the last one was aborted: it may fail early.
         assert outcome.code in allowed | {Outcome.REFUSED, Outcome.FAILED, Outcome.OBJECT_LOST}, (
             outcome.reason
         )
     arena.check()
 
 
-def canceling(visit: Visit, sent: Sent) -> bool:
-    """Ask for a goal's end and say whether it still ran."""
-    future = visit.ros.within(sent.handle.cancel_goal_async)
-    visit.ros.eventually(future.done, "an answer to cancel")
+def canceling(client: ArenaClient, sent: SentGoal) -> bool:
+    """Cancel a goal and return whether it was still active."""
+    future = client.ros.within(sent.handle.cancel_goal_async)
+    client.ros.eventually(future.done, "an answer to cancel")
     return bool(future.result().goals_canceling)

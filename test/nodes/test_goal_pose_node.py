@@ -1,4 +1,4 @@
-"""The node `goal_pose` beside simulation and executor: RViz's 2D Goal Pose drives the robot."""
+"""The `goal_pose` node with simulation and executor: RViz's 2D Goal Pose drives the robot."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ pytestmark = [pytest.mark.node, pytest.mark.long]
 
 @pytest.fixture
 def node(start, client: Client) -> Process:
-    """Return the node, beside a simulation ten times as fast as real time."""
+    """Return the node, with a simulation ten times as fast as real time."""
     start("simulation", real_time_factor=10.0, command_wait=0.5)
     start("executor", odom_timeout=1.5)
     chains = ChainClient(client)
     client.eventually(lambda: client.robots, "odometry")
-    chains.until_heard()
+    chains.wait_for_publishers()
     return start("goal_pose")
 
 
 @pytest.fixture
 def sender(node: Process, client: Client) -> Publisher:
-    """Return what publishes poses, once somebody takes them and has found the executor."""
+    """Return a publisher of poses, once the node subscribes and has discovered the executor."""
     sender = client.node.create_publisher(PoseStamped, "goal_pose", RESULTS)
-    client.eventually(sender.get_subscription_count, "somebody who takes poses")
+    client.eventually(sender.get_subscription_count, "a subscription to goal_pose")
     here = client.robot().pose
 
-    def obeyed() -> bool:
+    def arrived() -> bool:
         sender.publish(PoseStamped(pose=pose_of(here)))
         time.sleep(1.0)
         return "arrived" in node.output
 
-    client.eventually(obeyed, "the executor's answer")
+    client.eventually(arrived, "the executor's answer")
     return sender
 
 
-def test_a_pose_is_driven_to_and_one_in_another_frame_is_ignored(
+def test_the_robot_drives_to_a_pose_and_other_frames_are_ignored(
     node: Process, sender: Publisher, client: Client
 ) -> None:
     message = PoseStamped(pose=pose_of(Pose(-1.0, 0.5, 1.0)))

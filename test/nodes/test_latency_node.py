@@ -1,4 +1,4 @@
-"""The nodes with states that come late, through ROS."""
+"""The nodes with delayed states, over ROS."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from ator_ros.world.state import ObjectState, RobotState, World
 
 LATENCY = 0.15
 START, GOAL = Pose(-2.0, 0.0, 0.0), Pose(0.0, 0.0, 0.5)
-SLOWLY = 2.0  # s that the simulation waits for commands: this machine may be busy
+SLOWLY = 2.0  # s that the simulation waits for commands on a busy machine
 
 
-def punctual() -> float:
-    """Return the time in s that the drive takes where nothing is late, without ROS."""
+def duration_without_latency() -> float:
+    """Return the duration in s of the drive without latency and without ROS."""
     robot = load_robot()
     library = SOCCER.library(robot)
     goal = Goal(GOAL, 0.0, library["goToBall"].point)
@@ -35,15 +35,15 @@ def punctual() -> float:
 
 
 @pytest.mark.long
-def test_a_latency_that_is_foreseen_costs_little(start: Start, client: Client) -> None:
-    """It costs a drive to the ball little, the ball stays there, and the chain of the paper succeeds."""
+def test_a_compensated_latency_costs_little(start: Start, client: Client) -> None:
+    """A drive to the ball is hardly slower, the ball does not move, and the paper's chain succeeds."""
     start("simulation", real_time_factor=10.0, command_wait=SLOWLY, latency=LATENCY)
     start("refinement", deadline=5.0)
     start("executor", start_timeout=60.0, odom_timeout=5.0, refinement_timeout=20.0, latency=LATENCY)
     chains = ChainClient(client)
     result = chains.send([call("goToBall", GOAL)]).result()
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome
-    assert result.record.actual.duration < punctual() + 0.5
+    assert result.record.actual.duration < duration_without_latency() + 0.5
     ball = client.ball()
     assert math.hypot(ball.x, ball.y) < 0.02
     client.place(robot=START, ball=(0.0, 0.0))

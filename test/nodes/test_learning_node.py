@@ -1,4 +1,4 @@
-"""The node `learning`: it stores what it hears, and publishes sets that are better."""
+"""The `learning` node: it stores records, and publishes better model sets."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from conftest import Host, Start
-from experience_rows import made_up_model
+from experience_rows import synthetic_model
 from refinement_requests import refine, request_of_the_paper, save_small_models
 from ros_client import Client
 from std_srvs.srv import SetBool, Trigger
@@ -32,14 +32,14 @@ from ator_ros.performance.model_file import save_model
 
 @pytest.fixture
 def models(tmp_path: Path) -> Path:
-    """Return a folder with a model of what the made-up episodes usually take."""
+    """Return a folder with a model of the usual durations of synthetic episodes."""
     folder = tmp_path / "models"
-    save_model(folder / "goToPose.json", made_up_model("goToPose", ROBOT))
+    save_model(folder / "goToPose.json", synthetic_model("goToPose", ROBOT))
     return folder
 
 
 def record_of(episode: Episode, code: int = Outcome.SUCCEEDED) -> ActionPerformance:
-    """Return what an executor would report of an episode."""
+    """Return the executor's record of an episode."""
     message = ActionPerformance(action=episode.situation.action, action_set="default")
     message.start.robot = pose_of(episode.situation.robot.pose)
     message.start.objects = [ObjectState(name=name) for name in episode.objects]
@@ -53,12 +53,12 @@ def record_of(episode: Episode, code: int = Outcome.SUCCEEDED) -> ActionPerforma
 
 
 @pytest.fixture
-def tell(client: Client) -> Callable[..., None]:
-    """Return a function that publishes records, once somebody listens."""
+def publish_records(client: Client) -> Callable[..., None]:
+    """Return a function that publishes records, once the node subscribes."""
     publisher = client.node.create_publisher(ActionPerformance, "performance/action", RESULTS)
 
     def publish(*records: ActionPerformance) -> None:
-        client.eventually(publisher.get_subscription_count, "somebody who learns")
+        client.eventually(publisher.get_subscription_count, "a subscription to records")
         for record in records:
             publisher.publish(record)
 
@@ -75,11 +75,11 @@ def values_of(client: Client) -> dict[str, str]:
 
 @pytest.mark.long
 def test_a_changed_robot_gets_a_new_set(
-    host: Host, client: Client, tell: Callable[..., None], tmp_path: Path, models: Path
+    host: Host, client: Client, publish_records: Callable[..., None], tmp_path: Path, models: Path
 ) -> None:
     folder = tmp_path / "learned"
     node = host("learning", learned=folder, models=models, batch=40)
-    tell(*map(record_of, episodes(45, slower=1.3)))
+    publish_records(*map(record_of, episodes(45, slower=1.3)))
     place = client.eventually(lambda: current_set(folder), "a set", patience=90.0)
     client.eventually(lambda: "default/goToPose: " in node.output, "word of it")
     manifest = read_manifest(place)
@@ -95,8 +95,8 @@ def test_a_changed_robot_gets_a_new_set(
     assert "error from" in values["default/goToPose: switched"]
 
 
-def test_impossible_records_are_left_out_and_actions_that_were_broken_off_are_none(
-    host: Host, client: Client, tell: Callable[..., None], tmp_path: Path
+def test_impossible_records_and_aborted_actions_are_omitted(
+    host: Host, client: Client, publish_records: Callable[..., None], tmp_path: Path
 ) -> None:
     folder = tmp_path / "learned"
     node = host("learning", learned=folder)
@@ -106,12 +106,12 @@ def test_impossible_records_are_left_out_and_actions_that_were_broken_off_are_no
     impossible[2].call.goal.pose.position.y = math.inf
     impossible[3].action = "../../elsewhere"
     impossible[4].action_set = "no name"
-    impossible[5].action = "shoot"  # which goToBall does not call
+    impossible[5].action = "shoot"  # which is not the action of goToBall
     impossible[6].call.top = "visit"
     impossible[7].start.robot.position.x = -900.0
     impossible[8].start.objects[0].name = "b" * 1_000_000
     (usual,) = episodes(1, seed=2)
-    tell(*impossible, record_of(usual, Outcome.CANCELED), record_of(usual))
+    publish_records(*impossible, record_of(usual, Outcome.CANCELED), record_of(usual))
     client.eventually(lambda: stored_in(folder) == 1, "a record")
     values = values_of(client)
     assert (values["records taken"], values["records left out"]) == ("1", "9")
@@ -119,13 +119,13 @@ def test_impossible_records_are_left_out_and_actions_that_were_broken_off_are_no
     assert sorted(place.name for place in (folder / RECORDS).iterdir()) == ["default", "store.json"]
 
 
-def test_learning_can_be_frozen_and_asked_for(
-    host: Host, client: Client, tell: Callable[..., None], tmp_path: Path, models: Path
+def test_learning_can_be_frozen_and_requested(
+    host: Host, client: Client, publish_records: Callable[..., None], tmp_path: Path, models: Path
 ) -> None:
     folder = tmp_path / "learned"
     host("learning", learned=folder, models=models, batch=40)
     assert client.call(SetBool, "learning/freeze", SetBool.Request(data=True)).success
-    tell(*map(record_of, episodes(45, slower=1.3)))
+    publish_records(*map(record_of, episodes(45, slower=1.3)))
     client.eventually(lambda: stored_in(folder) == 45, "records")
     refused = client.call(Trigger, "learning/learn_now", Trigger.Request())
     assert (refused.success, refused.message) == (False, "learning is frozen")
@@ -139,23 +139,23 @@ def test_learning_can_be_frozen_and_asked_for(
 
 
 @pytest.mark.long
-def test_it_goes_on_after_a_kill(
-    start: Start, client: Client, tell: Callable[..., None], tmp_path: Path, models: Path
+def test_it_resumes_after_a_kill(
+    start: Start, client: Client, publish_records: Callable[..., None], tmp_path: Path, models: Path
 ) -> None:
-    folder, told = tmp_path / "learned", list(map(record_of, episodes(45, slower=1.3)))
+    folder, records = tmp_path / "learned", list(map(record_of, episodes(45, slower=1.3)))
     first = start("learning", learned=folder, models=models, batch=40)
-    tell(*told[:30])
+    publish_records(*records[:30])
     client.eventually(lambda: (folder / RECORDS).exists() and stored_in(folder) == 30, "records")
     first.send(signal.SIGKILL)
     first.wait()
     start("learning", learned=folder, models=models, batch=40)
     client.eventually(lambda: values_of(client)["records since the last round"] == "30", "the second node")
-    tell(*told[30:])
+    publish_records(*records[30:])
     client.eventually(lambda: current_set(folder), "a set", patience=90.0)
     assert stored_in(folder) == 45
 
 
-def test_the_executor_takes_over_a_set(host: Host, client: Client, tmp_path: Path, models: Path) -> None:
+def test_the_executor_loads_a_set(host: Host, client: Client, tmp_path: Path, models: Path) -> None:
     folder = tmp_path / "learned"
     node = host("executor", models=models, learned=folder)
     stored(folder / RECORDS, episodes(60, slower=2.0))
@@ -164,9 +164,7 @@ def test_the_executor_takes_over_a_set(host: Host, client: Client, tmp_path: Pat
     client.eventually(lambda: f"switched to the learned set {made['digest']}" in node.output, "the switch")
 
 
-def test_the_refinement_node_takes_over_a_set(
-    host: Host, client: Client, tmp_path: Path, models: Path
-) -> None:
+def test_the_refinement_node_loads_a_set(host: Host, client: Client, tmp_path: Path, models: Path) -> None:
     folder = tmp_path / "learned"
     save_small_models(models)
     node = host("refinement", models=models, learned=folder, gate=False)
@@ -180,9 +178,9 @@ def test_the_refinement_node_takes_over_a_set(
     assert last == pytest.approx(2.0 * first, rel=0.25)
     assert after.before_actions[1].duration == before.before_actions[1].duration
     values = {value.key: value.value for value in status_of(client, "refinement").values}
-    told = f"{made['digest']} of 2026-01-01T00:00:00Z from episodes: 60 of default/goToPose"
-    assert values["learned set"] == told
-    # A set that is not whole is not taken over.
+    expected = f"{made['digest']} of 2026-01-01T00:00:00Z from episodes: 60 of default/goToPose"
+    assert values["learned set"] == expected
+    # An incomplete set is not loaded.
     broken = folder / "sets" / "000009-broken"
     shutil.copytree(place, broken)
     (broken / "goToPose.json").write_text(json.dumps({}))

@@ -1,4 +1,4 @@
-"""The nodes under more than they can take: every request and goal is answered or refused."""
+"""The nodes under overload: every request and goal is answered or rejected."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Nodes = tuple[Processes, Process, Process, Client]
 
 @pytest.fixture(scope="module")
 def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
-    """Yield processes, one of refinement and one of executor, and a client of them."""
+    """Yield a refinement process, an executor process, and a client."""
     with free_domain() as domain:
         processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
         yield processes, processes.start("refinement"), processes.start("executor"), client
@@ -37,53 +37,53 @@ def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
 
 
 @pytest.fixture
-def asker(nodes: Nodes) -> Any:
-    """Return a client of refine_subgoal with room for many answers."""
+def requests(nodes: Nodes) -> Any:
+    """Return a client of refine_subgoal with a queue for many responses."""
     client = nodes[-1].node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
     assert client.wait_for_service(timeout_sec=PATIENCE)
     return client
 
 
 def answers(futures: Sequence[Any], patience: float = PATIENCE) -> list[Any]:
-    """Return the answers that come in time."""
+    """Return the responses that arrive in time."""
     end = time.monotonic() + patience
     while time.monotonic() < end and not all(future.done() for future in futures):
         time.sleep(0.01)
     return [future.result() for future in futures if future.done()]
 
 
-def test_each_of_many_requests_is_answered(asker: Any, nodes: Nodes) -> None:
-    told = answers([asker.call_async(short_request()) for _ in range(500)])
-    assert len(told) == 500
-    assert all(answer.accepted for answer in told)
+def test_each_of_many_requests_is_answered(requests: Any, nodes: Nodes) -> None:
+    responses = answers([requests.call_async(short_request()) for _ in range(500)])
+    assert len(responses) == 500
+    assert all(answer.accepted for answer in responses)
 
 
-def test_a_long_chain_is_answered_at_its_deadline_and_says_so(asker: Any) -> None:
-    told = [asker.call(worst_request(), timeout_sec=PATIENCE) for _ in range(5)]
-    for answer in told:
+def test_a_long_chain_is_answered_at_its_deadline_with_a_note(requests: Any) -> None:
+    responses = [requests.call(worst_request(), timeout_sec=PATIENCE) for _ in range(5)]
+    for answer in responses:
         assert answer.accepted
         assert answer.cut_short
         assert "deadline" in answer.reason
-    # 9 s without a deadline; the least of five, since the machine may be busy.
-    assert min(answer.computation_time for answer in told) < 3.0 * DEADLINE
+    # 9 s without a deadline; the minimum of five, since the machine may be busy.
+    assert min(answer.computation_time for answer in responses) < 3.0 * DEADLINE
 
 
-def test_what_is_too_large_is_refused_in_a_short_line(asker: Any) -> None:
+def test_a_too_large_request_is_rejected_in_a_short_line(requests: Any) -> None:
     long = short_request()
     long.chain.calls = long.chain.calls * 1000
     text = short_request()
     text.chain.calls[0].top = "\x1b" * 10_000_000
-    answers = [asker.call(request, timeout_sec=PATIENCE) for request in (long, text)]
+    answers = [requests.call(request, timeout_sec=PATIENCE) for request in (long, text)]
     assert not any(answer.accepted for answer in answers)
     assert all(len(answer.reason) <= 200 and answer.reason.isprintable() for answer in answers)
 
 
-def test_each_of_many_goals_is_accepted_and_has_its_result(nodes: Nodes) -> None:
+def test_each_of_many_goals_is_accepted_and_has_a_result(nodes: Nodes) -> None:
     client, services, number = nodes[-1], ("goal", "result", "cancel"), 100
     depths = {f"{name}_service_qos_profile": SERVICES for name in services}
     server = ActionClient(client.node, ExecuteChain, "execute_chain", **depths)
     assert server.wait_for_server(timeout_sec=PATIENCE)
-    client.meet("execute_chain")
+    client.wait_for_discovery_by("execute_chain")
     goal = ExecuteChain.Goal(chain=short_request().chain)
     handles = answers(client.within(lambda: [server.send_goal_async(goal) for _ in range(number)]))
     assert len([handle for handle in handles if handle.accepted]) == number

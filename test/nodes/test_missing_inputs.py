@@ -1,4 +1,4 @@
-"""What is said of inputs that do not arrive: in the result, the log and the diagnostics."""
+"""Reports of missing inputs in the result, the log and the diagnostics."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ def client(domain: int) -> Iterator[Client]:
 
 
 def elsewhere(client: Client) -> None:
-    """Let a base publish its odometry under another name."""
+    """Publish odometry under another name."""
     MovingBase(client, odom="wheels/odom")
 
 
 def another_type(client: Client) -> None:
-    """Let something else be published as odom."""
+    """Publish another type as odom."""
     client.node.create_publisher(PoseStamped, "odom", NEWEST)
 
 
 def another_frame(client: Client) -> None:
-    """Let a base publish its odometry in another frame."""
+    """Publish odometry in another frame."""
     MovingBase(client, frame="ann/odom")
 
 
 def silent(client: Client) -> None:
-    """Let a publisher of odometry send nothing."""
+    """Create a publisher of odometry that sends nothing."""
     client.node.create_publisher(Odometry, "odom", NEWEST)
 
 
@@ -61,9 +61,7 @@ def silent(client: Client) -> None:
         (silent, "odom: /test_client publishes it, but sends no messages"),
     ],
 )
-def test_odometry_that_never_comes(
-    host: Host, client: Client, fault: Callable[[Client], None], expected: str
-) -> None:
+def test_missing_odometry(host: Host, client: Client, fault: Callable[[Client], None], expected: str) -> None:
     node = host("executor", start_timeout=1.0)
     health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
     fault(client)
@@ -75,7 +73,7 @@ def test_odometry_that_never_comes(
     client.eventually(lambda: expected in health[-1].status[0].message, "diagnostics")
 
 
-def test_an_object_with_stamps_of_another_clock_is_named(host: Host, client: Client) -> None:
+def test_an_object_with_stamps_of_another_clock_is_reported(host: Host, client: Client) -> None:
     host("executor", start_timeout=4.0)
     MovingBase(client)
     ball = client.node.create_publisher(Odometry, "ball", NEWEST)

@@ -1,4 +1,4 @@
-"""One chain of an action on somebody else's server and one of ours, in the simulation."""
+"""A chain of a remote action and a local action, in the simulation."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MIXED = Path(__file__).parents[1] / "mixed.yaml"
 
 
 @pytest.mark.long
-def test_actions_of_others_and_of_ours_mix(start: Start, client: Client) -> None:
+def test_remote_and_local_actions_mix(start: Start, client: Client) -> None:
     start("simulation", domain=MIXED, real_time_factor=1.0)
     start("drive_to_server")
     start("executor", domain=MIXED, odom_timeout=5.0, action_timeout=60.0)

@@ -1,4 +1,4 @@
-"""What the nodes say of the robot's description and the performance models that they read."""
+"""Reports of the nodes about the robot's description and the performance models."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BOTH = pytest.mark.parametrize("name", ["executor", "refinement"])
 
 @pytest.fixture
 def models(tmp_path: Path) -> Path:
-    """Return a folder with the shipped models of the default action set alone."""
+    """Return a folder with only the shipped models of the default action set."""
     folder = tmp_path / "models"
     folder.mkdir()
     for file in Path(resource_path("models")).glob("*.json"):
@@ -29,17 +29,17 @@ def models(tmp_path: Path) -> Path:
 
 
 def status_of(client: Client, name: str) -> DiagnosticStatus:
-    """Wait for what a node says of its health."""
+    """Wait for the diagnostic status of a node."""
     health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
 
-    def told() -> list[DiagnosticStatus]:
+    def received() -> list[DiagnosticStatus]:
         return [message.status[0] for message in health if message.status[0].name == f"/{name}"]
 
-    return client.eventually(told, "diagnostics")[0]
+    return client.eventually(received, "diagnostics")[0]
 
 
 @BOTH
-def test_an_action_set_without_models_is_no_problem(host: Host, client: Client, models: Path, name) -> None:
+def test_an_action_set_without_models_is_no_error(host: Host, client: Client, models: Path, name) -> None:
     node = host(name, models=models)
     status = status_of(client, name)
     values = {value.key: value.value for value in status.values}
@@ -48,14 +48,14 @@ def test_an_action_set_without_models_is_no_problem(host: Host, client: Client, 
     assert status.message.startswith(
         {"executor": "odom is missing; no node pub", "refinement": "running"}[name]
     )
-    assert "bezier" not in node.output  # nobody has asked for this action set
+    assert "bezier" not in node.output  # this action set was not requested
     assert node.output.count("[INFO]") == 1
     assert f"models in {models}: dribbleBall, goToPose, shoot" in node.output
     assert "[WARN]" not in node.output
 
 
 @BOTH
-def test_a_damaged_model_is_a_problem(host: Host, client: Client, models: Path, name: str) -> None:
+def test_a_damaged_model_is_an_error(host: Host, client: Client, models: Path, name: str) -> None:
     (models / "bezier").mkdir()
     text = (models / "goToPose.json").read_text(encoding="utf-8")
     (models / "bezier" / "goToPose.json").write_text(text[: len(text) // 2], encoding="utf-8")
@@ -70,13 +70,13 @@ def test_a_damaged_model_is_a_problem(host: Host, client: Client, models: Path, 
 
 
 @BOTH
-def test_a_folder_of_models_that_is_not_there_is_a_warning(host: Host, tmp_path: Path, name: str) -> None:
+def test_a_missing_folder_of_models_is_a_warning(host: Host, tmp_path: Path, name: str) -> None:
     assert "nowhere" in host(name, models=tmp_path / "nowhere").output.partition("[WARN]")[2]
 
 
 @pytest.fixture
 def slow_robot(tmp_path: Path) -> Path:
-    """Return the file of a robot that differs from the shipped one in its greatest speed."""
+    """Return the file of a robot that differs from the shipped one in its maximum speed."""
     text = Path(resource_path("config", "pioneer.yaml")).read_text(encoding="utf-8")
     assert text.count("v: 1.2 ") == 1
     file = tmp_path / "slow.yaml"
@@ -85,9 +85,7 @@ def slow_robot(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", ["simulation", "executor", "refinement"])
-def test_a_robot_of_your_own_is_the_one_that_counts(
-    host: Host, client: Client, slow_robot: Path, name: str
-) -> None:
+def test_a_given_robot_file_is_used(host: Host, client: Client, slow_robot: Path, name: str) -> None:
     node = host(name, robot=slow_robot)
     status = status_of(client, name)
     values = {value.key: value.value for value in status.values}
@@ -102,25 +100,25 @@ def test_a_robot_of_your_own_is_the_one_that_counts(
 
 
 @pytest.mark.parametrize(
-    ("name", "told"), [("executor", "ready for chains"), ("refinement", "refining chains")]
+    ("name", "expected"), [("executor", "ready for chains"), ("refinement", "refining chains")]
 )
-def test_a_robot_without_a_holder_does_what_needs_none(
-    host: Host, models: Path, tmp_path: Path, name: str, told: str
+def test_a_robot_without_a_holder_has_the_other_actions(
+    host: Host, models: Path, tmp_path: Path, name: str, expected: str
 ) -> None:
     robot = dataclasses.replace(load_robot(), name="plain", holder=None)
     file = tmp_path / "plain.yaml"
     file.write_text(yaml.safe_dump(robot.sections()), encoding="utf-8")
-    for action in ("dribbleBall", "shoot"):  # of which `study` learns nothing for such a robot
+    for action in ("dribbleBall", "shoot"):  # without models for such a robot
         (models / f"{action}.json").unlink()
     output = host(name, domain="soccer", robot=file, models=models).output
-    assert told in output
+    assert expected in output
     assert ("dribbleBall needs a holder; robot plain has none" in output) is (name == "executor")
     assert "goToPose needs" not in output
     assert "none of" not in output
 
 
 @pytest.mark.parametrize(
-    ("remove", "settings", "told"),
+    ("remove", "settings", "expected"),
     [
         ("", {}, "with a gate"),
         (
@@ -132,12 +130,12 @@ def test_a_robot_without_a_holder_does_what_needs_none(
         ("*.json", {}, "no models ("),
     ],
 )
-def test_refinement_says_in_one_line_what_decides(
-    host: Host, models: Path, remove: str, settings: dict[str, object], told: str
+def test_refinement_reports_its_gate_in_one_line(
+    host: Host, models: Path, remove: str, settings: dict[str, object], expected: str
 ) -> None:
     for file in models.glob(remove) if remove else ():
         file.unlink()
     lines = host("refinement", models=models, **settings).output.splitlines()
     assert len(lines) == 1
     assert "refining chains for pioneer_3dx (domain soccer, ROS domain " in lines[0]
-    assert told in lines[0]
+    assert expected in lines[0]

@@ -1,4 +1,4 @@
-"""Two robots on one domain, each with its three nodes in a namespace of its own."""
+"""Two robots on one domain, each with its three nodes in a separate namespace."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ NODES: dict[str, dict[str, float]] = {
     "refinement": {},
 }
 GLOBAL = {
-    "/diagnostics",  # one aggregator looks after all robots; each status names its node in full
+    "/diagnostics",  # shared by all robots; each status has the full node name
     "/parameter_events",  # absolute in every ROS node
     "/rosout",  # likewise
-    "/clock",  # where ROS looks for simulated time; off by default
+    "/clock",  # the topic of simulated time; off by default
 }
 
 
 @pytest.fixture(scope="module")
 def robots(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Client]]:
-    """Start all nodes of both robots; give a client for each, and one ("") that is in no namespace."""
+    """Start all nodes of both robots; yield a client for each, and one ("") without a namespace."""
     with free_domain() as domain:
         processes = Processes(domain, tmp_path_factory.mktemp("logs"))
         for robot, world in ROBOTS.items():
@@ -75,7 +75,7 @@ def test_a_chain_moves_one_robot_only(robots: dict[str, Client]) -> None:
 
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("name", NODES)
-def test_what_a_node_opens_is_in_its_namespace(robots: dict[str, Client], robot: str, name: str) -> None:
+def test_names_of_a_node_are_in_its_namespace(robots: dict[str, Client], robot: str, name: str) -> None:
     observer = robots[""]
 
     def opened() -> frozenset[str]:

@@ -1,4 +1,4 @@
-"""Who can reach our nodes: nobody beyond this machine, unless the user wants it."""
+"""Nodes communicate only on this machine, unless the user configures otherwise."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_a_node_listens_to_this_machine_only(start: Start, client: Client, domai
 
 
 def listens_at(process: Process, domain: int) -> set[str]:
-    """Return the addresses of its sockets but those that only send: their ports were chosen by the kernel."""
+    """Return the addresses of its receiving sockets; sending sockets have ports chosen by the kernel."""
     low, high = map(int, Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split())
     of_domain = range(7400 + 250 * domain, 7400 + 250 * (domain + 1))
     return {address for address, port in udp_sockets(process) if port in of_domain or not low <= port <= high}
@@ -52,7 +52,7 @@ def udp_sockets(process: Process) -> list[tuple[str, int]]:
 
 
 @pytest.mark.parametrize(
-    "asked",
+    "configured",
     [
         {RANGE: "SUBNET"},
         {RANGE: "SYSTEM_DEFAULT"},
@@ -61,27 +61,27 @@ def udp_sockets(process: Process) -> list[tuple[str, int]]:
         {RANGE: "LOCALHOST", PROFILES: "/my/profiles.xml"},
     ],
 )
-def test_what_the_user_has_set_stays(asked: dict[str, str]) -> None:
-    environment = dict(asked)
+def test_user_settings_are_kept(configured: dict[str, str]) -> None:
+    environment = dict(configured)
     stay_on_this_machine(environment)
-    assert environment == asked
+    assert environment == configured
 
 
 @pytest.mark.parametrize(
-    "closed",
+    "settings",
     [{}, {RANGE: ""}, {RANGE: "OFF"}, {RANGE: "nonsense"}],
 )
-def test_all_else_stays_here(closed: dict[str, str]) -> None:
-    environment = dict(closed)
+def test_other_settings_restrict_discovery_to_this_machine(settings: dict[str, str]) -> None:
+    environment = dict(settings)
     stay_on_this_machine(environment)
-    assert environment[RANGE] == (closed.get(RANGE) or THIS_MACHINE)
+    assert environment[RANGE] == (settings.get(RANGE) or THIS_MACHINE)
     assert Path(environment[PROFILES]).is_file()
 
 
-def test_a_free_domain_has_no_nodes_of_others_and_is_not_the_callers(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_free_domain_is_unused_and_differs_from_the_callers(monkeypatch: pytest.MonkeyPatch) -> None:
     with free_domain() as own, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        node = own % 100 + 1  # the next in turn
-        other.bind(("127.0.0.1", 7400 + 250 * node + 200))  # as good as any of its ports
+        node = own % 100 + 1  # the next candidate
+        other.bind(("127.0.0.1", 7400 + 250 * node + 200))  # one of its ports
         monkeypatch.setenv("ROS_DOMAIN_ID", str(node % 100 + 1))
         with free_domain() as domain:
             assert domain not in (own, node, node % 100 + 1)

@@ -1,4 +1,4 @@
-"""Objects from messages of each kind."""
+"""Objects from each kind of source."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_position_and_velocity_are_read_or_estimated(kind: str) -> None:
     assert (there.x, there.y, there.vx, there.vy) == pytest.approx((1.19, 1.924, 0.5, -0.2))
 
 
-def test_where_tf_finds_an_object_is_read_and_its_velocity_estimated() -> None:
+def test_the_position_from_tf_is_read_and_the_velocity_estimated() -> None:
     read = ObjectReader(ObjectSource("cart", type="tf", frame="cart_link"), "map").read_placement
     for tick in range(20):
         time = 5.0 + 0.02 * tick

@@ -1,4 +1,4 @@
-"""The executor drives by odometry as real bases publish it, and stops without odometry that can be used."""
+"""The executor accepts odometry as real bases publish it, and stops without usable odometry."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.world.state import STOP, RobotState
 
 Quirk = Callable[[Odometry, float], None]
-"""Changes an odometry message of a robot with a heading (rad)."""
+"""Changes an odometry message of a robot with this heading (rad)."""
 SETTINGS = {"frame": "/odom", "odom_timeout": 1.0, "start_timeout": 2.0, "fence": "[-1e7, -1e7, 1e7, 1e7]"}
 
 REMAPPED = ("-r", "odom:=quirky_odom")
-"""The client of the tests subscribes to odom, and must not receive what cannot be read."""
+"""Topic of the quirky odometry, since the test's client subscribes to odom."""
 
 
 class QuirkyBase(Base):
@@ -34,9 +34,9 @@ class QuirkyBase(Base):
     quirk : callable
         Changes each message.
     late : int
-        Messages after which one is published late, behind its successor; 0: none.
+        Number of messages after which one is published after its successor; 0: none.
     rate : int
-        Messages in a second.
+        Messages per second.
     """
 
     def __init__(self, client: Client) -> None:
@@ -48,7 +48,7 @@ class QuirkyBase(Base):
         super().__init__(client)
 
     def publish(self, now: float) -> None:
-        """Publish odometry, with the quirk."""
+        """Publish odometry with the quirk."""
         robot = RobotState(self.pose, self.velocity.v, self.velocity.w)
         message = odometry_of(now, robot, frame="odom", child="base_link")
         self.quirk(message, self.pose.yaw)
@@ -116,7 +116,7 @@ def test_odometry_with_a_quirk_drives_the_robot_to_its_goal(
     assert "contradict" not in node.output
 
 
-def test_odometry_without_direction_is_named_and_stops_the_robot(
+def test_odometry_without_orientation_is_reported_and_stops_the_robot(
     host: Host, client: Client, base: QuirkyBase
 ) -> None:
     node = host("executor", *REMAPPED, **SETTINGS)
@@ -129,7 +129,7 @@ def test_odometry_without_direction_is_named_and_stops_the_robot(
     assert "ignored: odom.pose.pose.orientation: expected a quaternion" in node.output
 
 
-def test_odometry_at_5_hz_is_named_with_what_to_do(host: Host, client: Client, base: QuirkyBase) -> None:
+def test_odometry_at_5_hz_is_reported_with_the_remedy(host: Host, client: Client, base: QuirkyBase) -> None:
     base.rate = 5
     host("executor", *REMAPPED, **(SETTINGS | {"odom_timeout": 0.3, "action_timeout": 4.0}))
     outcome = ChainClient(client).send([call("goToPose", base.pose.ahead(3.0))]).outcome()

@@ -1,4 +1,4 @@
-"""A domain that is installed from another folder is collected, learned, refined and executed as ours is."""
+"""An installed domain of another package is collected, learned, refined and executed."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SOURCE = Path(__file__).resolve().parents[1] / "outside"
 
 @pytest.fixture
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Install the package `delivery` with pip in a folder of its own; return the folder."""
+    """Install the package `delivery` with pip in a separate folder; return the folder."""
     shutil.copytree(SOURCE, tmp_path / "source")
     command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-index", "--no-build-isolation"]
     subprocess.run([*command, "--target", str(tmp_path), str(tmp_path / "source")], check=True)
@@ -62,7 +62,7 @@ def test_a_domain_from_another_package_is_learned_and_executed(
     assert "turnDriveTurn: 60 episodes" in capsys.readouterr().out
     run("train", table, "--models", models)
     learned = json.loads((models / "turnDriveTurn.json").read_text())
-    assert learned["features"]["cruised"] == "s"  # the domain's own, of a goal variable of its own
+    assert learned["features"]["cruised"] == "s"  # a feature of the domain, of its own goal variable
     words = ("--situations", 2, "--policies", "naive", "refined", "--models", models)
     run("evaluate", *words, "--out", installed / "evaluation", "--jobs", 1)
     result = json.loads((installed / "evaluation" / "evaluation.json").read_text())
@@ -85,12 +85,12 @@ def test_a_domain_from_another_package_is_learned_and_executed(
     ]
     assert "parcel is missing: pass needs it" in chains.send(visits).outcome().reason
     place(client, 1.1, 0.9)
-    chains.until_newer()
+    chains.wait_for_newer_odometry()
     outcome = chains.send(visits).outcome()
     assert outcome.code == Outcome.REFUSED
     assert "distance from robot to parcel 0.5 to inf m" in outcome.reason
     place(client, 3.4, 1.0)
-    chains.until_newer()
+    chains.wait_for_newer_odometry()
     result = chains.send(visits, refine=True).result()
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
     assert result.record.refined, result.record.refinement
@@ -98,13 +98,13 @@ def test_a_domain_from_another_package_is_learned_and_executed(
         "cruise of step 2 (pass) is bound by the pre-condition of step 2 (pass): robot.v near goal.cruise"
         in result.record.refinement
     )
-    # Where it is free it is as fast as it may be; where it is bound it stays.
+    # A free value is the maximum; a bound one is unchanged.
     assert cruises(result.record.chain.calls) == pytest.approx([1.0, 0.6])
     assert cruises(action.call for action in result.record.actions) == pytest.approx([1.0, 0.6])
     for action in result.record.actions:
         assert action.action == "turnDriveTurn"
         assert action.predicted.duration == pytest.approx(action.actual.duration, rel=0.5)
-    # A value that nobody can use is refused with the reason.
+    # An invalid value is rejected with the reason.
     for values, reason in (
         ({}, "expected values of cruise, got those of no variable"),
         ({"cruise": 0.5, "hurry": 1.0}, "expected values of cruise, got those of cruise, hurry"),

@@ -1,4 +1,4 @@
-"""The commands of docs/remote_actions.md, from a package with an action server to models, gate and demo."""
+"""The commands of docs/remote_actions.md: a package with an action server, models, gate and demo."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PAGE = (ROOT / "docs" / "remote_actions.md").read_text(encoding="utf-8")
 def test_own_server_is_built_driven_learned_and_refined(tmp_path: Path) -> None:
     def run(words: str) -> str:
         command = f"[ ! -e install ] || . install/setup.sh; {words}"
-        jobs = os.environ | {"MAKEFLAGS": f"-j{os.cpu_count()}"}  # else colcon starves on a busy machine
+        jobs = os.environ | {"MAKEFLAGS": f"-j{os.cpu_count()}"}  # colcon's default starves on a busy machine
         done = subprocess.run(
             ["sh", "-c", command],
             cwd=tmp_path,
@@ -38,10 +38,10 @@ def test_own_server_is_built_driven_learned_and_refined(tmp_path: Path) -> None:
     run("python -m colcon build")
     printed = dict(re.findall(r"make run EXE=(\w+) ARGS='(.*~/ws/src/shuttle/my_domain.yaml.*)'", PAGE))
     small = {"collect": "--episodes 42 --seed 3", "train": "", "demo": "--situations 1 --out demo.png"}
-    said = {
+    outputs = {
         tool: run(f"{BIN / tool} {printed[tool].replace('~/ws/', '')} {more}") for tool, more in small.items()
     }
-    assert "my_models/gate.json: refines where the predicted gain is above" in said["train"]
-    assert "s by cross-validation on 4" in said["train"]
-    assert "three nodes and server start" in said["demo"]
-    assert "1 of 1 situations succeeded both ways" in said["demo"]
+    assert "my_models/gate.json: refines where the predicted gain is above" in outputs["train"]
+    assert "s by cross-validation on 4" in outputs["train"]
+    assert "three nodes and server start" in outputs["demo"]
+    assert "1 of 1 situations succeeded both ways" in outputs["demo"]

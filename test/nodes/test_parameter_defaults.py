@@ -1,4 +1,4 @@
-"""Each default of a parameter is defined once, in the node; files and documentation agree with it."""
+"""Parameter defaults are defined in the nodes; files and documentation agree with them."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def test_the_shipped_file_has_all_parameters_with_their_defaults(name: str) -> N
 
 
 @pytest.mark.parametrize("name", NODES)
-def test_the_documentation_has_a_row_of_each_parameter(name: str) -> None:
+def test_the_documentation_has_a_row_for_each_parameter(name: str) -> None:
     section = PAGE.read_text(encoding="utf-8").partition(f"\n## {name}\n")[2].partition("\n## ")[0]
     rows = [line for line in section.splitlines() if line.startswith("| `")]
     assert rows == [row(item) for item in NODES[name]]
 
 
-def test_numbers_that_pages_give_of_a_parameter_are_its_default() -> None:
+def test_numbers_of_a_parameter_on_pages_are_its_default() -> None:
     numbers = {
         item.name: float(item.default)
         for parameters in NODES.values()

@@ -1,4 +1,4 @@
-"""Plans from goals through ROS: the service plan_chains, and the example program that executes its answer."""
+"""Plans from goals over ROS: the service plan_chains, and the example that executes its response."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ pytestmark = pytest.mark.node
 
 
 ROLLING = PlanGoal(terms=[GoalTerm(variable="ball.vx", value=1.0, low=-0.1, high=0.1)])
-"""What no TOP achieves."""
+"""A goal that no TOP achieves."""
 
 
-def asked(goal: PlanGoal) -> PlanChains.Request:
+def request_of(goal: PlanGoal) -> PlanChains.Request:
     request = PlanChains.Request(goal=goal)
     request.situation.robot = pose_of(Pose(-2.0, 1.0, 0.0))
     request.situation.objects = [ObjectState(name="ball")]
@@ -35,22 +35,22 @@ def many(terms: int) -> PlanGoal:
     return PlanGoal(terms=[GoalTerm(variable="ball.x")] * terms)
 
 
-def test_a_goal_is_planned_and_what_cannot_be_is_refused(
+def test_a_goal_is_planned_and_an_impossible_goal_is_rejected(
     start: Start, client: Client, tmp_path: Path
 ) -> None:
     save_small_models(tmp_path)
     start("refinement", models=tmp_path)
 
-    def told(goal: PlanGoal) -> PlanChains.Response:
-        return client.call(PlanChains, "plan_chains", asked(goal))
+    def answered(goal: PlanGoal) -> PlanChains.Response:
+        return client.call(PlanChains, "plan_chains", request_of(goal))
 
-    planned = told(PlanGoal(name="ball_in_goal"))
+    planned = answered(PlanGoal(name="ball_in_goal"))
     assert planned.accepted, planned.reason
     steps = [[step.top for step in chain.calls] for chain in planned.chains]
     assert steps == [["goToBall", "dribbleBall", "shoot"]]
     assert list(planned.chains[0].calls[0].open) == ["speed", "yaw"]
     assert planned.chains[0].calls[0].goal.header.frame_id == "odom"
-    assert told(PlanGoal(terms=[GoalTerm(variable="ball.x", low=-1.0, high=1.0)])).holds
+    assert answered(PlanGoal(terms=[GoalTerm(variable="ball.x", low=-1.0, high=1.0)])).holds
     for goal, reason in (
         (PlanGoal(name="ball_in_basket"), "goal.name: expected one of ['ball_held', 'ball_in_goal']"),
         (PlanGoal(), "goal.terms: expected 1 to 8 items, got 0"),
@@ -60,7 +60,7 @@ def test_a_goal_is_planned_and_what_cannot_be_is_refused(
         (PlanGoal(terms=[GoalTerm(variable="ball.x", low=1.0)]), "expected low <= high"),
         (PlanGoal(terms=[GoalTerm(variable="ball.x", value=float("nan"))]), "expected a finite number"),
     ):  # fmt: skip
-        answer = told(goal)
+        answer = answered(goal)
         assert not answer.accepted
         assert reason in answer.reason
 

@@ -1,4 +1,4 @@
-"""The README's requests are read as printed, and what it prints as answer is what the shipped models say."""
+"""The README's requests are valid as printed, and its answer is that of the shipped models."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LIBRARY = SOCCER.library(ROBOT)
 
 
 def printed(command: str) -> dict[str, Any]:
-    """Return the message that the README's line `command` sends."""
+    """Return the message in the README's line `command`."""
     found = re.search(rf'{command}.*?"(\{{.*?\}})"', README, re.DOTALL)
     assert found is not None
     values: dict[str, Any] = yaml.safe_load(found.group(1))
@@ -50,13 +50,13 @@ def answered(request: RefineSubgoal.Request) -> RefineSubgoal.Response:
 
 
 def durations(field: str) -> list[str]:
-    """Return the durations that the README prints in a field of the answer."""
+    """Return the durations in a field of the README's answer."""
     found = re.search(rf"\b{field}=\[?(Performance\(.*?)(?:, after=|\]|,?\n)", README)
     assert found is not None
     return re.findall(r"duration=([\d.]+)", found.group(1))
 
 
-def test_the_printed_answer_is_what_comes() -> None:
+def test_the_printed_answer_matches_the_response() -> None:
     answer = answered(filled(RefineSubgoal.Request, printed("ros2 service call /refine_subgoal")))
     assert answer.accepted
     assert f'refined={answer.refined}, reason="{answer.reason}"' in README
@@ -70,14 +70,14 @@ def test_the_printed_answer_is_what_comes() -> None:
     assert durations("after_actions") == [f"{action.duration:.2f}" for action in answer.after_actions]
 
 
-def test_an_open_speed_is_worth_what_it_says() -> None:
+def test_an_open_speed_has_the_documented_gain() -> None:
     request = filled(RefineSubgoal.Request, printed("ros2 service call /refine_subgoal"))
     request.chain.calls[0].open = ["yaw", "speed"]
     answer = answered(request)
-    said = re.search(r"along at ([\d.]+) m/s and the chain is predicted to take ([\d.]+) s", README)
-    assert said is not None
-    assert float(said.group(1)) == pytest.approx(answer.chain.calls[0].speed, abs=0.05)
-    assert said.group(2) == f"{answer.after.duration:.2f}"
+    stated = re.search(r"along at ([\d.]+) m/s and the chain is predicted to take ([\d.]+) s", README)
+    assert stated is not None
+    assert float(stated.group(1)) == pytest.approx(answer.chain.calls[0].speed, abs=0.05)
+    assert stated.group(2) == f"{answer.after.duration:.2f}"
 
 
 def test_the_printed_goal_is_the_same_chain() -> None:
@@ -92,8 +92,8 @@ def test_the_printed_goal_is_the_same_chain() -> None:
 
 
 @pytest.mark.parametrize(("topic", "offered"), [("action", RESULTS), ("chain", LATCHED)])
-def test_the_printed_echo_hears_the_records(topic: str, offered: QoSProfile) -> None:
-    """What reliable and latched publishers keep for late listeners, only such a subscription gets."""
+def test_the_printed_echo_receives_the_records(topic: str, offered: QoSProfile) -> None:
+    """Only reliable and latched subscriptions receive stored messages."""
     (line,) = re.findall(rf"ros2 topic echo (.*/performance/{topic} .*)", REFINEMENT)
     options = echo_options().parse_args(shlex.split(line))
     profile = echo_profile(options.qos_reliability, options.qos_durability)

@@ -1,4 +1,4 @@
-"""`train` learns from a recording of our own nodes."""
+"""`train` learns from a recording of the nodes."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ DRIVES, TOUR = 3, 18
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording, with the records as they were heard, and those of single drives with a rest between."""
+    """A recording with the published records, and those of single drives with pauses between."""
 
     recorder: Recorder
     records: list[ActionPerformance]
@@ -49,7 +49,7 @@ class Recording:
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    """Let the nodes execute single drives, the paper's chain, and a tour; record all of it."""
+    """Execute and record single drives, the paper's chain, and a tour."""
     with free_domain() as domain:
         processes = Processes(domain, tmp_path_factory.mktemp("logs"))
         processes.start("simulation", real_time_factor=10.0, command_wait=1.0)
@@ -67,14 +67,14 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
             execute(chains, chain_of_the_paper())
             client.place(robot=Pose(0.0, 0.0, 0.0), ball=(3.0, 2.0))
             execute(chains, tour(TOUR, seed=32))
-        finally:  # a simulation as fast as possible leaves little for those who only read
+        finally:  # a simulation as fast as possible leaves little CPU time for the tests
             client.close()
             processes.kill()
     return Recording(recorder, chains.actions, drives)
 
 
 def tour(length: int, *, seed: int) -> list[TopCall]:
-    """Return goals, each at least 0.5 m from the one before and away from the ball."""
+    """Return goals, each at least 0.5 m from the previous one and away from the ball."""
     draw = random.Random(seed)
     poses: list[Pose] = []
     while len(poses) < length:
@@ -85,22 +85,22 @@ def tour(length: int, *, seed: int) -> list[TopCall]:
 
 
 def execute(chains: ChainClient, calls: list[TopCall]) -> ChainPerformance:
-    """Execute a chain to its successful end, and wait until all of it has been heard."""
-    heard = len(chains.actions)
+    """Execute a chain, assert its success, and wait for all its records."""
+    count = len(chains.actions)
     result = chains.send(calls).result()
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
-    chains.ros.eventually(lambda: len(chains.actions) == heard + len(calls), "the actions' records")
+    chains.ros.eventually(lambda: len(chains.actions) == count + len(calls), "the actions' records")
     return result.record
 
 
 def rest(client: Client) -> None:
-    """Let time pass, so that one drive can be told from the next also where messages are taken late."""
+    """Wait, so that drives are separable even if messages are received late."""
     ended = client.time()
     client.eventually(lambda: client.time() > ended + 4.0, "four seconds of rest")
 
 
 def check_places(frame: pd.DataFrame, records: list[ActionPerformance], *, within: float) -> None:
-    """Make sure that episodes begin and are bound for where the records say; `within` in m."""
+    """Assert that starts and goals of episodes match the records; `within` in m."""
     for row, record in zip(frame.to_dict("records"), records, strict=True):
         begin = pose_from(record.start.robot, "start")
         goal = pose_from(record.call.goal.pose, "goal")
@@ -120,7 +120,7 @@ def test_records_of_the_executor_are_the_episodes(recording: Recording, tmp_path
         check_places(episodes, records, within=1e-9)
 
 
-def test_the_installed_train_learns_from_it(recording: Recording, tmp_path: Path) -> None:
+def test_the_installed_train_learns_from_the_recording(recording: Recording, tmp_path: Path) -> None:
     folder = recording.recorder.write(tmp_path / "bag", *TOPICS)
     train = Path(get_package_prefix("ator_ros"), "lib", "ator_ros", "train")
     models = tmp_path / "models"

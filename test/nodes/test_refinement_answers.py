@@ -1,4 +1,4 @@
-"""What the service answers about steps that no model predicts and chains that are no plan (in process)."""
+"""Answers about steps without a model and invalid chains (in process)."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from ator_ros.world.messages import MessageError
 
 
 def request(*calls: TopCall) -> RefineSubgoal.Request:
-    """Ask from (-2, 0), with the ball at the origin."""
-    asked = RefineSubgoal.Request()
-    asked.situation.robot = pose_of(Pose(-2.0, 0.0, 0.0))
-    asked.situation.objects = [ObjectState(name="ball")]
-    asked.chain.calls = list(calls)
-    return asked
+    """Return a request for a robot at (-2, 0) with the ball at the origin."""
+    sent = RefineSubgoal.Request()
+    sent.situation.robot = pose_of(Pose(-2.0, 0.0, 0.0))
+    sent.situation.objects = [ObjectState(name="ball")]
+    sent.chain.calls = list(calls)
+    return sent
 
 
-def answered(asked: RefineSubgoal.Request, *without: str) -> RefineSubgoal.Response:
+def answered(sent: RefineSubgoal.Request, *without: str) -> RefineSubgoal.Response:
     known = {action: model for action, model in models().items() if action not in without}
-    found = refine_request(asked, Refiner(ROBOT, known, ranges=LIBRARY.ranges), LIBRARY, frame="odom")
-    return answer_of(found, asked, action_set="default", frame="odom")
+    found = refine_request(sent, Refiner(ROBOT, known, ranges=LIBRARY.ranges), LIBRARY, frame="odom")
+    return answer_of(found, sent, action_set="default", frame="odom")
 
 
-def test_a_step_without_a_model_is_named_and_the_others_are_refined() -> None:
-    asked = request(
+def test_a_step_without_a_model_is_reported_and_others_are_refined() -> None:
+    sent = request(
         call("goToBall", Pose(0.0, 0.0, 2.0), opened=("yaw",)),
         call("dribbleBall", Pose(2.0, 1.0, 2.0), opened=("yaw",)),
         call("shoot", Pose(4.0, 0.0, 0.0)),
     )
-    asked.as_given = True
-    answer = answered(asked, "shoot")
+    sent.as_given = True
+    answer = answered(sent, "shoot")
     assert answer.refined
     assert list(answer.without_model) == [2]
     assert "no performance model for step 3 (shoot)" in answer.reason
@@ -56,7 +56,7 @@ def test_a_step_without_a_model_is_named_and_the_others_are_refined() -> None:
     assert answer.cost_after < answer.cost_before
 
 
-def test_openings_come_back_as_they_were_sent() -> None:
+def test_openings_are_returned_unchanged() -> None:
     answer = answered(request(call("goToBall", Pose(0.0, 0.0, 2.0), opened=("*", "yaw"))))
     assert sorted(answer.chain.calls[0].open) == sorted(answer.original.calls[0].open) == ["*", "yaw"]
 
@@ -71,14 +71,14 @@ def test_openings_come_back_as_they_were_sent() -> None:
         ),
     ],
 )
-def test_what_is_no_plan_from_the_situation_is_refused(calls: list[TopCall], reason: str) -> None:
+def test_an_invalid_plan_is_rejected(calls: list[TopCall], reason: str) -> None:
     with pytest.raises(RefinementError) as caught:
         answered(request(*calls))
     assert str(caught.value).startswith(reason)
 
 
 class TestAlternatives:
-    """Several chains for the same end: far round, straight, and a shot from where none is allowed."""
+    """Several chains for the same goal: a detour, a straight one, and a shot from an invalid position."""
 
     far = (
         call("goToBall", Pose(0.0, 0.0, 0.0), opened=("yaw",)),
@@ -88,17 +88,17 @@ class TestAlternatives:
     near = (far[0], call("dribbleBall", Pose(2.0, 0.0, 0.0), opened=("yaw",)), far[2])
     at_once = (far[0], far[2])
 
-    def asked(self, *chains: tuple[TopCall, ...]) -> RefineSubgoal.Request:
+    def request_for(self, *chains: tuple[TopCall, ...]) -> RefineSubgoal.Request:
         first, *others = chains
-        asked = request(*first)
-        asked.alternatives = [TopChain(calls=list(chain)) for chain in others]
-        return asked
+        sent = request(*first)
+        sent.alternatives = [TopChain(calls=list(chain)) for chain in others]
+        return sent
 
-    def test_the_best_is_chosen_and_all_are_listed_with_their_predictions(self) -> None:
-        answer = answered(self.asked(self.far, self.at_once, self.near))
+    def test_the_best_is_chosen_and_all_are_listed_with_predictions(self) -> None:
+        answer = answered(self.request_for(self.far, self.at_once, self.near))
         assert answer.chosen == 2
         assert [each.accepted for each in answer.alternatives] == [True, False, True]
-        alone = [answered(self.asked(chain)) for chain in (self.far, self.near)]
+        alone = [answered(self.request_for(chain)) for chain in (self.far, self.near)]
         assert answer.chain == alone[1].chain
         assert answer.alternatives[0].cost == min(alone[0].cost_before, alone[0].cost_after)
         assert answer.alternatives[2].cost < answer.alternatives[0].cost
@@ -106,37 +106,37 @@ class TestAlternatives:
         assert "pre-condition of step 2 (shoot)" in answer.alternatives[1].reason
         assert answer.alternatives[1].chain.calls[1].top == "shoot"
 
-    def test_the_chain_of_the_request_may_be_the_one_that_is_skipped(self) -> None:
-        answer = answered(self.asked(self.at_once, self.far))
+    def test_the_chain_of_the_request_may_be_skipped(self) -> None:
+        answer = answered(self.request_for(self.at_once, self.far))
         assert (answer.accepted, answer.chosen) == (True, 1)
         assert [each.accepted for each in answer.alternatives] == [False, True]
 
-    def test_without_any_valid_plan_all_reasons_are_told(self) -> None:
+    def test_without_any_valid_plan_all_reasons_are_listed(self) -> None:
         strange = (call("goToMoon", Pose(0.0, 0.0, 0.0)),)
         with pytest.raises(RefinementError) as caught:
-            answered(self.asked(self.at_once, self.at_once, strange))
+            answered(self.request_for(self.at_once, self.at_once, strange))
         assert "alternative 1: no valid plan: " in str(caught.value)
         assert "alternative 2: alternatives[1].calls[0].top: " in str(caught.value)
 
     def test_an_alternative_of_another_action_set_is_skipped(self) -> None:
-        asked = self.asked(self.far, self.near)
-        asked.alternatives[0].action_set = "bezier"
-        answer = answered(asked)
+        sent = self.request_for(self.far, self.near)
+        sent.alternatives[0].action_set = "bezier"
+        answer = answered(sent)
         assert answer.chosen == 0
         assert "alternatives[0].action_set" in answer.alternatives[1].reason
 
-    def test_those_with_a_step_without_a_model_come_last_and_eight_are_refused(self) -> None:
-        assert answered(self.asked(self.near, self.far[:2]), "shoot").chosen == 1
+    def test_chains_without_a_model_are_last_and_more_than_seven_rejected(self) -> None:
+        assert answered(self.request_for(self.near, self.far[:2]), "shoot").chosen == 1
         with pytest.raises(MessageError, match="alternatives: expected 0 to 7 items, got 8"):
-            answered(self.asked(*[self.far] * 9))
+            answered(self.request_for(*[self.far] * 9))
 
-    def test_one_chain_has_no_list(self) -> None:
-        answer = answered(self.asked(self.far))
+    def test_a_single_chain_has_no_list(self) -> None:
+        answer = answered(self.request_for(self.far))
         assert (len(answer.alternatives), answer.chosen) == (0, 0)
 
-    def test_a_free_place_tells_its_bounds(self) -> None:
+    def test_a_free_place_has_bounds(self) -> None:
         carry = call("dribbleBall", Pose(2.2, 1.5, 0.0), opened=("x", "y", "yaw", "speed"))
-        answer = answered(self.asked((self.far[0], carry, self.far[2])))
+        answer = answered(self.request_for((self.far[0], carry, self.far[2])))
         [x] = [each for each in answer.free if (each.subgoal, each.name) == (1, "x")]
         assert 1.2 < x.low < x.after < x.high < 4.0
         assert "pre-condition of step 3 (shoot): distance from ball to goal 0.74 to 2.66 m" in x.limits

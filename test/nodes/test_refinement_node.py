@@ -1,4 +1,4 @@
-"""The node `refinement`, used through ROS."""
+"""The `refinement` node over its ROS interfaces."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory, models: Path) -> Iterator[tuple[Process, Client]]:
-    """Yield one node for the tests that need nothing special, and a client of it."""
+    """Yield a node with default settings for several tests, and a client."""
     with free_domain() as domain:
         processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
         yield processes.start("refinement", models=models, deadline=20.0), client
@@ -43,13 +43,13 @@ def shared(tmp_path_factory: pytest.TempPathFactory, models: Path) -> Iterator[t
 
 
 @pytest.fixture
-def asker(shared: tuple[Process, Client]) -> Client:
-    """Return a client of the node that is shared."""
+def service_client(shared: tuple[Process, Client]) -> Client:
+    """Return a client of the shared node."""
     return shared[1]
 
 
-def test_the_free_angle_is_refined(asker: Client) -> None:
-    response = refine(asker, request_of_the_paper(yaw=3.0))
+def test_the_free_angle_is_refined(service_client: Client) -> None:
+    response = refine(service_client, request_of_the_paper(yaw=3.0))
     assert response.accepted
     assert response.refined
     assert [(free.subgoal, free.name) for free in response.free] == [(0, "yaw")]
@@ -65,12 +65,12 @@ def test_the_free_angle_is_refined(asker: Client) -> None:
     assert min(curve.totals) >= response.cost_after - 1e-9
 
 
-def test_an_open_angle_is_compared_with_the_fastest_approach(asker: Client) -> None:
+def test_an_open_angle_is_compared_with_the_fastest_approach(service_client: Client) -> None:
     responses = []
     for placeholder in (0.0, 3.0):
         request = request_of_the_paper(yaw=placeholder)
         request.as_given = False
-        responses.append(refine(asker, request))
+        responses.append(refine(service_client, request))
     first, second = responses
     assert first.accepted
     assert (first.chain, first.original, first.free) == (second.chain, second.original, second.free)
@@ -78,21 +78,21 @@ def test_an_open_angle_is_compared_with_the_fastest_approach(asker: Client) -> N
     assert first.after.duration <= first.before.duration
 
 
-def set_parameters(asker: Client, **values: ParameterValue) -> list[SetParametersResult]:
+def set_parameters(service_client: Client, **values: ParameterValue) -> list[SetParametersResult]:
     wanted = [Parameter(name=name, value=value) for name, value in values.items()]
     request = SetParameters.Request(parameters=wanted)
-    return list(asker.call(SetParameters, "refinement/set_parameters", request).results)
+    return list(service_client.call(SetParameters, "refinement/set_parameters", request).results)
 
 
-def test_what_the_node_was_made_of_cannot_be_changed_over_ros(asker: Client) -> None:
+def test_startup_parameters_are_read_only(service_client: Client) -> None:
     models = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="/etc")
     frame = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="moon")
-    results = set_parameters(asker, models=models, frame=frame)
+    results = set_parameters(service_client, models=models, frame=frame)
     assert [result.successful for result in results] == [False] * 2
     assert all("read-only" in result.reason for result in results)
 
 
-def test_the_gate_can_be_opened_while_the_node_runs(host: Host, client: Client, tmp_path: Path) -> None:
+def test_the_gate_can_be_disabled_at_runtime(host: Host, client: Client, tmp_path: Path) -> None:
     save_small_models(tmp_path)
     save_gate(tmp_path / model_path("gate", "default"), ThresholdGate(gain=100.0), {})
     host("refinement", models=tmp_path, deadline=20.0)
@@ -106,7 +106,7 @@ def test_the_gate_can_be_opened_while_the_node_runs(host: Host, client: Client, 
     assert not refine(client, request).refined
 
 
-def test_a_failure_costs_what_the_parameter_says_unless_the_request_does(
+def test_the_failure_cost_is_the_parameter_unless_requested(
     host: Host, client: Client, tmp_path: Path
 ) -> None:
     save_small_models(tmp_path)
@@ -121,16 +121,16 @@ def test_a_failure_costs_what_the_parameter_says_unless_the_request_does(
     assert refine(client, request).cost_before == pytest.approx(by_request)
 
 
-def test_health_names_what_it_was_made_with(asker: Client) -> None:
-    health = asker.listen(DiagnosticArray, "/diagnostics", RESULTS)
-    asker.eventually(lambda: health, "diagnostics")
+def test_diagnostics_list_the_loaded_files(service_client: Client) -> None:
+    health = service_client.listen(DiagnosticArray, "/diagnostics", RESULTS)
+    service_client.eventually(lambda: health, "diagnostics")
     values = {value.key: value.value for value in health[-1].status[0].values}
     assert values["robot digest"] == load_robot().digest()
     assert len(values["parameters digest"]) == len(values["models digest of default"]) == 16
     assert values["models of default"] == "dribbleBall, goToPose, shoot"
 
 
-def test_without_models_it_says_so_and_goes_on(start, client: Client, tmp_path: Path) -> None:
+def test_without_models_it_warns_and_continues(start, client: Client, tmp_path: Path) -> None:
     health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
     node = start("refinement", models=tmp_path)
     response = refine(client, request_of_the_paper())
@@ -140,10 +140,10 @@ def test_without_models_it_says_so_and_goes_on(start, client: Client, tmp_path: 
     assert node.stop() == 0
 
 
-def test_markers_show_the_last_search_also_to_who_listens_later(asker: Client) -> None:
-    refine(asker, request_of_the_paper())
-    heard = asker.listen(MarkerArray, "refinement_markers", LATCHED)
-    asker.eventually(lambda: heard, "markers")
-    markers = heard[0].markers
+def test_markers_of_the_last_search_are_latched(service_client: Client) -> None:
+    refine(service_client, request_of_the_paper())
+    received = service_client.listen(MarkerArray, "refinement_markers", LATCHED)
+    service_client.eventually(lambda: received, "markers")
+    markers = received[0].markers
     assert any(len(marker.points) == len(marker.colors) >= 72 for marker in markers)
     assert all(marker.header.frame_id == "odom" for marker in markers)

@@ -1,4 +1,4 @@
-"""Actions on servers of others: good servers, and each way in which a bad one ends an action."""
+"""Actions on external servers: valid servers, and each fault that ends an action."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from action_servers import Deaf, Server
+from action_servers import Server, UnresponsiveServer
 from remote_bench import GOAL, Bench
 
 from ator_ros.actions.base import Status
@@ -15,7 +15,7 @@ from ator_ros.world.messages import pose_from
 from ator_ros.world.state import STOP
 
 SLACK = 1.0
-"""Real s that a busy machine may take longer."""
+"""Tolerance in real s for a busy machine."""
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def bench(domain: int) -> Iterator[Bench]:
     made.close()
 
 
-def test_a_goal_is_sent_as_declared_once_the_robot_stands(bench: Bench) -> None:
+def test_a_goal_is_sent_as_declared_once_the_robot_is_at_rest(bench: Bench) -> None:
     server = Server(bench.theirs)
     bench.begin()
     assert [bench.tick(v=0.5).command for _ in range(3)] == [STOP] * 3
@@ -46,7 +46,7 @@ def test_a_goal_is_sent_as_declared_once_the_robot_stands(bench: Bench) -> None:
         ({"state": "abort", "code": 1}, "drive failed: its goal is aborted"),
     ],
 )
-def test_a_result_that_is_no_success_is_reported(bench: Bench, end: dict[str, Any], expected: str) -> None:
+def test_an_unsuccessful_result_is_reported(bench: Bench, end: dict[str, Any], expected: str) -> None:
     server = Server(bench.theirs)
     bench.begin()
     bench.drive(lambda: server.goals)
@@ -58,7 +58,7 @@ def test_a_result_that_is_no_success_is_reported(bench: Bench, end: dict[str, An
         raise AssertionError(step.message)
 
 
-def test_a_goal_that_is_rejected_fails_at_once(bench: Bench) -> None:
+def test_a_rejected_goal_fails_immediately(bench: Bench) -> None:
     Server(bench.theirs, accepts=False)
     bench.begin()
     step, took = bench.outcome()
@@ -66,7 +66,7 @@ def test_a_goal_that_is_rejected_fails_at_once(bench: Bench) -> None:
     assert took < SLACK
 
 
-def test_a_goal_that_is_accepted_too_late_is_canceled(bench: Bench) -> None:
+def test_a_goal_accepted_too_late_is_canceled(bench: Bench) -> None:
     server = Server(bench.theirs)
     bench.begin()
     bench.freeze()
@@ -76,7 +76,7 @@ def test_a_goal_that_is_accepted_too_late_is_canceled(bench: Bench) -> None:
     bench.until(lambda: server.canceled)
 
 
-def test_without_a_server_it_fails_after_its_time(bench: Bench) -> None:
+def test_without_a_server_it_fails_after_its_timeout(bench: Bench) -> None:
     bench.action.start(bench.world(), GOAL)
     step, took = bench.outcome()
     assert step.message == "drive: expected one action server within 0.6 s, got none"
@@ -84,7 +84,7 @@ def test_without_a_server_it_fails_after_its_time(bench: Bench) -> None:
     assert all(step.command == STOP for step in bench.steps)
 
 
-def test_a_server_that_dies_is_noticed(bench: Bench) -> None:
+def test_a_server_that_dies_is_detected(bench: Bench) -> None:
     server = Server(bench.theirs)
     bench.begin()
     bench.drive(lambda: server.goals)
@@ -92,20 +92,20 @@ def test_a_server_that_dies_is_noticed(bench: Bench) -> None:
     step, took = bench.outcome()
     assert step.message == "drive is gone: its action server has been missing for 0.6 s"
     assert took < 0.6 + 2.0 * SLACK
-    assert not bench.server.ending()  # there is nobody to wait for
+    assert not bench.server.ending()  # no server to wait for
 
 
 def drive_for(bench: Bench, duration: float) -> None:
-    """Let a server drive for so many real s."""
+    """Step the action for `duration` real s."""
     end = time.monotonic() + duration
     bench.drive(lambda: time.monotonic() > end)
 
 
-def test_a_killed_server_is_noticed_long_before_dds_gives_it_up(bench: Bench) -> None:
+def test_a_killed_server_is_detected_long_before_dds_drops_it(bench: Bench) -> None:
     Server(bench.theirs)
     bench.declare(result=600.0)
     bench.begin()
-    drive_for(bench, 1.2)  # longer than `silence`: it answers
+    drive_for(bench, 1.2)  # longer than `silence`: the server responds
     bench.freeze()
     step, took = bench.outcome()
     assert step.message == "drive is gone or hangs: expected a sign of life within 0.6 s, got none"
@@ -114,20 +114,20 @@ def test_a_killed_server_is_noticed_long_before_dds_gives_it_up(bench: Bench) ->
     bench.until(lambda: "it may still move the robot" in bench.server.warning())
 
 
-def test_feedback_is_a_sign_of_life(bench: Bench) -> None:
-    server = Deaf(bench.theirs)
-    server.deaf = False
+def test_feedback_resets_the_silence_timeout(bench: Bench) -> None:
+    server = UnresponsiveServer(bench.theirs)
+    server.unresponsive = False
     bench.declare(result=600.0)
     bench.begin()
     drive_for(bench, 0.5)
-    server.deaf = True
+    server.unresponsive = True
     for _ in range(4):
         drive_for(bench, 0.3)
-        server.tell()
+        server.publish_feedback()
     assert "is gone or hangs" in bench.outcome()[0].message
 
 
-def test_a_server_that_never_ends_is_given_up_and_canceled(bench: Bench) -> None:
+def test_a_server_that_never_ends_times_out_and_is_canceled(bench: Bench) -> None:
     server = Server(bench.theirs)
     bench.begin()
     step, took = bench.outcome()
@@ -140,7 +140,7 @@ def test_a_server_that_never_ends_is_given_up_and_canceled(bench: Bench) -> None
     assert bench.server.warning() == ""
 
 
-def test_two_servers_of_one_name_are_refused(bench: Bench) -> None:
+def test_two_servers_with_one_name_are_rejected(bench: Bench) -> None:
     servers = [Server(bench.theirs), Server(bench.theirs)]
     bench.begin()
     bench.until(lambda: "got 2" in bench.server.unusable())

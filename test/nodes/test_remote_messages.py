@@ -1,4 +1,4 @@
-"""Goals and results of action types by the paths of their fields, without any node."""
+"""Goals and results of action types by field path, without a node."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def written(*fillings: Filling) -> ExecuteChain.Goal:
     return GoalWriter(declared(goal=fillings), ExecuteChain.Goal, "odom").written(GOAL)
 
 
-def test_poses_take_the_frame_of_the_states_unless_another_is_declared() -> None:
+def test_poses_have_the_frame_of_the_states_unless_declared() -> None:
     for frame, expected in ((None, "odom"), ("map", "map")):
         message = written(Filling("chain.calls[0].goal", source="goal", frame=frame))
         assert message.chain.calls[0].goal.header.frame_id == expected
@@ -60,7 +60,7 @@ def test_poses_take_the_frame_of_the_states_unless_another_is_declared() -> None
         (Filling("chain", constant=1), r"goal\[0\]: expected a field for a text, a number or a truth value"),
     ],
 )
-def test_a_goal_that_does_not_fit_its_type_is_reported(filling: Filling, expected: str) -> None:
+def test_a_goal_that_does_not_match_its_type_is_reported(filling: Filling, expected: str) -> None:
     with pytest.raises(RemoteError, match=f"^{expected}"):
         written(filling)
 
@@ -72,7 +72,7 @@ def test_a_goal_that_does_not_fit_its_type_is_reported(filling: Filling, expecte
         ("ator_interfaces/action/Drive", "expected an action of ator_interfaces, got 'Drive'"),
     ],
 )
-def test_a_type_that_is_not_there_is_reported(name: str, expected: str) -> None:
+def test_a_missing_type_is_reported(name: str, expected: str) -> None:
     with pytest.raises(RemoteError, match=f"^type: .*{expected}"):
         action_type_of(name)
 
@@ -88,7 +88,7 @@ def test_a_type_that_is_not_there_is_reported(name: str, expected: str) -> None:
         (Success(reason="why"), "success.reason.field: expected one of outcome, record, got 'why'"),
     ],
 )
-def test_a_result_that_is_read_wrongly_is_reported(success: Success, expected: str) -> None:
+def test_an_invalid_success_declaration_is_reported(success: Success, expected: str) -> None:
     with pytest.raises(RemoteError, match=f"^{expected}"):
         check_result(declared(success=success), ExecuteChain.Result)
 

@@ -1,4 +1,4 @@
-"""The SROS2 policy against the graph that our nodes really open: all of it in both, nothing more."""
+"""The SROS2 policy allows exactly the topics, services and actions in the nodes' graph."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ EVERYWHERE = {"/parameter_events", "/rosout"}
 
 @pytest.fixture(scope="module")
 def observer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
-    """Start the three nodes and give a client that sees them."""
+    """Start the three nodes and yield a client."""
     with free_domain() as domain:
         processes = Processes(domain, tmp_path_factory.mktemp("logs"))
         for name, parameters in NODES.items():
@@ -34,7 +34,7 @@ def observer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
 
 @pytest.mark.node
 @pytest.mark.parametrize("node", NODES)
-def test_a_node_opens_what_its_profile_allows(observer: Client, node: str) -> None:
+def test_a_node_uses_exactly_what_its_profile_allows(observer: Client, node: str) -> None:
     profile = allowed(POLICY, node)
 
     def opened() -> object:
@@ -46,10 +46,10 @@ def test_a_node_opens_what_its_profile_allows(observer: Client, node: str) -> No
     try:
         observer.eventually(lambda: opened() == profile, "the node's whole profile")
     except AssertionError:
-        assert opened() == profile  # tells the difference
+        assert opened() == profile  # a failing comparison shows the difference
 
 
-def test_a_client_uses_what_the_nodes_offer_and_does_not_steer() -> None:
+def test_a_client_uses_the_nodes_interfaces_without_cmd_vel() -> None:
     client, nodes = allowed(POLICY, "client"), [allowed(POLICY, node) for node in NODES]
     offered = frozenset.union(*(node.replies for node in nodes))
     assert client.requests == {name for name in offered if "/set_parameters" not in name}

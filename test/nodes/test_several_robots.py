@@ -1,4 +1,4 @@
-"""Several robots and one ball in one simulation."""
+"""Several robots and a ball in one simulation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ator_ros.resources import share_folder
 
 NAMES = ("ann", "bob")
 EACH_LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""For a topic with several publishers, each of which keeps its last message."""
+"""QoS of a topic with several latched publishers."""
 
 
 @pytest.fixture
@@ -46,8 +46,8 @@ def test_each_robot_is_commanded_and_observed_in_its_namespace(host: Host, pair:
     ann.place(ball=(0.5, -1.0))
     for client in pair.values():
         client.eventually(lambda c=client: abs(c.ball().x - 0.5) < 0.01, "one ball for both")
-    frames = lambda heard: {  # noqa: E731
-        (there.header.frame_id, there.child_frame_id) for each in list(heard) for there in each.transforms
+    frames = lambda messages: {  # noqa: E731
+        (there.header.frame_id, there.child_frame_id) for each in list(messages) for there in each.transforms
     }
     wanted = {(f"{name}/odom", f"{name}/base_link") for name in NAMES}
     ann.eventually(lambda: frames(transforms) == wanted, "transforms of both")
@@ -72,12 +72,12 @@ def settings(**changes: object) -> dict[str, object]:
         ({"descriptions": ["", ""]}, "parameter descriptions: expected at most 1 files, got 2"),
     ],
 )
-def test_what_cannot_be_is_refused_at_the_start(changes: dict[str, object], expected: str) -> None:
+def test_invalid_settings_are_rejected_at_the_start(changes: dict[str, object], expected: str) -> None:
     with pytest.raises(SetupError, match=expected):
         world_of(settings(**changes))
 
 
-def test_robots_may_differ_and_stand_beside_each_other(tmp_path: Path) -> None:
+def test_robots_may_differ_and_start_beside_each_other(tmp_path: Path) -> None:
     shipped = (share_folder() / "config" / "pioneer.yaml").read_text(encoding="utf-8")
     file = tmp_path / "quick.yaml"
     file.write_text(shipped.replace("pioneer_3dx", "quick").replace("v: 1.2 ", "v: 1.9 "), encoding="utf-8")

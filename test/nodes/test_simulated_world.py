@@ -1,4 +1,4 @@
-"""The simulated world of several robots, without a node around it."""
+"""The simulated world of several robots, without a node."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ROBOT = SOCCER.robot()
 START = Pose(-2.0, 0.0, 0.0)
 
 
-# Bodies that would overlap are not placed
+# Overlapping bodies are not placed
 
 FRONT = ROBOT.front + ROBOT.holder_length
 BALL = ROBOT.scene.radius("ball")
@@ -66,7 +66,7 @@ def test_a_ball_can_be_placed_in_the_holder() -> None:
     world.place_object("ball", -2.0 + ROBOT.hold, 0.0, vx=0.0, vy=0.0)
     assert speeds_after_a_second(world, robot) == pytest.approx((0.0, 0.0), abs=0.01)
     world.remove_object("ball")
-    world.place_robot(Pose(-2.0 + ROBOT.hold, 0.0, 0.0), 0, v=0.0, w=0.0)  # where the ball was
+    world.place_robot(Pose(-2.0 + ROBOT.hold, 0.0, 0.0), 0, v=0.0, w=0.0)  # at the former place of the ball
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_a_ball_can_be_placed_in_the_holder() -> None:
         (Pose(-2.0, 0.0, 0.0), (BAY.x, BAY.y + BAY.width / 2), "ball_start: .* overlaps a wall"),
     ],
 )
-def test_a_world_does_not_start_with_bodies_in_each_other(
+def test_a_world_does_not_start_with_overlapping_bodies(
     start: Pose, ball: tuple[float, float], expected: str
 ) -> None:
     with pytest.raises(MessageError, match=expected):

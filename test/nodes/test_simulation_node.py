@@ -1,4 +1,4 @@
-"""The node `simulation`, used through ROS."""
+"""The `simulation` node over its ROS interfaces."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ START = Pose(-2.0, 0.0, 0.0)
 
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, Client]]:
-    """Yield one simulation for the tests that need no parameters of their own, and a client of it."""
+    """Yield a simulation with default parameters for several tests, and a client."""
     with free_domain() as domain:
         processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
         yield processes.start("simulation", real_time_factor=5.0, publish_clock=True), client
@@ -48,10 +48,10 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, 
 
 @pytest.fixture
 def world(shared: tuple[Process, Client]) -> Client:
-    """Return a client of a simulation that was reset."""
+    """Reset the simulation and return its client."""
     client = shared[1]
     assert client.call(Trigger, "reset").success
-    # What was published before may still be on its way.
+    # Earlier messages may still be in transit.
     client.eventually(lambda: client.robot().pose.distance(START) < 1e-3, "the start pose")
     client.eventually(lambda: math.hypot(client.ball().x, client.ball().y) < 1e-3, "the ball's place")
     client.robots.clear()
@@ -59,22 +59,22 @@ def world(shared: tuple[Process, Client]) -> Client:
     return client
 
 
-def test_state_comes_at_20_hz_of_simulated_time(world: Client) -> None:
+def test_state_is_published_at_20_hz_of_simulated_time(world: Client) -> None:
     client = world
-    # A busy listener that keeps but the newest would lose some, and nobody but itself is to blame.
+    # A busy subscriber with a short queue would lose messages.
     patient = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-    heard = client.listen(Odometry, "odom", patient)
-    client.eventually(lambda: len(heard) > 30, "odometry of 30 ticks")
-    times = [robot_from(message, frame="odom")[0] for message in list(heard)]
+    messages = client.listen(Odometry, "odom", patient)
+    client.eventually(lambda: len(messages) > 30, "odometry of 30 ticks")
+    times = [robot_from(message, frame="odom")[0] for message in list(messages)]
     steps = [later - earlier for earlier, later in itertools.pairwise(times)]
-    # Sensor data is best effort: a tick may be lost, none comes twice or late.
+    # Sensor data is best effort: a tick may be lost, but none is repeated or reordered.
     assert all(abs(step / 0.05 - round(step / 0.05)) < 1e-6 and step > 0 for step in steps)
     assert sum(abs(step - 0.05) < 1e-6 for step in steps) > 0.8 * len(steps)
     assert client.ball().speed == pytest.approx(0.0, abs=1e-3)
 
 
 def seconds_to_stand(client: Client) -> float:
-    """Drive at more than the limit, cease, and return the simulated time until the robot stands."""
+    """Command more than the limit, then nothing; return the simulated time until the robot stands."""
     for _ in range(100):
         client.drive_a_tick(50.0)
         if client.robot().v > 1.1:
@@ -87,7 +87,7 @@ def seconds_to_stand(client: Client) -> float:
 
 def test_commands_drive_the_robot_within_its_limits_and_it_stops_without_them(world: Client) -> None:
     before = world.robot()
-    # The last command may have met a later tick, on a busy machine a much later one: never an earlier one.
+    # The last command may apply to a later tick, on a busy machine a much later one, never to an earlier one.
     times = (seconds_to_stand(world) for _ in range(3))
     assert any(time < 0.5 + 0.1 + 1e-6 for time in times)
     assert max(robot.v for _, robot in world.robots) < 1.2 * 1.02
@@ -104,15 +104,15 @@ def test_robot_and_ball_are_placed_and_the_world_is_reset(world: Client) -> None
     assert client.robot().pose.yaw == pytest.approx(2.0)
     client.eventually(lambda: (client.ball().x, client.ball().y) == (2.0, 1.0), "the ball is placed")
     paused = client.time()
-    heard = len(client.robots)
-    client.eventually(lambda: len(client.robots) > heard + 5, "a paused world is still published")
+    count = len(client.robots)
+    client.eventually(lambda: len(client.robots) > count + 5, "a paused world is still published")
     assert client.time() == paused
     client.call(SetBool, "pause", SetBool.Request(data=False))
-    # Long enough to see the time after the reset before it is as late again.
+    # Long enough to receive a smaller time after the reset.
     client.eventually(lambda: client.time() > paused + 3.0, "time goes on")
-    later, heard = client.time(), len(client.robots)
+    later, count = client.time(), len(client.robots)
     assert client.call(Trigger, "reset").success
-    client.eventually(lambda: any(time < later for time, _ in client.robots[heard:]), "time starts again")
+    client.eventually(lambda: any(time < later for time, _ in client.robots[count:]), "time starts again")
     client.eventually(lambda: client.robot().pose.distance(START) < 1e-3, "the start pose")
 
 
@@ -142,7 +142,7 @@ KINDS = {"place_robot": PlaceRobot, "place_ball": PlaceObject}
 
 
 @pytest.mark.parametrize(("service", "where", "value", "expected"), NONSENSE)
-def test_nonsense_is_answered_and_moves_nothing(
+def test_invalid_requests_are_rejected_and_move_nothing(
     world: Client, service: str, where: str, value: object, expected: str
 ) -> None:
     request = KINDS[service].Request()
@@ -157,7 +157,7 @@ def test_nonsense_is_answered_and_moves_nothing(
     assert math.hypot(world.ball().x, world.ball().y) < 0.02
 
 
-def test_nonsense_on_cmd_vel_is_named_and_moves_nothing(
+def test_invalid_commands_are_reported_and_move_nothing(
     shared: tuple[Process, Client], world: Client
 ) -> None:
     node, stranger = shared[0], Client(world.domain, "stranger")
@@ -183,8 +183,8 @@ def test_stamped_commands_must_be_of_that_type_and_in_the_robots_frame(
     host: Host, domain: int, client: Client
 ) -> None:
     node = host("simulation", real_time_factor=5.0, stamped_commands=True)
-    told = "cmd_vel: expected geometry_msgs/TwistStamped, /test_client publishes geometry_msgs/Twist"
-    client.eventually(lambda: told in node.output, told)
+    expected = "cmd_vel: expected geometry_msgs/TwistStamped, /test_client publishes geometry_msgs/Twist"
+    client.eventually(lambda: expected in node.output, expected)
     driver = Client(domain, "driver")  # a topic has one type in a participant
     commands = driver.node.create_publisher(TwistStamped, "/cmd_vel", NEWEST)
     message = TwistStamped()
@@ -216,10 +216,10 @@ def test_clock_description_and_health_are_published(world: Client) -> None:
     assert float(values["longest time between ticks (ms)"]) > 0.0
 
 
-def test_rviz_and_robot_state_publisher_find_what_they_need(world: Client) -> None:
+def test_topics_for_rviz_and_robot_state_publisher(world: Client) -> None:
     client = world
     client.place(robot=Pose(1.0, -0.5, 2.0), ball=(2.0, 1.0))
-    by_default = QoSProfile(depth=10)  # reliable: what a subscriber gets who asks for nothing
+    by_default = QoSProfile(depth=10)  # reliable: the default of a subscription
     (commands,) = client.node.get_subscriptions_info_by_topic("/cmd_vel")
     assert commands.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
     odometry, balls = (client.listen(Odometry, name, by_default) for name in ("odom", "ball"))

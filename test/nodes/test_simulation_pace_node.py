@@ -1,4 +1,4 @@
-"""How fast the time of the node `simulation` goes, and for whom it waits."""
+"""The rate of simulated time in the `simulation` node, and its waiting for commands."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ros_client import Client
 pytestmark = pytest.mark.node
 
 
-def test_time_can_go_faster_while_it_runs(host: Host, client: Client) -> None:
+def test_the_real_time_factor_can_be_changed_at_runtime(host: Host, client: Client) -> None:
     host("simulation", real_time_factor=0.1)
     client.robot()
     before = client.robots[-1][0]
@@ -23,39 +23,37 @@ def test_time_can_go_faster_while_it_runs(host: Host, client: Client) -> None:
     client.eventually(lambda: client.robots[-1][0] > before + 5.0, "time goes on")
 
 
-def test_as_fast_as_possible_waits_for_who_steers(host: Host, client: Client) -> None:
+def test_as_fast_as_possible_waits_for_commands(host: Host, client: Client) -> None:
     host("simulation", real_time_factor=0.0, command_wait=0.5)
     assert set_number(client, "command_wait", 10.0)
     steer_a_little(client)
-    # What was published before may still be on its way.
+    # Earlier messages may still be in transit.
     client.eventually(lambda: is_silent(client), "the simulation waits", patience=9.0)
 
 
 @pytest.mark.parametrize("factor", [0.0, 1.5, 5.0])
-def test_who_is_held_up_for_a_moment_loses_that_moment_only(
-    host: Host, client: Client, factor: float
-) -> None:
+def test_a_short_delay_of_commands_costs_only_its_duration(host: Host, client: Client, factor: float) -> None:
     host("simulation", real_time_factor=factor, command_wait=0.05)
     steer_a_little(client)
     client.command(v=0.3)
-    time.sleep(0.5)  # the command holds no longer
+    time.sleep(0.5)  # the command expires
     assert 0.7 < pace(client, 1.5) < 1.1
 
 
 def pace(client: Client, seconds: float) -> float:
-    """Return how many simulated s pass in a real one."""
+    """Return the simulated s per real s."""
     before, began = client.robots[-1][0], time.monotonic()
     time.sleep(seconds)
     return (client.robots[-1][0] - before) / (time.monotonic() - began)
 
 
 def set_factor(client: Client, factor: float) -> bool:
-    """Let time go at another speed; return whether the node accepts that."""
+    """Set the real-time factor; return whether the node accepts it."""
     return set_number(client, "real_time_factor", factor)
 
 
 def set_number(client: Client, name: str, number: float) -> bool:
-    """Set a parameter; return whether the node accepts that."""
+    """Set a parameter; return whether the node accepts it."""
     value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=number)
     request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
     (result,) = client.call(SetParameters, "simulation/set_parameters", request).results
@@ -63,7 +61,7 @@ def set_number(client: Client, name: str, number: float) -> bool:
 
 
 def steer_a_little(client: Client) -> None:
-    """Steer for some ticks, so that the simulation knows that somebody does."""
+    """Send commands for some ticks, so that the simulation waits for commands."""
     client.robot()
     client.command(v=0.3)
     client.eventually(lambda: client.robot().v > 0.0, "the robot starts")
@@ -72,7 +70,7 @@ def steer_a_little(client: Client) -> None:
 
 
 def is_silent(client: Client) -> bool:
-    """Return whether no tick comes within half a second, in which hundreds would, were there no waiting."""
-    heard = len(client.robots)
+    """Return whether no tick is published within 0.5 s; without waiting there would be hundreds."""
+    count = len(client.robots)
     time.sleep(0.5)
-    return len(client.robots) == heard
+    return len(client.robots) == count

@@ -1,4 +1,4 @@
-"""What a node is started with: its command line, parameters and parameter files; good and bad."""
+"""Command line, parameters and parameter files of a node, valid and invalid."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ Ended = Callable[..., tuple[str | int | None, str]]
 
 @pytest.fixture
 def ended(domain: int, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Iterator[Ended]:
-    """Return a function that runs a node's `main`, which must end by itself: what with, and the output.
+    """Return a function that runs a node's `main` until it ends; it returns the exit code and the output.
 
-    In this process, which is ten times as fast as one of its own; a text is an exit code of 1.
+    It runs in this process, which is ten times as fast; a text as exit code counts as 1.
     """
     signals = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-    monkeypatch.setenv(PROFILES, "")  # the node sets it; after the test it is as before
+    monkeypatch.setenv(PROFILES, "")  # restored after the test, since the node sets it
 
     def run(name: str, *words: str) -> tuple[str | int | None, str]:
         node = importlib.import_module(f"ator_ros.nodes.{name}")
         with pytest.raises(SystemExit) as end:
             node.main([name, *words])
-        said = capfd.readouterr()
-        return end.value.code, said.out + said.err
+        output = capfd.readouterr()
+        return end.value.code, output.out + output.err
 
     yield run
     for number, handler in signals.items():
@@ -41,13 +41,13 @@ def ended(domain: int, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFix
 @pytest.mark.parametrize(
     ("name", "parameter"), [("executor", "odom_timeout"), ("refinement", "gate"), ("simulation", "lockstep")]
 )
-def test_help_tells_the_parameters(ended: Ended, name: str, parameter: str) -> None:
+def test_help_lists_the_parameters(ended: Ended, name: str, parameter: str) -> None:
     code, output = ended(name, "--help")
     assert code == 0
     assert f"\n  {parameter} " in output
 
 
-def test_words_that_are_not_ros_s_end_a_node(ended: Ended) -> None:
+def test_unknown_arguments_end_a_node(ended: Ended) -> None:
     code, output = ended("simulation", "--real-time-factor", "5", "--ros-args", "-p", "seed:=1")
     assert code == 2
     assert "unrecognized arguments: --real-time-factor 5" in output
@@ -91,10 +91,10 @@ def test_wrong_parameters_end_a_node_with_one_line(
     ended: Ended, name: str, parameters: dict[str, object], expected: str
 ) -> None:
     words = [word for pair in parameters.items() for word in ("-p", "{}:={}".format(*pair))]
-    said, _ = ended(name, "--ros-args", *words)
-    assert isinstance(said, str)
-    assert expected in said
-    assert "\n" not in said
+    output, _ = ended(name, "--ros-args", *words)
+    assert isinstance(output, str)
+    assert expected in output
+    assert "\n" not in output
 
 
 def test_a_wrong_parameter_ends_the_process_with_one_line(start: Start) -> None:
@@ -113,25 +113,23 @@ def test_a_damaged_parameter_file_ends_a_node_with_one_line(
     file = tmp_path / "executor.yaml"
     if content is not None:
         file.write_text(content)
-    said, _ = ended("executor", "--ros-args", "--params-file", str(file))
-    assert isinstance(said, str)
-    assert "\n" not in said
-    assert str(file) in said
+    output, _ = ended("executor", "--ros-args", "--params-file", str(file))
+    assert isinstance(output, str)
+    assert "\n" not in output
+    assert str(file) in output
 
 
 @pytest.mark.parametrize("name", ["executor", "refinement", "simulation"])
-def test_a_robot_that_cannot_be_read_ends_a_node_with_one_line(
-    ended: Ended, tmp_path: Path, name: str
-) -> None:
+def test_an_unreadable_robot_file_ends_a_node_with_one_line(ended: Ended, tmp_path: Path, name: str) -> None:
     file = tmp_path / "robot.yaml"
-    said, _ = ended(name, "--ros-args", "-p", f"robot:={file}")
-    assert isinstance(said, str)
-    assert f"{file}: expected a readable YAML file: " in said
-    assert "\n" not in said
+    output, _ = ended(name, "--ros-args", "-p", f"robot:={file}")
+    assert isinstance(output, str)
+    assert f"{file}: expected a readable YAML file: " in output
+    assert "\n" not in output
 
 
-def test_a_parameter_that_does_not_exist_is_named(start: Start, client: Client) -> None:
+def test_an_unknown_parameter_is_reported(start: Start, client: Client) -> None:
     node = start("simulation", real_time_factr=5.0)
-    told = "ignored: parameters real_time_factr: expected some of "
-    client.eventually(lambda: told in node.output, told)
-    assert "real_time_factor" in node.output.partition(told)[2]
+    expected = "ignored: parameters real_time_factr: expected some of "
+    client.eventually(lambda: expected in node.output, expected)
+    assert "real_time_factor" in node.output.partition(expected)[2]

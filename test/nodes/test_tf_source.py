@@ -1,4 +1,4 @@
-"""The executor with the robot's state and an object from tf: a base that publishes map, odom, base_link."""
+"""The executor with robot and object from tf: a base that publishes map, odom, base_link."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ class Base:
     silent, blocked : bool
         Whether it publishes nothing, or does not move.
     origin : Pose
-        Of odom in map.
+        Pose of odom in map.
     cart : Pose or None
-        Of an object as a camera on the robot sees it.
+        Pose of an object that a camera on the robot detects.
     """
 
     def __init__(self, client: Client) -> None:
@@ -66,17 +66,17 @@ class Base:
         self._static = node.create_publisher(TFMessage, "/tf_static", LATCHED)
         fixed = transform_of(0.0, Pose(0.2, 0.0, 0.0), frame="base_link", child="camera")
         self._static.publish(TFMessage(transforms=[fixed]))
-        node.create_subscription(Twist, "cmd_vel", self._hear, SENSOR_DATA)
+        node.create_subscription(Twist, "cmd_vel", self._on_command, SENSOR_DATA)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     @property
     def in_map(self) -> Pose:
-        """Where it is in the map."""
+        """The pose in the map."""
         return self.origin.compose(self.pose)
 
-    def _hear(self, message: Twist) -> None:
+    def _on_command(self, message: Twist) -> None:
         self.commanded = command_from(message, "cmd_vel")
 
     def _run(self) -> None:
@@ -98,11 +98,11 @@ class Base:
         self.pose = Pose(there.x, there.y, there.yaw + self.velocity.w * PERIOD / 2.0)
 
     def _transforms(self, now: float) -> list[TransformStamped]:
-        seen = [("map", "odom", self.origin), ("odom", "base_link", self.pose)]
+        edges = [("map", "odom", self.origin), ("odom", "base_link", self.pose)]
         if self.cart is not None:
             camera = self.in_map.compose(Pose(0.2, 0.0, 0.0))
-            seen.append(("camera", "seen/cart-1", camera.relative(self.cart)))
-        return [transform_of(now, pose, frame=frame, child=child) for frame, child, pose in seen]
+            edges.append(("camera", "seen/cart-1", camera.relative(self.cart)))
+        return [transform_of(now, pose, frame=frame, child=child) for frame, child, pose in edges]
 
     def close(self) -> None:
         self._ended.set()
@@ -143,12 +143,12 @@ def test_an_object_is_found_through_the_robots_camera(
     base.cart = goal.ahead(0.05)
     result = chains.send([call("visit", goal)]).result()
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
-    (seen,) = result.record.actions[0].end.objects
-    assert (seen.position.x, seen.position.y) == pytest.approx(base.cart[:2], abs=0.02)
-    assert math.hypot(seen.velocity.x, seen.velocity.y) < 0.1
+    (cart,) = result.record.actions[0].end.objects
+    assert (cart.position.x, cart.position.y) == pytest.approx(base.cart[:2], abs=0.02)
+    assert math.hypot(cart.velocity.x, cart.velocity.y) < 0.1
 
 
-def test_nonsense_on_tf_is_named_and_used_by_nobody(host: Host, client: Client, base: Base) -> None:
+def test_invalid_transforms_are_reported_and_not_used(host: Host, client: Client, base: Base) -> None:
     node = host("executor", **SETTINGS)
     publisher = client.node.create_publisher(TFMessage, "/tf", RESULTS)
     client.eventually(publisher.get_subscription_count, "a listener")
@@ -158,7 +158,7 @@ def test_nonsense_on_tf_is_named_and_used_by_nobody(host: Host, client: Client, 
     nameless = transform_of(1e6, Pose(0.0, 0.0, 0.0), frame="map", child="")
     words = "ignored: tf: 'odom': expected a quaternion (x, y, z, w) with a direction"
 
-    def named() -> bool:  # the listener may find the publisher later than the publisher finds it
+    def named() -> bool:  # the listener may discover the publisher later than the publisher discovers it
         publisher.publish(TFMessage(transforms=[directionless, lost, nameless]))
         return words in node.output
 

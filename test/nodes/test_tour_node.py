@@ -1,4 +1,4 @@
-"""The domain `tour` over ROS: its server drives, and a drive takes as long as without ROS."""
+"""The `tour` domain over ROS: drives on its server take as long as without ROS."""
 
 from __future__ import annotations
 
@@ -53,14 +53,14 @@ def test_drives_over_ros_take_as_long_as_those_without(tmp_path: Path) -> None:
 
 @pytest.mark.node
 @pytest.mark.long
-def test_the_demo_plays_a_tour(tmp_path: Path) -> None:
+def test_the_demo_executes_a_tour(tmp_path: Path) -> None:
     ended = run(BIN / "demo", "--domain", "tour", "--situations", 1, "--out", tmp_path / "tour.png")
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert "three nodes and drive_to_server start on ROS domain" in ended.stdout
     assert "1 of 1 situations succeeded both ways; refinement saved" in ended.stdout
 
 
-# What is finished is not driven again
+# Finished drives are not repeated
 
 
 def test_drives_are_kept_until_the_table_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -102,7 +102,7 @@ def test_drives_are_kept_until_the_table_is_written(tmp_path: Path, monkeypatch:
         ("field: goal", "field: gaol", "action server drive_to: goal[0].field: expected one of goal"),
     ],
 )
-def test_a_domain_that_does_not_fit_its_server_is_refused_before_the_first_drive(
+def test_a_domain_that_does_not_match_its_server_is_rejected_first(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], right: str, wrong: str, message: str
 ) -> None:
     for name in ("tour.yaml", "courier.yaml"):

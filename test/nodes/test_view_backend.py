@@ -1,4 +1,4 @@
-"""The view's backend beside played and real nodes."""
+"""The view's backend with mock nodes and real nodes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import ExitStack
 import pytest
 from chain_client import ChainClient, chain_of_the_paper
 from conftest import Start
-from played_nodes import PlayedNodes
+from mock_nodes import MockNodes
 from ros_client import Client
 
 from ator_interfaces.msg import Outcome
@@ -32,9 +32,9 @@ PLACES = World(0.0, RobotState(Pose(1.0, 1.0, 0.0)), {"ball": ObjectState(-1.0, 
 PATIENCE = 240.0
 LOST = "lost: the executor does not answer"
 BUSY = {"odom_timeout": 10.0, "refinement_timeout": 20.0, "start_timeout": 30.0}
-"""Parameters of an executor on a busy machine."""
+"""Executor parameters for a busy machine."""
 START = Pose(0.3, 2.0, -1.6)
-"""From where the straight path to the ball is the wrong one."""
+"""A start from which the straight path to the ball is not the best."""
 STARTS = {"ann": Pose(-2.0, 0.0, 0.0), "bob": Pose(1.0, -1.5, 3.0)}
 
 
@@ -57,16 +57,16 @@ def attached(backend: RosBackend) -> Editor:
     return editor
 
 
-# Beside played nodes
+# With mock nodes
 
-Played = tuple[RosBackend, PlayedNodes]
+Mocked = tuple[RosBackend, MockNodes]
 
 
 @pytest.fixture
-def played(domain: int, request: pytest.FixtureRequest) -> Iterator[Played]:
-    """Yield a backend and the nodes that it uses; with the parameter `tf` the robot's state is in tf."""
+def mocked(domain: int, request: pytest.FixtureRequest) -> Iterator[Mocked]:
+    """Yield a backend and mock nodes; with the parameter `tf` the robot's state is on tf."""
     with ExitStack() as closing:
-        nodes = PlayedNodes(domain, from_tf=getattr(request, "param", "odom") == "tf")
+        nodes = MockNodes(domain, from_tf=getattr(request, "param", "odom") == "tf")
         closing.callback(nodes.close)
         backend = RosBackend(SOCCER, ROBOT, ros_domain=domain, timeout=20.0)
         closing.callback(backend.close)
@@ -75,8 +75,8 @@ def played(domain: int, request: pytest.FixtureRequest) -> Iterator[Played]:
         yield backend, nodes
 
 
-def test_an_object_that_is_observed_with_noise_is_not_waited_for(played: Played) -> None:
-    backend, nodes = played
+def test_a_noisy_object_does_not_delay_the_start(mocked: Mocked) -> None:
+    backend, nodes = mocked
     backend.place(PLACES)
     world = backend.world()
     assert world is not None
@@ -87,8 +87,8 @@ def test_an_object_that_is_observed_with_noise_is_not_waited_for(played: Played)
     assert not nodes.paused
 
 
-def test_time_is_resumed_if_a_start_fails_and_at_the_end(played: Played) -> None:
-    backend, nodes = played
+def test_time_resumes_after_a_failed_start_and_at_the_end(mocked: Mocked) -> None:
+    backend, nodes = mocked
     backend.place(PLACES)
     with pytest.raises(NodesError, match="accepts no goal"):
         backend.execute(Run(NAIVE), DRAFT, refine=False)
@@ -102,8 +102,8 @@ def test_time_is_resumed_if_a_start_fails_and_at_the_end(played: Played) -> None
 
 
 @pytest.mark.long
-def test_a_chain_without_status_is_lost_unless_time_stands_still(played: Played) -> None:
-    backend, nodes = played
+def test_a_chain_without_status_is_lost_unless_time_is_paused(mocked: Mocked) -> None:
+    backend, nodes = mocked
     nodes.accepts = True
     run = Run(NAIVE)
     backend.execute(run, DRAFT, refine=False)
@@ -121,14 +121,14 @@ def test_a_chain_without_status_is_lost_unless_time_stands_still(played: Played)
     backend.pause(paused=False)
     assert watched(20.0)
     assert run.status == LOST
-    backend.stop()  # nothing is active any more
+    backend.stop()  # no chain is active any more
     nodes.silent = False
     backend.execute(Run(NAIVE), DRAFT, refine=False)
 
 
-@pytest.mark.parametrize("played", ["tf"], indirect=True)
-def test_a_robot_of_tf_is_observed(played: Played) -> None:
-    backend, nodes = played
+@pytest.mark.parametrize("mocked", ["tf"], indirect=True)
+def test_a_robot_on_tf_is_observed(mocked: Mocked) -> None:
+    backend, nodes = mocked
     until(lambda: backend.world() is not None, "the robot")
     world = backend.world()
     assert world is not None
@@ -136,7 +136,7 @@ def test_a_robot_of_tf_is_observed(played: Played) -> None:
     assert backend.silence() < 5.0
 
 
-def test_the_cost_of_a_failure_is_left_to_the_node_until_it_is_weighed() -> None:
+def test_the_failure_cost_is_the_nodes_until_it_is_changed() -> None:
     draft = Draft(TRIAL.world, TRIAL.chain, "default", expected_time(30.0))
     left = objective_of(draft.objective)
     assert (left.duration, left.success, left.accuracy) == (1.0, -1.0, 0.0)
@@ -144,7 +144,7 @@ def test_the_cost_of_a_failure_is_left_to_the_node_until_it_is_weighed() -> None
     assert objective_of(draft.with_weight("success", 12.0).objective).success == 12.0
 
 
-# Beside real nodes
+# With real nodes
 
 
 @pytest.mark.long
@@ -192,7 +192,7 @@ def test_a_goal_of_another_client_is_followed_and_can_be_canceled(
 
 
 @pytest.mark.long
-def test_two_robots_of_one_simulation_are_shown_moved_and_played(domain: int, start: Start) -> None:
+def test_two_robots_of_one_simulation_are_shown_moved_and_executed(domain: int, start: Start) -> None:
     numbers = [value for pose in STARTS.values() for value in pose]
     start("simulation", robots="[ann, bob]", robot_start=f"{numbers}", command_wait=10.0)
     backends = {}
@@ -210,13 +210,13 @@ def test_two_robots_of_one_simulation_are_shown_moved_and_played(domain: int, st
         for backend in backends.values():
             backend.ready(simulated=False)
             assert backend.can_place
-        play_two_robots(*backends.values())
+        execute_two_robots(*backends.values())
 
 
-def play_two_robots(ann: RosBackend, bob: RosBackend) -> None:
+def execute_two_robots(ann: RosBackend, bob: RosBackend) -> None:
     editor = attached(ann)
     for backend, pose in zip((ann, bob), STARTS.values(), strict=True):
-        assert distance(backend, pose) < 0.02  # nothing was moved by being shown
+        assert distance(backend, pose) < 0.02  # showing a robot does not move it
     editor.step([lambda: editor.move_object("ball", Pose(0.3, 0.6, 0.0))])
     for backend in (ann, bob):
         steps(editor, lambda backend=backend: is_ball_at(backend, 0.3, 0.6), "the ball for both")
@@ -228,7 +228,7 @@ def play_two_robots(ann: RosBackend, bob: RosBackend) -> None:
 
     editor.select(bob)
     steps(editor, lambda: editor.answer is not None and not editor.problem, "an answer for bob")
-    # Ann stands where her chain ended: bob drives elsewhere.
+    # ann is at the end of its chain: bob drives elsewhere.
     editor.step(
         [
             lambda: editor.move_object("ball", Pose(0.5, -1.0, 0.0)),

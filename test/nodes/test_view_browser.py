@@ -1,4 +1,4 @@
-"""The view's page in a headless Chromium, with the nodes that it starts."""
+"""The view's page in a headless Chromium, with the nodes that the view starts."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ class Watch:
         self.at: dict[str, tuple[float, float]] = {}
         for name in ("odom", "ball"):
             self._own.node.create_subscription(
-                Odometry, name, lambda message, name=name: self._hear(name, message), SENSOR_DATA
+                Odometry, name, lambda message, name=name: self._on_odometry(name, message), SENSOR_DATA
             )
         self._own.start()
         self.close = self._own.close
 
-    def _hear(self, name: str, message: Odometry) -> None:
+    def _on_odometry(self, name: str, message: Odometry) -> None:
         place = message.pose.pose.position
         self.at[name] = (place.x, place.y)
 
@@ -71,7 +71,7 @@ def view() -> Iterator[tuple[str, int]]:
         assert process.wait(timeout=20) == 0
 
 
-def test_the_page_shows_the_robot_and_the_ball_is_dragged_and_a_race_is_driven(
+def test_the_page_shows_the_robot_drags_the_ball_and_runs_a_race(
     view: tuple[str, int], tmp_path: Path
 ) -> None:
     address, domain = view

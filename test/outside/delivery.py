@@ -1,6 +1,6 @@
-"""A domain of somebody else's: places to visit and a parcel, with an action that knows nothing of ours.
+"""An external domain: places to visit and a parcel, with an independent action.
 
-Its goals have a variable of their own, `cruise`: how fast the robot drives on the way.
+Its goals have their own variable `cruise`: the maximum speed of the drive.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ CRUISE = GoalVariable("cruise", "m/s", 0.2, 1.0)
 
 
 class TurnDriveTurn(Action):
-    """Turns to the goal, drives there at most at `cruise`, turns to the goal's heading."""
+    """Turns to the goal, drives there at up to `cruise`, turns to the goal's heading."""
 
     name = "turnDriveTurn"
 
@@ -58,7 +58,7 @@ VISIT = Top("visit", "turnDriveTurn", Condition(), _THERE)
 PASS = Top(
     "pass",
     "turnDriveTurn",
-    # It starts no faster than it goes on, and clear of the parcel.
+    # The start is not faster than `cruise`, and clear of the parcel.
     Condition((Region("robot.v", "goal.cruise", high=0.0),), (Distance("robot", "parcel", low=0.5),)),
     _THERE,
 )
@@ -72,7 +72,7 @@ PARCEL = RoundObject(radius=0.25, mass=1.5, rolling_deceleration=2.0, restitutio
 
 
 def _parcel(rng: np.random.Generator) -> dict[str, ObjectState]:
-    """Draw a parcel beyond all places, where nobody drives."""
+    """Draw a parcel outside of all driven paths."""
     return {"parcel": ObjectState(3.4, float(rng.uniform(-2.0, 2.0)))}
 
 
@@ -87,7 +87,7 @@ def _goal(rng: np.random.Generator, cruise: float) -> Goal:
 
 
 def two_visits(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
-    """Draw two places to visit; the heading at the first, and how fast the robot drives there, is open."""
+    """Draw two places to visit; the heading at the first and the speed to it are open."""
     calls = (
         TopCall(library["visit"], _goal(rng, 0.5), frozenset({"yaw", CRUISE.name})),
         TopCall(library["pass"], _goal(rng, 0.8)),
@@ -96,7 +96,7 @@ def two_visits(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> t
 
 
 def _turning(geometry: Geometry) -> FloatArray:
-    """Return the sum of both turns in rad: what this action does on the spot."""
+    """Return the sum of both turns on the spot in rad."""
     return np.abs(geometry.to_dest) + np.abs(geometry.at_dest)
 
 

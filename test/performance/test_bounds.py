@@ -1,4 +1,4 @@
-"""No number reaches beyond an array of compiled code, which would read or crash without a word."""
+"""No input makes compiled code access memory beyond its arrays."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from ator_ros.performance.features import feature_table
 from ator_ros.robot.description import load_robot
 
 EDGES = [0.0, 1e-300, 1e-9, 0.01, 0.5, 1.0, 3.14159265358979, 7.0, 100.0, 1e4, 1e6]
-"""What files, messages and command lines may hold, up to the bounds that are checked where they come in."""
+"""Numbers that files, messages and command lines may contain, up to their checked bounds."""
 CHECKED = (
     "performance",
     "test_compiled.py",
     "refinement/test_refinement_search.py",
     "domains/test_shoot.py",
 )
-"""The tests that run compiled code."""
+"""Tests that run compiled code."""
 
 
 def extremes(count: int) -> dict[str, np.ndarray]:
-    """Return situations of numbers at the edges of what is accepted, of either sign."""
+    """Return situations with numbers at the limits of accepted values, of either sign."""
     rng = np.random.default_rng(17)
     signed = [sign * edge for sign in (1.0, -1.0) for edge in EDGES]
     situations = {name: rng.choice(signed, count) for name in DIRECT_VARIABLES}
@@ -44,13 +44,13 @@ def test_extreme_situations_give_features() -> None:
 
 
 @pytest.mark.skipif(os.environ.get("NUMBA_BOUNDSCHECK") != "1", reason="only with NUMBA_BOUNDSCHECK=1")
-def test_an_index_beyond_an_array_is_noticed() -> None:
+def test_an_index_beyond_an_array_raises() -> None:
     with pytest.raises(IndexError):
         look_up(np.zeros(3), 7, 0.5)
 
 
 @pytest.mark.long
-def test_compiled_code_keeps_to_its_arrays() -> None:
+def test_compiled_code_stays_within_its_arrays() -> None:
     folder = Path(__file__).parents[1]
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not long and not node"]
     done = subprocess.run(

@@ -1,4 +1,4 @@
-"""Features: their values, what they derive from, and what they are invariant to."""
+"""Features: their values, variables and invariances."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Direct = dict[str, FloatArray]
 
 
 def feature_table(direct: Mapping[str, Any], robot: Robot, names: Sequence[str]) -> FloatArray:
-    """Compute features that are given by their names."""
+    """Compute features by name."""
     return table_of_features(direct, robot, [FEATURES[name] for name in names])
 
 
@@ -54,7 +54,7 @@ def direct_variables(state: RobotState, goal: Goal) -> dict[str, float]:
 
 
 ODD = {"y", "yaw", "yg", "yawg", "dy"}
-"""Features that change their sign when the world is mirrored at the x axis; the others keep their value."""
+"""Features that change sign if the world is mirrored at the x axis; the others are unchanged."""
 
 
 def situations(seed: int, count: int = 50) -> Direct:
@@ -117,7 +117,7 @@ def same(one: FloatArray, two: FloatArray, feature: Feature) -> bool:
 
 @settings(deadline=None)
 @given(dx=st.floats(-3, 3), dy=st.floats(-3, 3), angle=st.floats(-3, 3), seed=st.integers(0, 1000))
-def test_features_are_as_invariant_as_they_declare(dx: float, dy: float, angle: float, seed: int) -> None:
+def test_features_have_their_declared_invariances(dx: float, dy: float, angle: float, seed: int) -> None:
     direct = situations(seed)
     before, mirror = table(direct), table(mirrored(direct))
     shifted, rotated = table(moved(direct, dx, dy)), table(turned(direct, angle))
@@ -128,7 +128,7 @@ def test_features_are_as_invariant_as_they_declare(dx: float, dy: float, angle: 
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_features_change_with_the_variables_they_derive_from_and_no_others(name: str) -> None:
+def test_features_depend_on_exactly_their_declared_variables(name: str) -> None:
     direct = situations(1, 400)
     before = feature_table(direct, ROBOT, [name])
     for variable in DIRECT_VARIABLES:
@@ -148,7 +148,7 @@ def test_paper_features_of_a_known_situation() -> None:
     assert (values["dx"], values["dy"]) == pytest.approx((0.0, 2.0))
 
 
-def test_missing_and_odd_shapes_are_refused() -> None:
+def test_missing_and_odd_shapes_are_rejected() -> None:
     direct = situations(0, 3)
     with pytest.raises(ValueError, match="missing: hold"):
         direct_table({name: value for name, value in direct.items() if name != "hold"})

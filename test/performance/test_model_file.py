@@ -1,4 +1,4 @@
-"""Model files: what is kept, and what is refused."""
+"""Model files: stored content and rejected files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from experience_rows import made_up_experience
+from experience_rows import synthetic_experience
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.files import FileError
@@ -28,7 +28,7 @@ from ator_ros.performance.training import direct_of, train
 from ator_ros.robot.description import load_robot
 
 ROBOT = load_robot()
-ROWS = made_up_experience("goToPose")
+ROWS = synthetic_experience("goToPose")
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def put(*path: Any) -> Callable[[dict[str, Any]], object]:
         (put("features", {}), r"trees\.duration\.features: expected features that the file lists"),
     ],
 )
-def test_damaged_foreign_and_newer_files_are_refused(
+def test_damaged_foreign_and_newer_files_are_rejected(
     file: Path, change: Callable[[dict[str, Any]], object], message: str
 ) -> None:
     data = json.loads(file.read_text())
@@ -105,12 +105,12 @@ def test_damaged_foreign_and_newer_files_are_refused(
         load_model(file, ROBOT, SOCCER.known_features)
 
 
-def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+def test_a_missing_file_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"none\.json: .* no such file: run train to make it$"):
         load_model(tmp_path / "none.json", ROBOT, SOCCER.known_features)
 
 
-def test_action_sets_lie_in_folders_of_their_own(model: PerformanceModel, tmp_path: Path) -> None:
+def test_action_sets_have_separate_folders(model: PerformanceModel, tmp_path: Path) -> None:
     save_model(tmp_path / model_path("goToPose"), model)
     bezier = dataclasses.replace(model, metadata={**model.metadata, "action_set": "bezier"})
     save_model(tmp_path / model_path("goToPose", "bezier"), bezier)

@@ -1,4 +1,4 @@
-"""The model tree learner: what it finds, what it refuses, and that it is what scikit-learn expects."""
+"""The model tree learner: accuracy, invalid parameters, and scikit-learn compatibility."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 def kinked(n: int, seed: int, *, noise: float = 0.02, n_idle: int = 3) -> tuple[Array, Array]:
-    """Driving time with a trapezoidal profile plus the nearer of two turns, and features that do nothing."""
+    """Driving time with a trapezoidal profile plus the nearer of two turns, and irrelevant features."""
     rng = np.random.default_rng(seed)
     dist, angle = rng.uniform(0.0, 4.0, n), rng.uniform(0.0, np.pi, n)
     idle = rng.normal(size=(n, n_idle))
@@ -24,7 +24,7 @@ def kinked(n: int, seed: int, *, noise: float = 0.02, n_idle: int = 3) -> tuple[
 
 
 def episodes(n_episodes: int, seed: int, *, rows: int = 40) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Rows along motions: an episode keeps two idle features, which could be memorised, and its error."""
+    """Rows along motions: an episode has two constant irrelevant features and a constant error."""
     rng = np.random.default_rng(seed)
     groups = np.repeat(np.arange(n_episodes), rows)
     start, idle, error = (
@@ -57,7 +57,7 @@ def test_finds_the_kinks_better_than_a_tree_of_constants():
     assert tree.tree_.n_leaves < constants.get_n_leaves() / 2
 
 
-def test_groups_keep_the_tree_from_memorising_episodes():
+def test_groups_prevent_memorizing_episodes():
     X, y, groups = episodes(150, 12)
     fresh_X, fresh_y, _ = episodes(150, 13)
     aware, unaware = ModelTreeRegressor().fit(X, y, groups=groups), ModelTreeRegressor().fit(X, y)
@@ -82,7 +82,7 @@ def test_extrapolation_stays_near_the_training_targets():
         ("max_leaves", None),
     ],
 )
-def test_wrong_parameters_are_named(name, value):
+def test_invalid_parameters_are_reported(name, value):
     X, y = kinked(100, 21)
     with pytest.raises(ValueError, match=f"expected {name} to be .* of at least"):
         ModelTreeRegressor(**{name: value}).fit(X, y)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from experience_rows import made_up_experience
+from experience_rows import synthetic_experience
 
 from ator_ros.experience.columns import ExperienceError
 from ator_ros.performance.accuracy import accuracy, brier
@@ -16,8 +16,8 @@ from ator_ros.performance.training import (
 from ator_ros.robot.description import load_robot
 
 ROBOT = load_robot()
-ROWS = made_up_experience("goToPose")
-FRESH = made_up_experience("goToPose", seed=2)
+ROWS = synthetic_experience("goToPose")
+FRESH = synthetic_experience("goToPose", seed=2)
 
 
 @pytest.fixture(scope="module")
@@ -34,14 +34,14 @@ def test_predictions_are_accurate_on_fresh_episodes(model: PerformanceModel) -> 
 
 
 def test_success_is_predicted_better_than_by_the_base_rate(model: PerformanceModel) -> None:
-    rows = made_up_experience("goToPose", episodes=2000, seed=3)
+    rows = synthetic_experience("goToPose", episodes=2000, seed=3)
     learned = train("goToPose", rows, ROBOT)
     result = brier(learned, FRESH, seed=2)
     assert result["brier"] < result["brier_base_rate"]
 
 
-def test_a_handful_of_failures_anywhere_makes_no_situation_likely_to_fail() -> None:
-    rows = made_up_experience("goToPose", episodes=400)
+def test_a_few_scattered_failures_make_no_situation_likely_to_fail() -> None:
+    rows = synthetic_experience("goToPose", episodes=400)
     rows["success"] = ~rows["episode"].isin([17, 100, 230, 390])
     predicted = train("goToPose", rows, ROBOT).predict(direct_of(rows), ("success",)).success
     assert predicted is not None
@@ -57,10 +57,10 @@ def test_rules_and_explanation_name_the_features_with_units(model: PerformanceMo
 
 
 def test_an_unknown_action_is_learned_with_the_general_features() -> None:
-    model = train("fly", made_up_experience("fly"), ROBOT)
+    model = train("fly", synthetic_experience("fly"), ROBOT)
     assert accuracy(model, FRESH, seed=2)["mae_s"] < 0.2
 
 
-def test_too_little_experience_is_refused() -> None:
+def test_too_little_experience_is_rejected() -> None:
     with pytest.raises(ExperienceError, match=r"expected at least 20 episodes that succeeded, got \d+ of 10"):
         train("goToPose", ROWS.head(10), ROBOT)

@@ -1,4 +1,4 @@
-"""The rules of a model tree: they say what the tree predicts."""
+"""The rules of a model tree agree with its predictions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def small_tree() -> ModelTree:
 WRITER = RuleWriter(small_tree(), {"dist": "m", "angle_to_dest": "rad"})
 
 
-def test_a_rule_reads_as_in_the_paper():
+def test_a_rule_has_the_format_of_the_paper():
     text = WRITER.rule(4, dict(leaves(small_tree()))[4])
     assert text == (
         "if (1.86m < dist <= 2.3m) & (angle_to_dest <= 49.7°) "
@@ -47,7 +47,7 @@ def test_the_whole_tree_is_one_line_per_leaf_with_redundant_bounds_joined():
     assert len(lines) == 4
 
 
-def test_an_explanation_adds_up_and_says_where_the_rule_is_bounded():
+def test_an_explanation_adds_up_and_states_the_bounds():
     explanation = WRITER.explanation(np.array([2.0, 0.5, 0.4])).splitlines()
     assert explanation[1] == "here time = 2.415 ± 0.050 s:"
     parts = [float(line.split()[0]) for line in explanation[2:]]

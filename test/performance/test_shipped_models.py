@@ -1,4 +1,4 @@
-"""The models that are shipped: whole, measured on other episodes than they learned from, told in docs."""
+"""The shipped models: complete, tested on separate episodes, and documented."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def domain_of(file: Path) -> Domain:
 @pytest.mark.parametrize(
     "file", [*FILES, MODELS / "drive" / "goToPose.json"], ids=lambda file: f"{file.parent.name}/{file.stem}"
 )
-def test_it_says_where_it_comes_from_and_how_accurate_it_is(file: Path) -> None:
+def test_a_shipped_model_states_its_origin_and_accuracy(file: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         model = load_model(file, domain_of(file).robot(), domain_of(file).known_features)
@@ -50,7 +50,7 @@ def test_it_says_where_it_comes_from_and_how_accurate_it_is(file: Path) -> None:
     assert model.metadata["action_set"] == expected
 
 
-def test_that_of_the_tour_was_learned_from_few_drives_over_ros() -> None:
+def test_the_model_of_tour_is_from_few_drives_over_ros() -> None:
     tour = find_domain("tour")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -62,11 +62,11 @@ def test_that_of_the_tour_was_learned_from_few_drives_over_ros() -> None:
     assert accuracy["relative_error"] < 0.05
 
 
-def test_the_table_of_accuracy_is_theirs() -> None:
-    told = (DOCS / "accuracy.md").read_text(encoding="utf-8")
+def test_the_documented_accuracy_is_that_of_the_models() -> None:
+    page = (DOCS / "accuracy.md").read_text(encoding="utf-8")
     models = (load_model(file, ROBOT, SOCCER.known_features) for file in FILES)
     for line in accuracy_table(models, PAPER_ERRORS):
-        assert line in told
+        assert line in page
 
 
 WRITTEN_BY_US = sorted(resource_path("models").rglob("*.json"))

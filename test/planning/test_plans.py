@@ -1,4 +1,4 @@
-"""Plans from goals: which chains there are, and why there are none."""
+"""Plans from goals: valid chains, or the reasons why there is none."""
 
 from __future__ import annotations
 
@@ -54,14 +54,14 @@ ANYWHERE = ("goToBall", "dribbleBall", "shoot")
 OTHER_SIDE = ("goToPose", "goToBall", "shoot")
 
 
-def test_a_ball_that_is_far_from_the_goal_is_dribbled_first() -> None:
+def test_a_ball_far_from_the_goal_is_dribbled_first() -> None:
     (chain,) = planned(IN_GOAL, situation())
     assert tops([chain]) == {ANYWHERE}
     assert [sorted(call.open) for call in chain.calls] == [["speed", "yaw"], ["speed", "x", "y", "yaw"], []]
     assert chain.calls[2].goal.pose[:2] == (4.0, 0.0)
 
 
-def test_a_ball_near_the_goal_can_be_shot_from_there_or_from_elsewhere_or_from_the_other_side() -> None:
+def test_a_ball_near_the_goal_is_shot_from_three_places() -> None:
     world = situation(robot=Pose(3.4, 1.0, math.pi), ball=(2.4, 0.5))
     chains = planned(IN_GOAL, world)
     assert tops(chains) == {FROM_HERE, ANYWHERE, OTHER_SIDE}
@@ -71,13 +71,13 @@ def test_a_ball_near_the_goal_can_be_shot_from_there_or_from_elsewhere_or_from_t
     assert via.calls[0].goal.pose.x < 2.4  # the goal is at x = 4
 
 
-def test_a_ball_that_is_held_is_not_fetched() -> None:
+def test_a_held_ball_is_not_fetched() -> None:
     ball = ROBOT.hold_point(Pose(2.0, 0.0, 0.0))
     world = situation(robot=Pose(2.0, 0.0, 0.0), ball=(ball.x, ball.y))
     assert tops(planned(IN_GOAL, world)) == {("shoot",), ("dribbleBall", "shoot")}
 
 
-def test_a_goal_that_holds_already_needs_no_chain() -> None:
+def test_an_achieved_goal_needs_no_chain() -> None:
     assert planned(statements_of("ball.x=0:-0.1:0.1"), situation()) == []
 
 
@@ -109,14 +109,14 @@ def test_statements_are_achieved(statements: tuple[str, ...], steps: set[tuple[s
         (("ball.x=1", "ball.x=2"), "expected each variable once, ball.x come twice"),
     ],
 )
-def test_what_no_top_achieves_is_named(statements: tuple[str, ...], reason: str) -> None:
+def test_an_unachievable_variable_is_reported(statements: tuple[str, ...], reason: str) -> None:
     with pytest.raises(PlanningError) as refused:
         planned(statements_of(*statements), situation())
     assert reason in str(refused.value)
     assert "\n" not in str(refused.value)
 
 
-def test_an_unknown_object_is_named() -> None:
+def test_an_unknown_object_is_reported() -> None:
     with pytest.raises(PlanningError, match="goToBall needs the ball, which is unknown"):
         planned(IN_GOAL, situation(ball=None))
 
@@ -130,10 +130,10 @@ def test_only_the_fence_bounds_plans() -> None:
     wide = Fence(-20.0, -20.0, 20.0, 20.0)
     assert tops(planned(statements_of("robot.x=12", "robot.y=0"), there, fence=wide)) == {("goToPose",)}
     assert planned(IN_GOAL, there, fence=wide)
-    assert tops(planned(statements_of("robot.x=1", "robot.y=0"), there)) == {("goToPose",)}  # it may drive in
+    assert tops(planned(statements_of("robot.x=1", "robot.y=0"), there)) == {("goToPose",)}  # may enter
 
 
-def test_places_are_looked_for_inside_a_narrow_fence() -> None:
+def test_places_are_searched_inside_a_narrow_fence() -> None:
     world, narrow = situation(ball=(0.0, 1.5)), Fence(-4.0, 1.0, 4.0, 3.0)
     places = [planned(IN_GOAL, world, fence=fence)[0].calls[1].goal.pose.y for fence in (None, narrow)]
     assert places[0] < 1.0 < places[1]
@@ -141,13 +141,13 @@ def test_places_are_looked_for_inside_a_narrow_fence() -> None:
         planned(IN_GOAL, situation(), fence=Fence(-4.0, -2.0, 1.6, 2.0))
 
 
-def test_without_a_holder_the_condition_that_is_missing_is_named() -> None:
+def test_without_a_holder_the_missing_condition_is_reported() -> None:
     bare = dataclasses.replace(ROBOT, holder=None)
     with pytest.raises(PlanningError, match="needs a holder"):
         planned(statements_of("ball.x=1", "ball.y=1"), situation(), robot=bare)
 
 
-def test_a_precondition_that_no_top_achieves_is_named() -> None:
+def test_an_unachievable_precondition_is_reported() -> None:
     library = SOCCER.library(ROBOT)
     one = dataclasses.replace(SOCCER, tops=tuple(top for top in library.values() if top.name == "shoot"))
     with pytest.raises(PlanningError) as refused:
@@ -171,7 +171,7 @@ def test_the_tool_prints_chains_and_predictions(capsys: pytest.CaptureFixture[st
     assert refused.count("\n") == 1
 
 
-def test_places_beyond_reason_and_objects_given_twice_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_excessive_places_and_duplicate_objects_are_rejected(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         plan_main(["ball_in_goal", "--at", "1e12", "0", "0"])
     assert "--at: expected a finite number from -1e+08 to 1e+08, got '1e12'" in capsys.readouterr().err
@@ -184,7 +184,7 @@ def test_places_beyond_reason_and_objects_given_twice_are_refused(capsys: pytest
         assert message in capsys.readouterr().err
 
 
-def test_statements_that_are_none_are_refused() -> None:
+def test_invalid_statements_are_rejected() -> None:
     for text in ("ball.x", "=1", "ball.x=1:2", "ball.x=nan", "ball.x=1:a:b", "ball.x=1:2:1"):
         with pytest.raises(PlanningError, match="goal: "):
             statement_from(text)

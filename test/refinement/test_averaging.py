@@ -1,4 +1,4 @@
-"""Averages of costs over neighbouring candidates: a choice does not follow single errors."""
+"""Averages of costs over neighboring candidates make the choice robust to single errors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def dip_and_valley(index: int, before: FloatArray, after: FloatArray) -> FloatAr
     return np.asarray(5.0 - valley - 1.5 * dip)
 
 
-def test_a_choice_keeps_away_from_a_dip_among_high_costs() -> None:
+def test_a_narrow_dip_among_high_costs_is_not_chosen() -> None:
     given = [np.array([0.0])]
     followed = search(dip_and_valley, [[CIRCLE]], given)
     assert followed.values[0][0] == pytest.approx(2.0, abs=math.radians(2.0))
@@ -34,8 +34,8 @@ def test_a_choice_keeps_away_from_a_dip_among_high_costs() -> None:
     assert followed.given_cost is None
 
 
-def test_a_choice_does_not_lean_over_a_step() -> None:
-    """Where a manoeuvre fits or does not, the mean alone would choose a candidate that costs more."""
+def test_a_choice_is_not_worse_beside_a_step() -> None:
+    """Beside a step of the cost, the mean alone would choose a candidate with a higher cost."""
 
     def step(index: int, before: FloatArray, after: FloatArray) -> FloatArray:
         yaw = after[:, 0]

@@ -1,4 +1,4 @@
-"""Requests outside the experience of the performance models: said in the answer, and not refined."""
+"""Requests outside the experience of the performance models: reported, and not refined."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ YAW = frozenset({"yaw"})
 
 
 def request(start: float, end: float, opened: frozenset[str] = YAW) -> tuple[World, TopChain]:
-    """Return a robot that goes to a ball `start` m ahead and dribbles it `end` m to the left."""
+    """Return world and chain: to a ball `start` m ahead, then dribble it `end` m to the left."""
     ball, there = Pose(start, 0.0, 0.0), Pose(start, end, 1.5708)
     fetch = TopCall(LIBRARY["goToBall"], Goal(ball, 0.0, Point.HOLD), opened)
     dribble = TopCall(LIBRARY["dribbleBall"], Goal(there, 0.0, Point.HOLD))
@@ -27,7 +27,7 @@ def request(start: float, end: float, opened: frozenset[str] = YAW) -> tuple[Wor
     return world, TopChain((fetch, dribble))
 
 
-def test_a_step_outside_the_experience_is_named_and_its_subgoals_stay() -> None:
+def test_a_step_outside_the_experience_is_reported_and_not_refined() -> None:
     answer = Refiner(ROBOT, MODELS).refine(*request(2.0, 21.0))
     assert "step 2 (dribbleBall): distance 21.0 m is outside the experience of" in answer.reason
     assert not answer.refined

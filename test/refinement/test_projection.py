@@ -11,7 +11,7 @@ from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
 
 
-def test_a_step_that_only_turns_is_followed_from_where_the_robot_stands() -> None:
+def test_a_pure_turn_leaves_the_position_for_the_next_step() -> None:
     turn = Top("turn", "turn", Condition(), Condition((Term("robot.yaw", "goal.yaw", 0.1),)))
     calls = TopCall(turn, Goal(Pose(0.0, 0.0, 1.5))), call("goToPose", 1.0, 1.0, 0.0)
     table = chain_situations(world(x=-1.0, y=0.5), TopChain(calls), ROBOT)[1]

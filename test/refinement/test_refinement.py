@@ -1,4 +1,4 @@
-"""Objective and refiner: the rewritten chain is the best, and nothing else is changed."""
+"""Objective and refiner: the refined chain is optimal, and bound variables are unchanged."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_refined_chain_costs_what_was_predicted_and_less(chain: TopChain) -> Non
     assert again.before.cost == pytest.approx(result.after.cost, abs=1e-9)
 
 
-def test_committed_variables_stay_as_they_are() -> None:
+def test_committed_variables_are_unchanged() -> None:
     chain = three_steps()
     refined = Refiner(ROBOT, models()).refine(world(), chain).chain
     for old, new in zip(chain.calls, refined.calls, strict=True):
@@ -67,7 +67,7 @@ def test_open_variables_are_compared_with_the_naive_chain() -> None:
         assert result.reason == expected.reason
 
 
-def test_gate_leaves_the_chain_alone_and_says_why() -> None:
+def test_gate_keeps_the_chain_and_gives_a_reason() -> None:
     chain = two_steps()
     result = Refiner(ROBOT, models(), ThresholdGate(100.0)).refine(world(), chain)
     assert result.chain is chain
@@ -83,7 +83,7 @@ def test_weight_on_success_lowers_the_arrival_speed() -> None:
     assert safe.chain.calls[0].goal.speed == 0.0
 
 
-def test_failures_cost_time_unless_the_objective_says_otherwise() -> None:
+def test_failures_cost_time_unless_the_objective_changes_that() -> None:
     careful = Refiner(ROBOT, models(), failure_cost=20.0)
     assert careful.refine(world(), two_steps(BOTH)).chain.calls[0].goal.speed == 0.0
     fast = careful.refine(world(), two_steps(BOTH), Objective({"duration": 1.0}))
@@ -94,19 +94,19 @@ def test_failures_cost_time_unless_the_objective_says_otherwise() -> None:
     "weights",
     [{"speed": 1.0}, {"duration": -1.0}, {"duration": math.nan}, {"duration": 0.0}, {"success": math.inf}],
 )
-def test_bad_weights_are_refused(weights: dict[str, float]) -> None:
+def test_bad_weights_are_rejected(weights: dict[str, float]) -> None:
     with pytest.raises(RefinementError, match="objective: expected"):
         Objective(weights)
 
 
-def test_absurd_lengths_are_refused() -> None:
+def test_absurd_lengths_are_rejected() -> None:
     with pytest.raises(
         RefinementError, match=f"expected 1 to {LONGEST_CHAIN} actions, got {LONGEST_CHAIN + 2}"
     ):
         Refiner(ROBOT, models()).refine(world(), TopChain(two_steps().calls * (LONGEST_CHAIN // 2 + 1)))
 
 
-def test_predictions_that_are_not_numbers_are_refused() -> None:
+def test_predictions_that_are_not_numbers_are_rejected() -> None:
     broken = {"goToPose": FakeModel(lambda direct: math.nan * direct["yawg"], USED)}
     with pytest.raises(RefinementError, match="finite prediction"):
         Refiner(ROBOT, models() | broken).refine(world(), two_steps())
@@ -116,7 +116,7 @@ SPUN = Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD, {"spin": 0.0})
 
 
 class TestFromOutside:
-    """What the design promises: a new action, measure or variable needs no edit in refinement."""
+    """Extensions: a new action, measure or variable needs no change in refinement."""
 
     def test_new_action(self) -> None:
         top = dataclasses.replace(call("dribbleBall", 0.0, 0.0, 0.0).top, name="pushBall", action="push")

@@ -1,4 +1,4 @@
-"""The calibration: what it adds, where, and that nothing is decided by it; its file; how it is learned."""
+"""The calibration: corrections, no effect on decisions, its file, and learning."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def step(predicted: float = 3.0, ideal: float = 3.0, v: float = 0.0, speedg: flo
     return PredictedStep(v, speedg, predicted, 0.1, ideal, 2.0)
 
 
-def test_a_heading_that_was_chosen_costs_something_of_its_own() -> None:
+def test_a_chosen_heading_has_its_own_correction() -> None:
     slopes = {"heading_open": 0.05, "below_ideal_heading_open": 0.5}
     chosen = step(ideal=3.4)._replace(heading_open=True)
     assert Shortfall(0.1, slopes, 0.0, 1.0, "").of(step(ideal=3.4)) == pytest.approx(0.1)
@@ -74,16 +74,16 @@ def test_it_is_reported_and_decides_nothing(opened: frozenset[str], gate: Any) -
     for field in ("chain", "best", "original", "refined", "reason", "features"):
         assert getattr(corrected, field) == getattr(plain, field)
     for name in ("before", "after"):
-        raw, told = getattr(plain, name), getattr(corrected, name)
-        shifts = [b["duration"] - a["duration"] for a, b in zip(raw.actions, told.actions, strict=True)]
+        raw, calibrated = getattr(plain, name), getattr(corrected, name)
+        shifts = [b["duration"] - a["duration"] for a, b in zip(raw.actions, calibrated.actions, strict=True)]
         assert shifts == pytest.approx(list(ADDED.values()))
-        assert told.duration == pytest.approx(raw.duration + 0.75)
-        assert told.cost == pytest.approx(raw.cost + 0.75)
-        assert told.spread == raw.spread
+        assert calibrated.duration == pytest.approx(raw.duration + 0.75)
+        assert calibrated.cost == pytest.approx(raw.cost + 0.75)
+        assert calibrated.spread == raw.spread
 
 
 def test_a_gate_may_decide_from_it() -> None:
-    """A shortfall of the arrival's speed makes a chain that stands still the better one."""
+    """With a shortfall that grows with the arrival speed, a stop at the subgoal is better."""
     chain = two_steps(BOTH)
     speed = dataclasses.replace(constant("goToPose", 0.0), slopes={"speedg": 20.0}, high=20.0)
     calibration = Calibration({"goToPose": speed})
@@ -101,7 +101,7 @@ def test_a_gate_may_decide_from_it() -> None:
     assert plain.features["gain"] > 0.0
 
 
-def test_the_executor_predicts_what_refinement_answered() -> None:
+def test_the_executor_predicts_the_same_as_refinement() -> None:
     calibration = load_calibration_if_any(resource_path("models"))
     refinement = Refiner(ROBOT, LEARNED, calibration=calibration).refine(world(), two_steps(BOTH))
     raw = predict_chain(world(), refinement.best, LEARNED, ROBOT)
@@ -112,28 +112,28 @@ def test_the_executor_predicts_what_refinement_answered() -> None:
     assert executed.duration != raw.duration
 
 
-def test_predictions_of_other_models_stay_as_they_are() -> None:
+def test_predictions_of_other_models_are_unchanged() -> None:
     foreign = Calibration({"goToPose": dataclasses.replace(constant("goToPose", 0.25), model="0" * 16)})
     plain = Refiner(ROBOT, LEARNED).refine(world(), two_steps())
     assert Refiner(ROBOT, LEARNED, calibration=foreign).refine(world(), two_steps()).after == plain.after
-    fakes = models()  # they have no ideal times, and no digest
+    fakes = models()  # without ideal times and digest
     assert Refiner(ROBOT, fakes, calibration=ALWAYS).refine(world(), two_steps()).after == (
         Refiner(ROBOT, fakes).refine(world(), two_steps()).after
     )
 
 
-def test_the_shipped_one_belongs_to_the_shipped_models() -> None:
+def test_the_shipped_calibration_belongs_to_the_shipped_models() -> None:
     calibration = load_calibration(resource_path("models") / CALIBRATION)
     assert set(calibration.shortfalls) == set(LEARNED)
     assert calibration.matching(LEARNED) == calibration
     training = json.loads((resource_path("models") / CALIBRATION).read_text())["training"]
-    assert "3111" not in {str(row["seed"]) for row in training["chains"]}  # what it is measured on
+    assert "3111" not in {str(row["seed"]) for row in training["chains"]}  # the seed of its evaluation
     for row in training["cross_validation"].values():
         assert abs(row["corrected_s"]) < abs(row["raw_s"])
         assert abs(row["corrected_s"]) <= 0.05
 
 
-def test_file_gives_back_the_same(tmp_path: Path) -> None:
+def test_a_file_restores_the_calibration(tmp_path: Path) -> None:
     path = tmp_path / CALIBRATION
     assert load_calibration_if_any(tmp_path) == Calibration()
     shortfall = Shortfall(0.1, {"v": 1.0 / 3.0}, -0.1, 0.5, "ab")
@@ -156,7 +156,7 @@ def test_file_gives_back_the_same(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_foreign_and_damaged_files_are_refused(change: dict[str, Any], message: str, tmp_path: Path) -> None:
+def test_foreign_and_damaged_files_are_rejected(change: dict[str, Any], message: str, tmp_path: Path) -> None:
     path = tmp_path / CALIBRATION
     save_calibration(path, Calibration(), {})
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
@@ -165,7 +165,7 @@ def test_foreign_and_damaged_files_are_refused(change: dict[str, Any], message: 
 
 
 def examples(count: int, noise: float) -> list[StepExample]:
-    """Return steps that take longer by 0.1 s and 0.6 of what the prediction is below the ideal time."""
+    """Return steps longer by 0.1 s plus 0.6 times the ideal time's excess over the prediction."""
     rng = np.random.default_rng(5)
     rows = []
     for number in range(count):
@@ -181,12 +181,12 @@ def examples(count: int, noise: float) -> list[StepExample]:
 def test_the_shortfall_is_learned() -> None:
     shortfall = fit_calibration(examples(200, 0.05), LEARNED).shortfalls["goToPose"]
     assert shortfall.model == model_digest(LEARNED["goToPose"])
-    assert set(shortfall.slopes) < set(TERMS)  # terms that never change cannot be learned
+    assert set(shortfall.slopes) < set(TERMS)  # constant terms cannot be learned
     assert shortfall.of(step(4.0, 4.0, v=0.4)) == pytest.approx(0.1, abs=0.03)
     assert shortfall.of(step(4.0, 4.4, v=0.4)) == pytest.approx(0.34, abs=0.03)
 
 
-def test_what_is_learned_holds_for_situations_left_out() -> None:
+def test_the_learned_shortfall_holds_for_other_situations() -> None:
     row = cross_validated(examples(200, 0.05), LEARNED)["dribble refined"]
     assert row["chains"] == 200
     assert row["raw_s"] < -0.15
@@ -195,12 +195,12 @@ def test_what_is_learned_holds_for_situations_left_out() -> None:
     assert row["corrected_mae_s"] < 0.5 * row["raw_mae_s"]
 
 
-def test_too_few_situations_are_refused() -> None:
+def test_too_few_situations_are_rejected() -> None:
     with pytest.raises(EvaluationError, match="at least 20 situations"):
         fit_calibration(examples(19, 0.1), LEARNED)
 
 
-def test_one_action_is_learned_again_and_the_others_keep_what_they_have() -> None:
+def test_learning_one_action_keeps_the_others() -> None:
     kept = {name: Shortfall(0.1, {}, 0.1, 0.1, "here") for name in ("drive", "goToPose")}
     learned = fit_calibration(examples(200, 0.05), LEARNED, actions=["goToPose"], kept=kept).shortfalls
     assert learned["drive"] == kept["drive"]

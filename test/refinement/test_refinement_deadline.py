@@ -35,7 +35,7 @@ GIVEN = [np.array([1.0, 0.5]), np.array([-2.0, 0.1]), np.array([0.3]), np.zeros(
 
 
 def waves(index: int, before: FloatArray, after: FloatArray) -> FloatArray:
-    """Return a cost with several valleys that couples neighbouring subgoals."""
+    """Return a cost with several valleys that couples neighboring subgoals."""
     own = np.cos(3.0 * after + index).sum(axis=1)
     return np.asarray(2.0 + own + np.sin(before.sum(axis=1) - after.sum(axis=1)))
 
@@ -48,10 +48,10 @@ def cost_of(values: list[FloatArray] | tuple[FloatArray, ...]) -> float:
 class CountingModel(FakeModel):
     """Counts its predictions."""
 
-    asked = 0
+    predictions = 0
 
     def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ("duration",)) -> Any:
-        self.asked += 1
+        self.predictions += 1
         return super().predict(direct, measures)
 
 
@@ -60,7 +60,7 @@ def long_chain() -> TopChain:
     return TopChain(steps * (LONGEST_CHAIN // 2))
 
 
-def test_the_more_time_the_better() -> None:
+def test_more_time_gives_a_lower_cost() -> None:
     full = search(waves, AXES, GIVEN)
     assert full.complete
     costs = []
@@ -77,7 +77,7 @@ def test_the_more_time_the_better() -> None:
     assert sorted(costs, reverse=True) == pytest.approx(costs)
 
 
-def test_the_answer_says_that_it_was_cut_short_and_is_never_worse() -> None:
+def test_an_answer_at_the_deadline_is_marked_and_never_worse() -> None:
     refiner = Refiner(ROBOT, models())
     results = [refiner.refine(world(), long_chain(), deadline=after(checks)) for checks in range(0, 300, 12)]
     for result in results:
@@ -91,7 +91,7 @@ def test_the_answer_says_that_it_was_cut_short_and_is_never_worse() -> None:
 def test_placeholders_keep_their_values_without_time() -> None:
     sent, refiner = three_steps(BOTH), Refiner(ROBOT, models())
     first = refiner.refine(world(), sent, placeholders=True, deadline=after(0))
-    assert first.original == sent  # its speeds are 0, the value at rest
+    assert first.original == sent  # its speeds are 0, as at rest
     assert not first.complete
     whole = refiner.refine(world(), sent, placeholders=True)
     assert whole.original == refiner.naive(world(), sent) != sent
@@ -102,7 +102,7 @@ def test_without_time_a_long_chain_is_answered_as_given_with_few_predictions(pla
     counted = {name: CountingModel(turning_time, USED) for name in ("goToPose", "dribbleBall")}
     refiner = Refiner(ROBOT, counted)
     result = refiner.refine(world(), long_chain(), placeholders=placeholders, deadline=after(0))
-    assert sum(model.asked for model in counted.values()) == 2  # once for each action of 32 steps
+    assert sum(model.predictions for model in counted.values()) == 2  # once for each action of 32 steps
     assert result.chain == result.best == long_chain()
     assert (result.refined, result.complete) == (False, False)
     whole = Refiner(ROBOT, models()).refine(world(), long_chain())

@@ -1,4 +1,4 @@
-"""Free variables: what the plan opens, no condition binds, and a performance model uses."""
+"""Free variables: opened by the plan, not bound by a condition, and used by a performance model."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from refinement_fakes import (
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import Pose
-from ator_ros.refinement.free_variables import analyse
+from ator_ros.refinement.free_variables import analyze
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.conditions import Condition
@@ -30,7 +30,7 @@ from ator_ros.tops.ranges import USUAL_RANGES, Range
 
 
 def free_names(chain: TopChain, used: frozenset[str] = USED) -> list[tuple[int, str]]:
-    return [(v.subgoal, v.name) for v in analyse(chain, models(used), ROBOT).free]
+    return [(v.subgoal, v.name) for v in analyze(chain, models(used), ROBOT).free]
 
 
 def test_only_the_angle_is_free_in_the_papers_chain() -> None:
@@ -53,7 +53,7 @@ def test_last_subgoal_is_refined_where_the_plan_leaves_it_open() -> None:
 
 
 @pytest.mark.parametrize("placeholders", [False, True])
-def test_nothing_open_leaves_the_chain_and_predicts_it(placeholders: bool) -> None:
+def test_a_chain_without_open_variables_is_only_predicted(placeholders: bool) -> None:
     chain = two_steps(NOTHING)
     result = Refiner(ROBOT, models()).refine(world(), chain, placeholders=placeholders)
     assert result.chain is result.original is result.best is chain
@@ -64,7 +64,7 @@ def test_nothing_open_leaves_the_chain_and_predicts_it(placeholders: bool) -> No
     assert [action["duration"] > 0.0 for action in result.before.actions] == [True, True]
 
 
-def test_nothing_free_names_what_binds_it() -> None:
+def test_without_free_variables_the_reasons_are_reported() -> None:
     result = Refiner(ROBOT, models()).refine(world(), two_steps(frozenset({"x"})))
     assert not result.refined
     assert result.reason == (
@@ -85,14 +85,14 @@ def test_an_opening_that_a_condition_overrides_is_reported_beside_the_gain() -> 
     assert "not free" not in everything.reason
 
 
-def test_a_name_that_no_goal_has_is_reported() -> None:
-    (told,) = analyse(two_steps(frozenset({"heading"})), models(), ROBOT).not_free
-    assert (told.subgoal, told.name) == (0, "heading")
-    assert told.reason == "no goal variable, expected one of x, y, yaw, speed"
+def test_an_unknown_goal_variable_is_reported() -> None:
+    (not_free,) = analyze(two_steps(frozenset({"heading"})), models(), ROBOT).not_free
+    assert (not_free.subgoal, not_free.name) == (0, "heading")
+    assert not_free.reason == "no goal variable, expected one of x, y, yaw, speed"
 
 
 class TestWithoutAModel:
-    """A step without a model does not keep the others from being refined."""
+    """A step without a model does not prevent the refinement of other steps."""
 
     def chain(self) -> TopChain:
         """Return four steps, of which the third has no model; all intermediate headings are open."""
@@ -119,15 +119,15 @@ class TestWithoutAModel:
         assert result.before.cost == 0.0
 
 
-def test_ranges_are_those_of_robot_and_scene_unless_a_domain_has_others() -> None:
+def test_ranges_are_of_robot_and_scene_unless_a_domain_sets_them() -> None:
     top = dataclasses.replace(call("goToPose", 0.0, 0.0, 0.0).top, pre=Condition(), post=Condition())
     step = TopCall(top, Goal(Pose(1.0, 0.0, 0.0)), ALL)
     chain = TopChain((step, step))
-    usual = {each.name: each.domain for each in analyse(chain, models(), ROBOT).free if each.subgoal == 0}
+    usual = {each.name: each.domain for each in analyze(chain, models(), ROBOT).free if each.subgoal == 0}
     assert usual["x"] == Range(-4.0, 4.0, 16)
     assert usual["speed"].high == ROBOT.limits.v
     ranges = {"x": lambda *_: Range(-2.0, 30.0, 16), "yaw": USUAL_RANGES["yaw"]}
-    own = analyse(chain, models(), ROBOT, ranges)
+    own = analyze(chain, models(), ROBOT, ranges)
     assert {each.name: each.domain for each in own.free}["x"] == Range(-2.0, 30.0, 16)
     reasons = {each.name: each.reason for each in own.not_free}
     assert reasons == dict.fromkeys(("y", "speed"), "without a range")
@@ -135,7 +135,7 @@ def test_ranges_are_those_of_robot_and_scene_unless_a_domain_has_others() -> Non
     assert [each.name for each in free if each.subgoal == 0] == ["x", "yaw"]
 
 
-def test_soccer_keeps_to_its_field_and_to_the_speeds_that_it_has_learned() -> None:
+def test_soccer_is_limited_to_its_field_and_learned_speeds() -> None:
     plain, held = Goal(Pose(0.0, 0.0, 0.0)), Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD)
     found = {name: LIBRARY.ranges[name](ROBOT, plain) for name in ("x", "y", "yaw", "speed")}
     assert found == {

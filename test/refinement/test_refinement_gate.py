@@ -1,4 +1,4 @@
-"""The gate: its decisions, its rules in words, its file."""
+"""The gate: decisions, rules as text, file."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_tree_refines_where_it_predicts_higher_and_gives_its_rule() -> None:
     assert reason == "Lower performance predicted: gain <= 0.20 and distance <= 1.40"
 
 
-def test_rules_name_every_leaf() -> None:
+def test_rules_list_every_leaf() -> None:
     assert TREE.rules() == [
         "if gain <= 0.2 and distance <= 1.4 then Lower",
         "if gain <= 0.2 and distance > 1.4 then Equal",
@@ -60,7 +60,7 @@ def test_rules_name_every_leaf() -> None:
         ThresholdGate(0.05, room=1.5, corrected=True),
     ],
 )
-def test_file_gives_back_the_same_gate(gate: Any, tmp_path: Path) -> None:
+def test_a_file_restores_the_gate(gate: Any, tmp_path: Path) -> None:
     save_gate(tmp_path / "gate.json", gate, {"seed": 301})
     assert load_gate(tmp_path / "gate.json") == gate
     assert json.loads((tmp_path / "gate.json").read_text())["training"] == {"seed": 301}
@@ -82,7 +82,7 @@ def test_file_gives_back_the_same_gate(gate: Any, tmp_path: Path) -> None:
         ),
     ],
 )
-def test_foreign_and_damaged_files_are_refused(change: dict[str, Any], message: str, tmp_path: Path) -> None:
+def test_foreign_and_damaged_files_are_rejected(change: dict[str, Any], message: str, tmp_path: Path) -> None:
     path = tmp_path / "gate.json"
     save_gate(path, ThresholdGate(0.1), {})
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
@@ -92,5 +92,5 @@ def test_foreign_and_damaged_files_are_refused(change: dict[str, Any], message: 
 
 @pytest.mark.parametrize("gate", [OpenGate(), ThresholdGate(0.05)])
 @pytest.mark.parametrize("gain", [-0.02, 0.0])
-def test_without_a_predicted_gain_the_reason_says_so(gate: Any, gain: float) -> None:
+def test_without_a_predicted_gain_the_reason_states_it(gate: Any, gain: float) -> None:
     assert gate.decide({"gain": gain, "spread": 0.1}) == (False, "no gain predicted")

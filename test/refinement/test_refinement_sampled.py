@@ -1,4 +1,4 @@
-"""The search where a subgoal has more than two free variables."""
+"""The sampled search, for subgoals with more than two free variables."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ CIRCLE = Range(-math.pi, math.pi, 36, periodic=True)
 LINE = Range(-2.0, 2.0, 20)
 AXES = [[CIRCLE, LINE], [CIRCLE, LINE, LINE], []]
 ASIDE = [np.array([-1.0, -1.5]), np.array([-1.0, -1.5, -1.0]), np.zeros(0)]
-"""Values on the valley's floor, far from its lowest point."""
+"""Values on the valley's floor, far from its minimum."""
 
 
 def valley(shift: float) -> StepCost:
-    """Return a cost that is 0 at the end of a valley, along which both subgoals have to move together.
+    """Return a cost with a curved valley that couples both subgoals; it is 0 at the valley's end.
 
-    The valley turns with `shift` (rad), and so leads across the cut of the angles or does not.
+    `shift` (rad) turns the valley, so that it may cross the wrap-around of angles.
     """
 
     def cost(index: int, before: FloatArray, after: FloatArray) -> FloatArray:
@@ -38,13 +38,13 @@ def valley(shift: float) -> StepCost:
 
 
 def test_boxes_follow_a_valley() -> None:
-    # Where boxes only shrink the mean is 0.63, where they know no cut of angles 0.82, with equal points 0.79.
+    # The mean is 0.63 if boxes only shrink, 0.82 without wrap-around of angles, 0.79 with equal points.
     costs = [search(valley(shift), AXES).cost for shift in np.linspace(-3.0, 3.0, 20)]
     assert np.mean(costs) < 0.55
 
 
 @pytest.mark.parametrize("shift", [0.0, 2.0])
-def test_what_is_given_may_be_turns_away(shift: float) -> None:
+def test_given_angles_may_be_whole_turns_away(shift: float) -> None:
     near = [ASIDE[0] + [shift, 0.0], ASIDE[1] + [shift, 0.0, 0.0], ASIDE[2]]
     far = [near[0] + [4.0 * math.pi, 0.0], near[1] - [6.0 * math.pi, 0.0, 0.0], near[2]]
     found, again = search(valley(shift), AXES, near), search(valley(shift), AXES, far)

@@ -17,7 +17,7 @@ SPEED = Range(0.0, 1.0, 6)
 
 
 def smooth_cost(seed: int, sizes: list[int]) -> StepCost:
-    """Return a cost with several valleys whose terms couple neighbouring subgoals."""
+    """Return a cost with several valleys whose terms couple neighboring subgoals."""
     rng = np.random.default_rng(seed)
     before = [0, *sizes[:-1]]
     own = [rng.uniform(-math.pi, math.pi, size=k) for k in sizes]
@@ -71,7 +71,7 @@ def test_reported_cost_is_the_cost_of_the_values(axes: list[list[Range]]) -> Non
     assert optimum.cost == pytest.approx(total, abs=1e-12)
 
 
-def test_curve_holds_the_least_cost_through_each_candidate() -> None:
+def test_curve_has_the_minimum_cost_through_each_candidate() -> None:
     axes = [[CIRCLE], [CIRCLE], []]
     cost = smooth_cost(1, [1, 1, 0])
     first, second, _ = search(cost, axes).curves
@@ -89,7 +89,7 @@ def test_given_values_are_never_made_worse() -> None:
     assert search(needle, [[CIRCLE]], [np.array([0.123])]).cost == 0.0
 
 
-def test_angles_may_lie_on_either_side_of_the_cut() -> None:
+def test_angles_may_lie_on_either_side_of_the_wrap_around() -> None:
     def cost(index: int, previous: FloatArray, values: FloatArray) -> FloatArray:
         speed = values[:, 1] if values.shape[1] else 0.0
         heading = values[:, 0] if values.shape[1] else 0.0

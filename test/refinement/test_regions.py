@@ -1,4 +1,4 @@
-"""Regions of conditions: relations between places as data, and what they leave free."""
+"""Regions of conditions: relations between places as data, and the free variables they leave."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from ator_ros.tops.chain import TopChain
 from ator_ros.tops.conditions import Bearing, Condition, Distance
 
 GOAL = {"x": 4.0, "y": 0.0, "yaw": 0.0, "speed": 0.0}
-MARGIN = 0.16  # by which a dribble may miss, by its post-condition
+MARGIN = 0.16  # tolerance of a dribble's post-condition
 
 
 def ball(x: float, y: float) -> dict[str, float]:
@@ -58,8 +58,8 @@ def test_a_relation_holds_inside_and_clearance_is_the_distance_to_its_edge(
     condition = Condition(relations=(relation,))
     assert condition.violations(ball(*inside), GOAL) == []
     assert condition.shortfall(ball(*inside), GOAL) == 0.0
-    [said] = condition.violations(ball(*outside), GOAL)
-    assert str(relation) in said
+    [violation] = condition.violations(ball(*outside), GOAL)
+    assert str(relation) in violation
     room = float(relation.clearance(ball(*inside), GOAL))
 
     def holds(share: float, angle: float) -> bool:
@@ -71,7 +71,7 @@ def test_a_relation_holds_inside_and_clearance_is_the_distance_to_its_edge(
     assert not all(holds(1.05, angle) for angle in angles)
 
 
-def test_a_shot_from_too_far_away_is_no_valid_plan() -> None:
+def test_a_shot_from_too_far_away_is_invalid() -> None:
     here = world(ball=(0.0, 0.0))
     assert shot().violations(here, ROBOT) == []
     assert "step 3 (shoot) after step 2" in shot(x=0.5, y=0.5).violations(here, ROBOT)[0]
@@ -86,7 +86,7 @@ class TestFreePlace:
         assert set(place) == {"x", "y", "yaw", "speed"}
         assert 1.2 < place["x"].domain.low < 1.6
         assert 3.0 < place["x"].domain.high < 3.9
-        assert any("distance from ball to goal" in said for said in place["x"].limits)
+        assert any("distance from ball to goal" in limit for limit in place["x"].limits)
         assert place["speed"].limits == ()
         names = names_of(shot(), analysis.free)[1]
         for x, y, good in ((2.0, 0.0, True), (1.0, 0.0, False), (3.2, 0.0, False), (3.0, 2.0, False)):
@@ -127,7 +127,7 @@ class TestFreePlace:
         assert {v.subgoal for v in analysis.free} == {0}
         assert all("without an allowed value" in n.reason for n in analysis.not_free if n.subgoal == 1)
 
-    def test_experience_limits_the_search_and_says_so(self) -> None:
+    def test_experience_limits_the_search_with_a_note(self) -> None:
         known = models()
         known["dribbleBall"] = FakeModel(turning_time, known["dribbleBall"].used_variables)
         known["dribbleBall"].experience = {"xg": (-2.0, 2.5), "speedg": (0.0, 0.795)}  # type: ignore[attr-defined]
@@ -140,7 +140,7 @@ class TestFreePlace:
         assert answer.chain.calls[1].goal.pose.x <= 2.5
 
     @pytest.mark.parametrize(("action", "direct"), [("goToPose", "speedg"), ("dribbleBall", "v")])
-    def test_a_speed_that_was_never_varied_is_not_free(self, action: str, direct: str) -> None:
+    def test_a_speed_constant_in_the_experience_is_not_free(self, action: str, direct: str) -> None:
         known = models()
         known[action] = FakeModel(turning_time, known[action].used_variables)
         known[action].experience = {direct: (0.0, 0.0)}  # type: ignore[attr-defined]
@@ -159,11 +159,11 @@ class TestFreePlace:
         there = dataclasses.replace(there, goal=dataclasses.replace(there.goal, speed=speed))
         analysis, _ = refiner.bounded(world(), TopChain((shot().calls[0], there)))
         [narrowed] = [v for v in analysis.free if (v.name, v.subgoal) == ("speed", 0)]
-        left = 0.0 if opened else speed  # what is open may be rest
+        left = 0.0 if opened else speed  # an open speed may be 0
         assert narrowed.domain.high == pytest.approx(math.sqrt(left**2 + 2.0 * 0.1 * 1.2))
         assert "experience of dribbleBall: braking at up to 0.10 m/s^2" in narrowed.limits
 
-    def test_ways_shorter_than_any_tried_are_not_searched(self) -> None:
+    def test_distances_below_the_experience_are_not_searched(self) -> None:
         known = models()
         known["dribbleBall"].experience = {"way": (1.2, 6.0)}  # type: ignore[attr-defined]
         here = world(x=1.0, ball=(2.2, 0.3))
@@ -175,7 +175,7 @@ class TestFreePlace:
         assert ways[0] < 1.2 <= ways[1]
 
 
-def test_naive_places_follow_from_naive_places_before_not_from_placeholders() -> None:
+def test_naive_places_derive_from_previous_naive_places() -> None:
     chains = [
         TopChain(
             (

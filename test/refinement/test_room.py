@@ -1,4 +1,4 @@
-"""Arrivals at speed leave room to stop before a bay, where the gate asks for it."""
+"""Arrivals at speed leave room to stop before a bay, if the gate requires it."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from ator_ros.tops.chain import TopChain
 SPEED = frozenset({"speed"})
 
 
-def test_a_refiner_keeps_the_room_of_its_gate() -> None:
-    """The faster the arrival, the sooner the next step is done; but the ball lies 0.8 m before a bay."""
+def test_a_refiner_respects_the_room_of_its_gate() -> None:
+    """Faster arrivals shorten the next step, but the ball is 0.8 m in front of a bay."""
     fast = FakeModel(lambda direct: 9.0 - direct["speedg"] - direct["v"], frozenset({"v", "speedg"}))
     models = {"goToPose": fast, "dribbleBall": fast}
     chain = TopChain((call("goToBall", -3.2, 0.0, np.pi, SPEED), call("dribbleBall", -2.0, -1.9, 1.8)))

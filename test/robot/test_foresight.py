@@ -1,4 +1,4 @@
-"""States that come late, carried on to the moment at which their answer moves the base."""
+"""Delayed states, extrapolated to the time at which their command moves the base."""
 
 from __future__ import annotations
 
@@ -34,37 +34,37 @@ def test_a_command_acts_only_after_the_latency() -> None:
 
 
 def stepped(value: float, goal: float, acceleration: float) -> float:
-    """Return a velocity that goes toward `goal` for a tick."""
+    """Return a velocity after a tick of acceleration toward `goal`."""
     return value + float(np.clip(goal - value, -acceleration * TICK, acceleration * TICK))
 
 
 @pytest.mark.parametrize("ticks", [1, 4])
-def test_it_foresees_what_the_simulated_base_does(ticks: int) -> None:
+def test_foresight_matches_the_simulated_base(ticks: int) -> None:
     rng, limits = np.random.default_rng(5), ROBOT.limits
-    foresight, seen, worst = Foresight(ROBOT, ticks * TICK), deque[World](maxlen=ticks + 1), np.zeros(2)
+    foresight, observed, worst = Foresight(ROBOT, ticks * TICK), deque[World](maxlen=ticks + 1), np.zeros(2)
     command = STOP
     with Simulation(ROBOT) as simulation:
         for tick in range(200):
             if tick % 20 == 0:
                 goal = Command(*rng.uniform((-0.8, -1.5), (0.8, 1.5)))
-            seen.append(simulation.world())
-            if len(seen) > ticks:
-                foreseen = foresight.ahead(seen[0])
-                assert foreseen.time == pytest.approx(seen[-1].time)
-                off = seen[-1].robot.pose.relative(foreseen.robot.pose)
+            observed.append(simulation.world())
+            if len(observed) > ticks:
+                foreseen = foresight.ahead(observed[0])
+                assert foreseen.time == pytest.approx(observed[-1].time)
+                off = observed[-1].robot.pose.relative(foreseen.robot.pose)
                 worst = np.maximum(worst, np.abs((np.hypot(off.x, off.y), off.yaw)))
             command = Command(stepped(command.v, goal.v, limits.a), stepped(command.w, goal.w, limits.aw))
-            if tick % 50 > 40:  # a stop, harder than any plan's
+            if tick % 50 > 40:  # a stop, harder than in any plan
                 command = STOP
-            foresight.sent(seen[0].time, command)
+            foresight.sent(observed[0].time, command)
             simulation.command(command)
             simulation.tick()
-    assert worst[0] < 0.008 * ticks  # the lag of the motors is not foreseen
+    assert worst[0] < 0.008 * ticks  # the motor lag is not predicted
     assert worst[1] < 0.02 * ticks
 
 
 class Late(ChainExecutor):
-    """Observes states that come `late` s late, and predicts them `foreseen` s forward."""
+    """Observes states delayed by `late` s, and predicts them `foreseen` s ahead."""
 
     def __init__(self, library: TopLibrary, chain: TopChain, *, late: float, foreseen: float) -> None:
         super().__init__(library, chain)
@@ -83,7 +83,7 @@ class Late(ChainExecutor):
 
 
 @pytest.mark.parametrize("index", range(2))
-def test_a_chain_takes_the_same_time_though_its_states_come_late(index: int) -> None:
+def test_a_chain_with_delayed_states_takes_the_same_time(index: int) -> None:
     latency, library = 0.15, SOCCER.library(ROBOT)
     trial = random_trial(SOCCER, "dribble", library, seed=614, index=index)
     chain = with_headings(trial.chain, {0: trial.chain.calls[1].goal.pose.yaw})
@@ -93,12 +93,12 @@ def test_a_chain_takes_the_same_time_though_its_states_come_late(index: int) -> 
         run_chain(ROBOT, library, trial.world, chain, executor=executor)
         return sum(record.duration for record in executor.records)
 
-    # The robot begins later by the latency; the end is foreseen.
+    # The robot starts later by the latency; the end is predicted.
     most = run(late=0.0, foreseen=0.0) + latency + 1.5 * TICK
     assert run(late=latency, foreseen=latency) <= most < run(late=latency, foreseen=0.0)
 
 
-def test_only_a_robot_that_stands_is_held_back() -> None:
+def test_only_a_robot_at_rest_is_delayed() -> None:
     go, moving = Command(0.1, 0.0), RobotState(Pose(0.0, 0.0, 0.0), 0.3)
     assert Foresight(ROBOT, 0.1).punctual(STANDING, go, 0.001) == go
     assert Foresight(ROBOT, 0.1).punctual(STANDING, go, 0.1) == STOP

@@ -1,4 +1,4 @@
-"""A base's latency, lag, limits and dead zone are found from a probe drive of half a minute."""
+"""Identification of a base's latency, lag, limits and dead zone from a probe drive of 30 s."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def driven(
             if world.time > last:
                 last, state = world.time, world.robot
                 errors = rng.normal(0.0, noise, 2)
-                seen = dataclasses.replace(state, v=state.v + errors[0], w=state.w + errors[1])
-                command = drive.command(world.time, seen)
+                measured = dataclasses.replace(state, v=state.v + errors[0], w=state.w + errors[1])
+                command = drive.command(world.time, measured)
                 if command is None:
                     return drive.samples
                 simulation.command(command if abs(command.v) >= dead else Command(0.0, command.w))
@@ -68,23 +68,23 @@ def check(estimate: BaseEstimate, robot: Robot, latency: float, *, within: float
         (QUICK, 0.02, 0.0),
     ],
 )
-def test_a_base_is_found(limits: Limits, lag: float, latency: float) -> None:
+def test_a_base_is_identified(limits: Limits, lag: float, latency: float) -> None:
     robot = base(limits, lag)
     check(identify(driven(robot, latency=latency)), robot, latency)
 
 
-def test_noisy_velocities_do_little_harm() -> None:
+def test_noisy_velocities_cause_small_errors() -> None:
     robot = base(MIDDLING, 0.08)
     check(identify(driven(robot, latency=0.1, noise=0.01)), robot, 0.1, within=0.015)
 
 
-def test_a_dead_zone_is_found() -> None:
+def test_a_dead_zone_is_identified() -> None:
     estimate = identify(driven(base(PIONEER.limits, 0.03), dead=0.055))
     assert estimate.driving.dead_zone == pytest.approx(0.05)
     assert estimate.turning.dead_zone == 0.0
 
 
-def test_the_drive_keeps_to_its_space() -> None:
+def test_the_drive_stays_within_its_space() -> None:
     robot, ways = base(PIONEER.limits, 0.03), []
     drive = ProbeDrive(v=1.8, w=3.6, space=1.5)
     with Simulation(robot) as simulation:
@@ -94,10 +94,10 @@ def test_the_drive_keeps_to_its_space() -> None:
             simulation.tick()
     assert max(ways) < 1.5
     assert min(ways) > -0.5
-    assert not identify(drive.samples).driving.limited  # too short a way to see the greatest speed
+    assert not identify(drive.samples).driving.limited  # too short to reach the maximum speed
 
 
-def test_a_limit_that_was_not_reached_is_the_fastest_speed_that_odometry_showed() -> None:
+def test_an_unreached_limit_is_the_maximum_speed_in_the_odometry() -> None:
     samples = [
         DriveSample(
             part, 0.05 * tick, Command(v, w), 0.4 * 0.05 * tick * (v > 0.0), 0.4 * 0.05 * tick * (w > 0.0)

@@ -1,4 +1,4 @@
-"""Descriptions of robots and scenes: what files may say, digests, robots without a holder."""
+"""Descriptions of robots and scenes: file content, digests, robots without a holder."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 ROBOT = load_robot()
-# What the shipped models and gates were learned with; a change of it calls for new ones.
+# The digest of the shipped models and gates; a change requires new ones.
 DIGEST = "2e92e5309bc515f2"
 
 
@@ -39,11 +39,11 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Robot:
     return SOCCER.robot(file)
 
 
-def test_the_digest_of_the_shipped_robot_stays() -> None:
+def test_the_digest_of_the_shipped_robot_is_unchanged() -> None:
     assert ROBOT.digest() == SOCCER.robot().digest() == DIGEST
 
 
-def test_what_is_written_describes_the_same_robot(plain: Robot, tmp_path: Path) -> None:
+def test_a_written_file_describes_the_same_robot(plain: Robot, tmp_path: Path) -> None:
     for robot in (ROBOT, plain):
         file = tmp_path / "written.yaml"
         file.write_text(yaml.safe_dump(robot.sections()), encoding="utf-8")
@@ -70,7 +70,7 @@ def test_base_and_holder_identify_a_robot(plain: Robot) -> None:
         ("build", {"mass_behind": 0.05}),
     ],
 )
-def test_what_a_file_need_not_state_counts_where_it_does(field: str, value: Any, tmp_path: Path) -> None:
+def test_optional_fields_of_a_file_are_used(field: str, value: Any, tmp_path: Path) -> None:
     data = ROBOT.sections()
     assert field not in data["robot"]
     data["robot"][field] = value
@@ -100,7 +100,7 @@ def test_soccer_needs_a_ball_in_the_scene(tmp_path: Path) -> None:
         SOCCER.robot(file)
 
 
-def test_what_needs_a_holder_says_so(plain: Robot) -> None:
+def test_missing_holder_is_reported(plain: Robot) -> None:
     says = "^dribbleBall needs a holder; robot plain has none$"
     for action_set in SOCCER.action_sets:
         library = SOCCER.library(plain, action_set)
@@ -147,7 +147,7 @@ ROBOT = load_robot()
         ),
     ],
 )
-def test_a_build_that_no_body_has_is_refused(build: dict[str, Any], message: str, tmp_path: Path) -> None:
+def test_an_impossible_build_is_rejected(build: dict[str, Any], message: str, tmp_path: Path) -> None:
     data = ROBOT.sections()
     data["robot"]["build"] = build
     with pytest.raises(ConfigError, match=message):
@@ -163,7 +163,7 @@ def test_a_build_that_no_body_has_is_refused(build: dict[str, Any], message: str
         ("robot", "wheel_torque", 0.3, r"robot\.wheel_torque: expected at least 0\.351.*9 kg .* got 0\.3$"),
     ],
 )
-def test_sizes_that_do_not_fit_each_other_are_refused(
+def test_inconsistent_sizes_are_rejected(
     part: str, name: str, value: float, message: str, tmp_path: Path
 ) -> None:
     data = ROBOT.sections()

@@ -40,8 +40,8 @@ def test_odometry_drifts_with_the_root_of_the_distance() -> None:
     ends = []
     for seed in range(200):
         sensors = Sensors(config, seed)
-        seen = [sensors.observe(world) for world in drive(81)]
-        ends.append((seen[-1].robot.pose.y, seen[-1].robot.pose.yaw - 0.3))
+        observed = [sensors.observe(world) for world in drive(81)]
+        ends.append((observed[-1].robot.pose.y, observed[-1].robot.pose.yaw - 0.3))
     spread = np.std(ends, axis=0)
     assert spread[1] == pytest.approx(0.01 * math.sqrt(4.0), rel=0.2)
     assert spread[0] > 0.02 * math.sqrt(4.0) * 0.8
@@ -51,9 +51,9 @@ def test_odometry_drifts_with_the_root_of_the_distance() -> None:
 def test_with_a_latency_odometry_and_ball_are_late_by_their_stamps() -> None:
     sensors = Sensors(SensorConfig(latency=0.1))
     worlds = drive(10, ball=ObjectState(1.0, 2.0, 0.5, -0.5))
-    seen = [sensors.observe(world) for world in worlds]
-    assert [world.time for world in seen] == [max(0, tick - 2) * TICK for tick in range(10)]
-    assert [world.robot.pose.x for world in seen[3:]] == pytest.approx(
+    observed = [sensors.observe(world) for world in worlds]
+    assert [world.time for world in observed] == [max(0, tick - 2) * TICK for tick in range(10)]
+    assert [world.robot.pose.x for world in observed[3:]] == pytest.approx(
         [world.robot.pose.x for world in worlds[1:-2]]
     )
     sensors.reset()

@@ -1,4 +1,4 @@
-"""The simulator's core."""
+"""The core of the simulator."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_base_never_exceeds_its_limits(simulation: Simulation, robot: Robot, com
         last, v, w = state, max(v, abs(state.v)), max(w, abs(state.w))
     assert v <= robot.limits.v + LIMITS_SLACK
     assert w <= robot.limits.w + LIMITS_SLACK
-    assert max(v / robot.limits.v, w / robot.limits.w) > 0.95  # it did try
+    assert max(v / robot.limits.v, w / robot.limits.w) > 0.95  # the commands did reach the limits
 
 
 SPEEDS = [(v, w) for v in (-9.0, -0.9, -0.5, 0.0, 0.6, 9.0) for w in (-9.0, -1.7, -0.7, 0.0, 1.2, 9.0)]
@@ -80,11 +80,11 @@ def test_the_robot_stands_half_a_second_after_the_last_command(simulation: Simul
             simulation.tick()
         fast = simulation.world().robot
         simulation.tick()
-        assert simulation.world().robot.v == pytest.approx(fast.v, abs=0.01)  # a late command is no lost one
+        assert simulation.world().robot.v == pytest.approx(fast.v, abs=0.01)  # late, not lost
         for _ in range(8):
             simulation.tick()
         stopped = simulation.world().robot
-        assert (stopped.v, stopped.w / 2.5) == pytest.approx((0.0, 0.0), abs=0.02), (v, w)  # it stands
+        assert (stopped.v, stopped.w / 2.5) == pytest.approx((0.0, 0.0), abs=0.02), (v, w)  # at rest
 
 
 def test_rolling_ball_decelerates_as_configured(simulation: Simulation, robot: Robot) -> None:
@@ -101,7 +101,7 @@ def test_rolling_ball_decelerates_as_configured(simulation: Simulation, robot: R
     )
 
 
-def test_robots_of_one_world_drive_on_their_own_and_see_the_same_ball(robot: Robot) -> None:
+def test_robots_of_one_world_move_independently_and_share_the_ball(robot: Robot) -> None:
     with Simulation(robot, others=[robot]) as world:
         world.place_robot(Pose(-1.0, 0.0, 0.0))
         world.place_robot(Pose(0.0, 1.0, math.pi / 2.0), number=1)
@@ -130,5 +130,5 @@ def test_wheels_roll_with_the_base() -> None:
     turn = 0.1 * ROBOT.track / 2.0 / ROBOT.wheel_radius
     assert wheels.angles[1] - wheels.angles[0] == pytest.approx(2.0 * turn)
     before = list(wheels.angles)
-    wheels.roll(0.1, 1.0, 0.0)  # a clock that goes back
+    wheels.roll(0.1, 1.0, 0.0)  # the clock goes back
     assert wheels.angles == before

@@ -1,4 +1,4 @@
-"""Command lines that make no sense end with one line that says what was expected."""
+"""Invalid command lines end with a one-line error that states what was expected."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("line", "message"), REFUSED)
-def test_what_makes_no_sense_is_refused_before_the_work(
+def test_invalid_arguments_are_rejected_before_the_work(
     line: str,
     message: str,
     tmp_path: Path,
@@ -61,9 +61,9 @@ def test_what_makes_no_sense_is_refused_before_the_work(
     with pytest.raises(SystemExit) as ended:
         importlib.import_module(f"ator_ros.tools.{command}").main(words)
     assert ended.value.code == 2
-    told = capsys.readouterr().err.splitlines()[-1]
-    assert told.startswith(f"{command}: error: ")
-    assert message in told
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith(f"{command}: error: ")
+    assert message in error
     assert {file.name for file in tmp_path.iterdir()} == {"file", "bare.yaml"}
 
 
@@ -79,7 +79,7 @@ assert not [name for name in ("sklearn", "pybullet") if name in sys.modules], "i
 """
 
 
-def test_help_of_nodes_is_printed_without_what_only_their_work_needs() -> None:
+def test_help_of_nodes_is_printed_without_heavy_imports() -> None:
     pytest.importorskip("rclpy")
     modules = [f"ator_ros.nodes.{name}" for name in NODES]
     command = [sys.executable, "-c", HELP, *modules]
@@ -88,7 +88,7 @@ def test_help_of_nodes_is_printed_without_what_only_their_work_needs() -> None:
     assert done.stdout.count("usage: ") == len(modules)
 
 
-def test_an_error_that_names_a_file_in_another_script_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_with_non_ascii_characters_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     raw = io.BytesIO()  # a terminal with PYTHONIOENCODING=ascii
     monkeypatch.setattr(sys, "stderr", io.TextIOWrapper(raw, "ascii", write_through=True))
     assert train.main(["böse.parquet"]) == 1
@@ -105,7 +105,7 @@ def test_an_error_that_names_a_file_in_another_script_is_one_line(monkeypatch: p
         "gate --situations 10 --models models",
     ],
 )
-def test_actions_without_a_stand_in_are_refused(
+def test_actions_without_a_stand_in_are_rejected(
     line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     data = copy.deepcopy(TOUR) | {"chains": [CHAIN]}
@@ -120,7 +120,7 @@ def test_actions_without_a_stand_in_are_refused(
     assert not list((tmp_path / "models").rglob("*.json"))
 
 
-def test_a_study_of_such_actions_alone_leaves_no_folder(
+def test_a_study_of_only_such_actions_leaves_no_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     action = TOUR["actions"][0] | {"drives": {"start": [PLACE], "goal": [PLACE]}}

@@ -45,7 +45,7 @@ def test_the_table_shows_gains_and_failures() -> None:
     assert "3.10 / 3.00" in text
 
 
-def test_a_command_runs_in_its_folder_and_one_that_is_missing_is_named(tmp_path: Path) -> None:
+def test_a_command_runs_in_its_folder_and_a_missing_one_is_reported(tmp_path: Path) -> None:
     with NodeProcesses(1) as nodes:
         nodes.start_server(DeclaredServer(command="touch 'made here'", folder=str(tmp_path)))
         end = time.monotonic() + 10.0
@@ -58,13 +58,13 @@ def test_a_command_runs_in_its_folder_and_one_that_is_missing_is_named(tmp_path:
             nodes.start_server(DeclaredServer(command=("no_such_server", "1"), folder=str(tmp_path)))
 
 
-def test_a_node_that_ends_by_itself_is_named_with_its_last_words(tmp_path: Path) -> None:
+def test_a_node_that_exits_is_reported_with_its_last_output(tmp_path: Path) -> None:
     with NodeProcesses(1) as nodes:
         nodes.start_server(DeclaredServer(command="sh -c 'echo no field here; exit 3'", folder=str(tmp_path)))
         with pytest.raises(NodesError, match="ended with exit code 3: no field here"):
-            check_for_ever(nodes)
+            check_forever(nodes)
 
 
-def check_for_ever(nodes: NodeProcesses) -> None:
+def check_forever(nodes: NodeProcesses) -> None:
     while True:
         nodes.check()

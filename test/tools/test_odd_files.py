@@ -1,4 +1,4 @@
-"""Every command line against odd files: it ends with a message of at most three lines, and writes nothing."""
+"""Every command line with odd files: it ends with a message of at most three lines and no output."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from experience_rows import made_up_experience
+from experience_rows import synthetic_experience
 from odd_files import odd_files
 from selection import few
 
 from ator_ros.experience.table import Experience, write_experience
 from ator_ros.resources import resource_path
 
-# Command lines that take a file, ODD, and the suffix by which it is known; or that take a folder, FOLDER, and
-# the name under which they look for a file in it.
+# Command lines that take a file, ODD, with its suffix; or that take a folder, FOLDER, with
+# the name of a file in it.
 CASES = [
     ("train ODD --models out", ".parquet"),
     ("train ODD --models out", ".mcap"),
@@ -42,7 +42,7 @@ CASES = [
     ("train FOLDER --models out", "store.json"),
 ]
 QUICK = [*CASES[:2], *(case for case in CASES if case[0].startswith(("collect", "plan ball_in_goal")))]
-"""Commands that are tried each time, one for each kind of file."""
+"""Commands of the default suite, one for each kind of file."""
 
 
 def run(words: Sequence[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
@@ -58,7 +58,7 @@ def run(words: Sequence[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, 
 
 
 def faults(words: Sequence[str], odd: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> str | None:
-    """Return what is wrong with how a command ends; None if nothing."""
+    """Return the fault in the end of a command, or None."""
     before = sorted(str(file) for file in place.rglob("*"))
     began = time.monotonic()
     try:
@@ -81,11 +81,11 @@ def faults(words: Sequence[str], odd: Path, place: Path, capsys: pytest.CaptureF
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a working folder with a good table and good models."""
+    """Return a working folder with a valid table and valid models."""
     work = tmp_path / "work"
     work.mkdir()
     monkeypatch.chdir(work)
-    write_experience(work / "good.parquet", Experience(made_up_experience("goToPose", episodes=30), {}))
+    write_experience(work / "good.parquet", Experience(synthetic_experience("goToPose", episodes=30), {}))
     shutil.copytree(resource_path("models"), work / "models", ignore=shutil.ignore_patterns("tour"))
     return work
 
@@ -100,7 +100,7 @@ def test_an_odd_file_ends_a_command_with_a_short_message(
     files = odd_files(tmp_path / "odd", suffix, lambda each: each != "a gate" or not in_folder)
     for number, odd in enumerate(files):
         folder = place / f"folder {number}"
-        if in_folder and os.path.lexists(odd):  # without the file there is nothing wrong
+        if in_folder and os.path.lexists(odd):  # a missing file is valid
             shutil.copytree(place / "models", folder) if "--models FOLDER" in line else folder.mkdir()
             (folder / name).unlink(missing_ok=True)
             odd.rename(folder / name)

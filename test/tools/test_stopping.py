@@ -1,4 +1,4 @@
-"""Work that is stopped: what was finished is kept."""
+"""Signals and errors during a command."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ator_ros.tools.command_line import INTERRUPTED, guarded
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
-def test_signals_stop_a_command_as_ctrl_c_does(
+def test_signals_stop_a_command_like_ctrl_c(
     number: signal.Signals, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = signal.getsignal(number)

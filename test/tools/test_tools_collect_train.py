@@ -15,7 +15,7 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from experience_rows import made_up_experience
+from experience_rows import synthetic_experience
 from selection import few
 
 from ator_ros.experience.parallel import Workers, run_tasks
@@ -30,7 +30,7 @@ ROBOT = load_robot()
 
 
 def table(path: Path, seed: int, **metadata: Any) -> Path:
-    frames = [made_up_experience(action, seed=seed) for action in ("goToPose", "dribbleBall")]
+    frames = [synthetic_experience(action, seed=seed) for action in ("goToPose", "dribbleBall")]
     given = {"seed": seed, "robot_digest": ROBOT.digest(), "action_set": "default", **metadata}
     write_experience(path, Experience(pd.concat(frames, ignore_index=True), given))
     return path
@@ -56,11 +56,11 @@ def test_collect_writes_the_same_table_for_any_number_of_workers(tmp_path: Path)
     assert one.frame.groupby("action")["episode"].nunique().to_dict() == {"dribbleBall": 2, "goToPose": 2}
 
 
-def test_collect_keeps_the_finished_episodes_when_a_worker_is_killed(
+def test_collect_keeps_finished_episodes_if_a_worker_is_killed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def broken(*args: Any, **options: Any) -> Iterator[pd.DataFrame]:
-        yield made_up_experience("goToPose", episodes=3)
+        yield synthetic_experience("goToPose", episodes=3)
         yield from run_tasks(die, [signal.SIGKILL] * 2, Workers(2))
 
     monkeypatch.setattr(collect.simulated, "collect", broken)
@@ -71,7 +71,7 @@ def test_collect_keeps_the_finished_episodes_when_a_worker_is_killed(
 
 
 def die(how: signal.Signals) -> None:
-    """Be killed, as a process is that needs too much memory."""
+    """Kill this process, like the out-of-memory killer."""
     os.kill(os.getpid(), how)
 
 
@@ -87,7 +87,7 @@ def test_a_signal_to_all_processes_ends_them_and_keeps_the_finished_episodes(
         assert process.stdout is not None
         while "3 episodes" not in process.stdout.readline():
             assert process.poll() is None
-        os.killpg(process.pid, number)  # a terminal, or a supervisor, sends it to all of them
+        os.killpg(process.pid, number)  # as a terminal or supervisor does
         assert process.wait() == INTERRUPTED
     assert eventually_gone(process.pid)
     assert 1 + 3 <= len(file.with_suffix(".episodes.jsonl").read_text().splitlines()) < 2000
@@ -108,7 +108,7 @@ def test_collect_continues_after_a_kill_with_the_same_table(
     assert not file.exists()
     (kept,) = tmp_path.iterdir()
     lines = kept.read_bytes()
-    kept.write_bytes(lines + lines[-200:-1])  # as if it was killed while it wrote
+    kept.write_bytes(lines + lines[-200:-1])  # as if it was killed while writing
     assert collect.main([*words, str(file)]) == 0
     assert "collect: 4 episodes of an earlier call are there" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == [file]
@@ -123,7 +123,7 @@ def test_finished_episodes_of_other_settings_are_not_continued(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     def interrupted(*args: Any, **options: Any) -> Iterator[pd.DataFrame]:
-        yield made_up_experience("goToPose", episodes=1)
+        yield synthetic_experience("goToPose", episodes=1)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(collect.simulated, "collect", interrupted)
@@ -213,11 +213,11 @@ def test_train_learns_the_gate_from_the_same_episodes(
     assert json.loads((models / "gate.json").read_text())["training"]["command"].startswith("train ")
 
 
-def test_train_says_in_one_line_why_there_is_no_gate(
+def test_train_reports_in_one_line_why_there_is_no_gate(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = {"seed": 1, "robot_digest": ROBOT.digest(), "action_set": "default"}
-    write_experience(tmp_path / "one.parquet", Experience(made_up_experience("dribbleBall", seed=1), given))
+    write_experience(tmp_path / "one.parquet", Experience(synthetic_experience("dribbleBall", seed=1), given))
     models = tmp_path / "models"
     words = [str(tmp_path / "one.parquet"), "--models", str(models)]
     assert train.main(words) == 0
@@ -265,7 +265,7 @@ def test_errors_are_one_line(
     assert error.count("\n") == 1
 
 
-def test_experience_of_another_robot_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_experience_of_another_robot_is_rejected(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     foreign = table(tmp_path / "foreign.parquet", 1, robot_digest="0123456789abcdef")
     assert train.main([str(foreign), "--models", str(tmp_path)]) == 1
     assert "metadata.robot_digest: expected" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The command lines `evaluate` and `gate`, from small made-up models to report and result."""
+"""The command lines `evaluate` and `gate`, from small synthetic models to report and result."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from experience_rows import made_up_model
+from experience_rows import synthetic_model
 from refinement_fakes import ROBOT
 
 from ator_ros.domains.soccer.domain import SOCCER
@@ -33,7 +33,7 @@ POLICIES = ["naive", "face_goal", "refined", "gated"]
 def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("models")
     for action in SOCCER.actions():
-        save_model(folder / f"{action}.json", made_up_model(action, ROBOT))
+        save_model(folder / f"{action}.json", synthetic_model(action, ROBOT))
     save_gate(folder / GATE, ThresholdGate(0.05), {"situations": 1, "seed": 1})
     return folder
 
@@ -89,7 +89,7 @@ def test_result_is_the_same_for_any_number_of_workers(
     assert {name: row for name, row in again["summary"].items() if name != "command"} == first
 
 
-def test_goes_on_after_an_interruption(models: Path, tmp_path: Path) -> None:
+def test_evaluation_continues_after_an_interruption(models: Path, tmp_path: Path) -> None:
     settings = Settings(seed=405, policies=("naive", "refined"), source=ToolsetSource(models=str(models)))
     whole = run_situations(settings, situations=2, folder=tmp_path / "whole")
     run_situations(settings, situations=1, folder=tmp_path / "parts")
@@ -119,7 +119,7 @@ def test_a_gate_is_learned(models: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_gate_keeps_room_to_stop_and_learns_a_calibration(tmp_path: Path) -> None:
+def test_gate_has_room_to_stop_and_learns_a_calibration(tmp_path: Path) -> None:
     ours, work = tmp_path / "models", tmp_path / "work"
     ours.mkdir()
     for action in ("goToPose", "dribbleBall"):
@@ -134,7 +134,7 @@ def test_gate_keeps_room_to_stop_and_learns_a_calibration(tmp_path: Path) -> Non
     assert set(load_calibration_if_any(ours).shortfalls) == {"goToPose", "dribbleBall"}
 
 
-def test_durations_of_actions_add_up_to_the_chains_and_all_of_ours_are_predicted(
+def test_action_durations_add_up_and_refined_chains_are_predicted(
     finished: tuple[Path, dict[str, Any]],
 ) -> None:
     for record in to_records(finished[1]["runs"], 3):
@@ -143,13 +143,13 @@ def test_durations_of_actions_add_up_to_the_chains_and_all_of_ours_are_predicted
             assert row["predicted"] > 0.0
             if row["success"]:
                 assert sum(row["actions"]) == pytest.approx(row["duration"], abs=0.01)
-        assert "predicted" not in record["policies"]["face_goal"]  # no model chose it
+        assert "predicted" not in record["policies"]["face_goal"]  # not chosen by a model
     for name in ("naive", "refined", "gated"):
         assert finished[1]["summary"][name]["prediction"]["chains"] > 0
     assert "predicted minus actual" in (finished[0] / "report.html").read_text()
 
 
-def test_errors_of_predictions_are_reported_and_too_few_learn_nothing(
+def test_prediction_errors_are_reported_and_too_few_are_not_learned(
     finished: tuple[Path, dict[str, Any]],
     models: Path,
     tmp_path: Path,

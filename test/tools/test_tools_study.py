@@ -1,4 +1,4 @@
-"""The command line `study`, from experience to a page; what it says of open variables; studies in docs."""
+"""The command line `study`, from experience to a page; its advice on open variables; studies in docs."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ PIONEER = resource_path("config", "pioneer.yaml").read_text(encoding="utf-8")
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the description of another robot than the shipped one."""
+    """Return the description of a robot other than the shipped one."""
     file = tmp_path_factory.mktemp("robot") / "slower.yaml"
     file.write_text(PIONEER.replace("v: 1.2", "v: 0.9", 1), encoding="utf-8")
     return file
@@ -49,7 +49,7 @@ def studied(robot: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.long
-def test_it_says_what_the_actions_and_refinement_are_like(studied: Path, robot: Path) -> None:
+def test_a_study_reports_actions_and_refinement(studied: Path, robot: Path) -> None:
     result = load(studied / "study.json", KIND, StudyResult)
     assert result.robot_digest == load_robot(robot).digest() != load_robot().digest()
     assert list(result.actions) == ["goToPose", "dribbleBall", "shoot"]
@@ -73,7 +73,7 @@ def test_it_says_what_the_actions_and_refinement_are_like(studied: Path, robot: 
 
 
 @pytest.mark.long
-def test_it_goes_on_where_it_was_interrupted(studied: Path, robot: Path) -> None:
+def test_a_study_continues_after_an_interruption(studied: Path, robot: Path) -> None:
     def made() -> dict[str, int]:
         kept = ("experience", "fresh", "models")
         return {str(file): file.stat().st_mtime_ns for name in kept for file in (studied / name).iterdir()}
@@ -89,7 +89,7 @@ def test_it_goes_on_where_it_was_interrupted(studied: Path, robot: Path) -> None
 
 
 @pytest.mark.long
-def test_a_folder_of_another_study_is_refused(
+def test_a_folder_of_another_study_is_rejected(
     studied: Path, robot: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(command(robot, studied, seed="6")) == 1
@@ -112,7 +112,9 @@ def test_a_study_without_a_chain_is_written_read_and_shown(tmp_path: Path) -> No
     assert "no effect: the models say so" in page
 
 
-def test_a_file_in_place_of_the_folder_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_in_place_of_the_folder_is_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "file").touch()
     assert main(["--out", str(tmp_path / "file")]) == 1
     assert capsys.readouterr().err == f"study: --out {tmp_path / 'file'}: expected a folder, got a file\n"
@@ -133,7 +135,7 @@ def found(tools: Toolset, trials: list[Trial]) -> dict[str, OpenVariable]:
     return {each.name: each for each in open_variables(tools, trials)}
 
 
-def test_gains_are_told_for_each_variable_alone(tools: Toolset, trials: list[Trial]) -> None:
+def test_gains_are_reported_for_each_variable(tools: Toolset, trials: list[Trial]) -> None:
     variables = found(tools, trials)
     assert set(variables) == {"yaw", "speed"}
     for each in variables.values():
@@ -141,7 +143,7 @@ def test_gains_are_told_for_each_variable_alone(tools: Toolset, trials: list[Tri
         assert each.explanation.startswith(f"gains {each.gain_s:.2f} s on average; the gate accepts it in ")
 
 
-def test_a_model_that_never_saw_arrivals_at_speed_is_named(tools: Toolset, trials: list[Trial]) -> None:
+def test_a_model_without_arrivals_at_speed_is_reported(tools: Toolset, trials: list[Trial]) -> None:
     model = tools.models["dribbleBall"]
     training = model.metadata["training"]
     starts = {**training["starts"], "v": [0.0, 0.0]}
@@ -152,13 +154,13 @@ def test_a_model_that_never_saw_arrivals_at_speed_is_named(tools: Toolset, trial
     assert speed.explanation == "beyond the experience of dribbleBall: v from 0.00 to 0.00"
 
 
-def test_an_action_without_a_model_is_named(tools: Toolset, trials: list[Trial]) -> None:
+def test_an_action_without_a_model_is_reported(tools: Toolset, trials: list[Trial]) -> None:
     models = {"goToPose": tools.models["goToPose"]}
     yaw = found(dataclasses.replace(tools, models=models), trials)["yaw"]
     assert yaw.explanation.startswith("of unknown effect: step 2 (dribbleBall)")
 
 
-def test_a_gate_that_refuses_everything_is_named(tools: Toolset, trials: list[Trial]) -> None:
+def test_a_gate_that_rejects_everything_is_reported(tools: Toolset, trials: list[Trial]) -> None:
     yaw = found(dataclasses.replace(tools, gate=ThresholdGate(100.0)), trials)["yaw"]
     assert yaw.explanation.startswith("the gate refuses all gains: ")
 
@@ -167,7 +169,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.mark.parametrize("file", sorted((DOCS / "studies").glob("*.json")), ids=lambda file: file.stem)
-def test_a_study_is_read_whole(file: Path, tmp_path: Path) -> None:
+def test_a_study_is_read_completely(file: Path, tmp_path: Path) -> None:
     data = read_json(file)
     result = structured(content_of(data, KIND), StudyResult, closed=True)
     assert result.robot == file.stem

@@ -1,4 +1,4 @@
-"""What the conditions of a chain bind, read from the conditions alone."""
+"""Bindings: variables that the conditions of a chain bind."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ def top_with(pre: tuple[Term, ...] = (), post: tuple[Term, ...] = (), point: Poi
     return Top("other", "goToPose", Condition(pre), Condition(post), point)
 
 
-def test_the_place_of_the_ball_is_bound_by_the_pre_condition_of_the_step_itself() -> None:
+def test_the_place_of_the_ball_is_bound_by_the_steps_own_pre_condition() -> None:
     found = bound("goToBall")
     assert found.keys() == PLACE
     assert found[0, "x"] == "bound by the pre-condition of step 1 (goToBall): ball.x near goal.x"
 
 
-def test_a_held_ball_comes_along_wherever_it_is_dribbled_to() -> None:
+def test_a_held_ball_leaves_the_goal_of_a_dribble_free() -> None:
     assert bound("goToBall", "dribbleBall", "dribbleBall", "shoot").keys() == PLACE
 
 
-def test_the_next_pre_condition_binds_what_decides_on_it() -> None:
-    found = bound("goToPose", "dribbleBall")  # held is a ball only where the robot stands and looks rightly
+def test_the_next_pre_condition_binds_the_variables_it_depends_on() -> None:
+    found = bound("goToPose", "dribbleBall")  # a ball is held only at one pose of the robot
     assert found.keys() == PLACE | {(0, "yaw")}
     assert "pre-condition of step 2 (dribbleBall)" in found[0, "yaw"]
     facing = top_with(pre=(Term("robot.yaw", "goal.yaw", 0.1),), post=ARRIVED)
@@ -45,13 +45,13 @@ def test_the_next_pre_condition_binds_what_decides_on_it() -> None:
     assert bound("dribbleBall", standing).keys() == {(0, "speed")}
 
 
-def test_a_later_step_binds_where_the_ball_was_left() -> None:
+def test_a_later_step_binds_the_place_of_the_ball() -> None:
     found = bound("dribbleBall", "goToPose", "goToBall")
     assert found.keys() == PLACE | {(2, "x"), (2, "y")}
     assert "pre-condition of step 3 (goToBall)" in found[0, "x"]
 
 
-def test_a_post_condition_binds_what_it_ties_to_a_number_or_to_the_world() -> None:
+def test_a_post_condition_binds_variables_with_fixed_targets() -> None:
     stopping = top_with(post=(*ARRIVED, Term("robot.v", 0.0, 0.1)))
     assert bound(stopping).keys() == {(0, "speed")}
     at_ball = top_with(post=(Term("hold.x", "ball.x", 0.1),), point=Point.HOLD)
@@ -60,7 +60,7 @@ def test_a_post_condition_binds_what_it_ties_to_a_number_or_to_the_world() -> No
     assert not bound(turning)
 
 
-def test_everything_leaves_what_the_post_condition_names() -> None:
+def test_opening_everything_excludes_the_post_conditions_variables() -> None:
     for top, opened in {
         "goToPose": {"speed"},
         "goToBall": ALL,
@@ -78,7 +78,7 @@ def moved(step: TopCall, name: str) -> TopCall:
 @pytest.mark.parametrize(
     "tops", [("goToBall", "dribbleBall", "shoot"), ("goToPose", "goToBall", "dribbleBall", "goToPose")]
 )
-def test_a_chain_stays_valid_where_what_is_not_bound_is_changed(tops: tuple[str, ...]) -> None:
+def test_a_chain_stays_valid_if_unbound_variables_change(tops: tuple[str, ...]) -> None:
     places = {"goToPose": (-2.0, 1.0, 0.4), "goToBall": (0.0, 0.0, 0.3), "dribbleBall": (2.3, 1.0, 0.2)}
     chain = TopChain(tuple(call(top, *places.get(top, (4.0, 0.0, 0.0))) for top in tops))
     assert not chain.violations(world(), ROBOT)

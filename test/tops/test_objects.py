@@ -26,14 +26,14 @@ def world(**places: tuple[float, float]) -> World:
     return World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), objects)
 
 
-def test_a_role_that_two_objects_could_have_goes_to_the_first_by_name() -> None:
+def test_an_ambiguous_role_is_assigned_to_the_first_object_by_name() -> None:
     names = ("cup", "box", "tray", "ball", "can")
     top = Top("fetch", "drive", both(*(near(name, "goal") for name in names)), near("hold", "ball"))
     assert followed(top) == object_fetched_by(top) == "ball"
 
 
 def test_only_the_followed_object_leaves_a_goal() -> None:
-    # "ball" is part of the name of another object; what moves it is no matter of the goal.
+    # "ball" is part of the name of another object, whose motion does not affect the goal.
     pre = both(near("ball", "goal"), near("football", "box"), Condition((Term("ball.vx", 0.0, 0.1),)))
     call = TopCall(Top("fetch", "drive", pre, Condition()), Goal(Pose(1.0, 0.0, 0.0)))
     there = world(ball=(1.0, 0.0), football=(3.0, 0.0), box=(-3.0, 0.0))

@@ -1,4 +1,4 @@
-"""What a TOP has achieved: its post-condition decides, in the simulator and in the executor."""
+"""The outcome of a TOP is decided by its post-condition, in the simulator and in the executor."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ def with_ball(x: float, y: float = 0.0, vx: float = 0.0) -> World:
 
 
 class TestRegions:
-    def test_a_region_lies_about_its_target(self) -> None:
+    def test_a_region_is_relative_to_its_target(self) -> None:
         region = Condition((Region("cup.x", "goal.x", 0.5, 2.0),))
         for x, lacks in ((1.4, 1), (1.5, 0), (3.0, 0), (3.1, 1)):
             assert len(region.violations({"cup.x": x}, {"x": 1.0})) == lacks
-        (told,) = region.violations({"cup.x": 1.4}, {"x": 1.0})
-        assert told == "expected cup.x 0.5 to 2 of goal.x, it is 0.4"
+        (violation,) = region.violations({"cup.x": 1.4}, {"x": 1.0})
+        assert violation == "expected cup.x 0.5 to 2 of goal.x, it is 0.4"
         assert "unknown" in region.violations({}, {"x": 1.0})[0]
 
-    def test_outward_is_away_from_the_origin_on_either_side(self) -> None:
+    def test_outward_is_away_from_the_origin_on_both_sides(self) -> None:
         beyond = Condition((Region("cup.x", "goal.x", 0.0, 0.7, outward=True),))
         for side in (1.0, -1.0):
             assert beyond.violations({"cup.x": side * 4.3}, {"x": side * 4.0}) == []
@@ -72,7 +72,7 @@ class TestShot:
 
 
 class TestFittedTops:
-    def test_a_ball_is_scored_in_the_goals_that_there_are(self) -> None:
+    def test_a_ball_is_scored_only_in_existing_goals(self) -> None:
         bays = tuple(dataclasses.replace(bay, width=1.0, depth=1.2) for bay in ROBOT.scene.bays)
         robot = dataclasses.replace(ROBOT, scene=dataclasses.replace(ROBOT.scene, bays=bays))
         shot = SOCCER.library(robot)["shoot"]
@@ -81,7 +81,7 @@ class TestFittedTops:
 
 
 class TestWhichTop:
-    def test_the_point_and_the_objects_say_what_an_action_is_for(self) -> None:
+    def test_point_and_objects_determine_the_top_of_an_action(self) -> None:
         ball = {BALL: ObjectState(1.0, 0.0)}
         cases = [
             (GO_TO_POSE, "goToPose", {}, Point.AXLE),
@@ -96,7 +96,7 @@ class TestWhichTop:
 
 
 class Push(Action):
-    """Says at once that it has succeeded."""
+    """Reports success in its first step."""
 
     name = "push"
     ends: int
@@ -125,7 +125,7 @@ class TestJudge:
         ("settles", "vx", "success", "end"),
         [(6.0, 1.0, True, 2.0), (0.0, 1.0, False, 1.5), (0.2, 1.0, False, 1.7), (6.0, 0.1, False, 1.5)],
     )
-    def test_objects_settle_as_long_as_the_top_allows(
+    def test_objects_settle_within_the_time_of_the_top(
         self, settles: float, vx: float, success: bool, end: float
     ) -> None:
         situation = Situation("push", HERE, {BALL: ObjectState(1.5, 1.0, vx)}, AHEAD)
@@ -139,7 +139,7 @@ class TestJudge:
         assert episode.position_error == pytest.approx(max(0.0, 2.0 - x))
         assert math.isnan(episode.heading_error)
 
-    def test_an_action_that_lies_is_not_believed_and_one_that_gave_up_stays_a_failure(self) -> None:
+    def test_a_wrong_success_is_a_failure_and_a_failure_stays_one(self) -> None:
         with Simulation(ROBOT) as simulation:
             place(simulation, with_ball(1.0, 1.0))
             done = run_action(simulation, Push(ROBOT), AHEAD)
@@ -166,7 +166,7 @@ class TestExecutor:
     def world(self, time: float, x: float, vx: float) -> World:
         return World(time, HERE, {BALL: ObjectState(x, 0.0, vx)})
 
-    def test_it_stops_and_waits_for_what_moves_on(self) -> None:
+    def test_it_stops_and_waits_for_moving_objects(self) -> None:
         executor, made = self.executor(1.0)
         step = executor.step(self.world(0.0, 1.5, 1.0))
         assert (step.status, step.command, made[0].ends) == (Status.RUNNING, STOP, 1)

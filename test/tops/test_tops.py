@@ -46,7 +46,7 @@ def test_a_valid_chain_has_no_violations() -> None:
 
 
 @pytest.mark.parametrize(
-    ("chain", "told"),
+    ("chain", "violation"),
     [
         (TopChain(()), "empty chain"),
         (TopChain((call("dribbleBall", 1.0, 0.0),)), "step 1 (dribbleBall) now"),
@@ -57,8 +57,8 @@ def test_a_valid_chain_has_no_violations() -> None:
         ),
     ],
 )
-def test_an_invalid_chain_is_refused_in_words(chain: TopChain, told: str) -> None:
-    assert told in "; ".join(chain.violations(START, ROBOT))
+def test_an_invalid_chain_has_violations(chain: TopChain, violation: str) -> None:
+    assert violation in "; ".join(chain.violations(START, ROBOT))
 
 
 def test_the_chain_of_the_paper_is_executed_to_its_end() -> None:
@@ -91,7 +91,7 @@ class Wait(Action):
         return Step(STOP, Status.SUCCEEDED if done else Status.RUNNING, "waiting")
 
 
-def test_a_new_action_joins_from_outside() -> None:
+def test_a_new_action_can_be_added() -> None:
     top = Top("wait", "wait", Condition(), Condition(), Point.AXLE)
     library = TopLibrary(ROBOT, "waiting", tops=(top,), actions={"wait": Wait})
     executor = ChainExecutor(library, TopChain((TopCall(top, Goal(Pose(0, 0, 0))),)))
@@ -100,7 +100,7 @@ def test_a_new_action_joins_from_outside() -> None:
     assert executor.step(later).status is Status.SUCCEEDED
 
 
-def test_what_a_library_lacks_is_reported() -> None:
+def test_unknown_tops_of_a_library_are_reported() -> None:
     empty = TopLibrary(ROBOT, "empty", tops=(Top("soar", "fly", Condition(), Condition()),), actions={})
     assert (dict(empty), empty.get("soar")) == ({}, None)
     with pytest.raises(KeyError, match=r"^soar needs the action fly; action set empty has none of"):

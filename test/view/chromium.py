@@ -1,4 +1,4 @@
-"""A headless Chromium that a test drives over its DevTools protocol."""
+"""A headless Chromium, controlled over its DevTools protocol."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _OPTIONS = (
 
 
 def need_browser(request: pytest.FixtureRequest) -> None:
-    """Fail `make test-long` where there is no browser; skip where a file's tests are run by hand."""
+    """Without a browser, fail in `make test-long` and skip otherwise."""
     if EXECUTABLE is not None:
         return
     missing = "needs Chromium: apt install chromium"
@@ -64,7 +64,7 @@ class Chromium:
         self.until(lambda: tab() is not None, "the tab")
         self._socket = connect(str(tab()), max_size=None)
 
-    def ask(self, method: str, **parameters: Any) -> Any:
+    def call(self, method: str, **parameters: Any) -> Any:
         """Call a method of the DevTools protocol."""
         number = next(self._numbers)
         self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
@@ -76,21 +76,21 @@ class Chromium:
 
     def script(self, text: str) -> Any:
         """Evaluate JavaScript and return its value."""
-        return self.ask("Runtime.evaluate", expression=text, returnByValue=True)["result"].get("value")
+        return self.call("Runtime.evaluate", expression=text, returnByValue=True)["result"].get("value")
 
     def text(self) -> str:
         """Return the text of the page."""
         return str(self.script("document.body ? document.body.innerText : ''"))
 
     def press(self, label: str) -> None:
-        """Click the button whose text begins with `label`."""
+        """Click the button whose text starts with `label`."""
         buttons = "[...document.querySelectorAll('button')]"
         find = f"{buttons}.find(b => b.innerText.trim().startsWith({json.dumps(label)}))"
         self.until(lambda: self.script(f"!!{find}"), f"the button {label}")
         self.script(f"{find}.click()")
 
     def click(self, text: str) -> None:
-        """Click where the page says exactly `text`, such as on a tab."""
+        """Click the element with exactly this text, such as a tab."""
         find = (
             f"(() => {{const leaf = [...document.querySelectorAll('*')].find(e => !e.childElementCount "
             f"&& e.textContent.trim() === {json.dumps(text)}); if (!leaf) return null;"
@@ -114,7 +114,7 @@ class Chromium:
         self._mouse("mouseReleased", end, 0)
 
     def _mouse(self, kind: str, place: tuple[float, float], buttons: int) -> None:
-        self.ask(
+        self.call(
             "Input.dispatchMouseEvent",
             type=kind,
             x=place[0],
@@ -125,11 +125,11 @@ class Chromium:
         )
 
     def picture(self) -> bytes:
-        """Return what is seen as a PNG file's content."""
-        return base64.b64decode(self.ask("Page.captureScreenshot", format="png")["data"])
+        """Return a screenshot as PNG data."""
+        return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
 
     def until(self, happened: Callable[[], Any], what: str) -> None:
-        """Wait until something has happened."""
+        """Wait until a condition holds."""
         end = time.monotonic() + self.patience
         while not happened():
             assert time.monotonic() < end, f"expected {what} within {self.patience:g} s"

@@ -1,4 +1,4 @@
-"""A view's backend without ROS: shipped models refine, and the simulator executes a whole chain at once."""
+"""A view's backend without ROS: it refines with the shipped models and executes chains in one step."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ator_ros.world.state import ObjectState, RobotState, World
 
 
 class InProcessBackend:
-    """Answers at once; `asked` and `calls` hold what was requested."""
+    """Answers immediately; `refined` and `calls` are the requests."""
 
     def __init__(self, domain: Domain = SOCCER, robot: Robot | None = None) -> None:
         robot = robot or domain.robot()
@@ -31,7 +31,7 @@ class InProcessBackend:
         models = load_models(robot, domain.known_features, folder=domain.shipped_models)
         self.refiner = Refiner(robot, models)
         self.state = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)))
-        self.asked: list[Draft] = []
+        self.refined: list[Draft] = []
         self.as_given: list[bool] = []
         self.calls: list[str] = []
         self.fails: NodesError | None = None
@@ -47,14 +47,14 @@ class InProcessBackend:
         return editor
 
     def attached(self) -> Editor:
-        """Return an editor that has selected this backend's robot where it is, after its first step."""
+        """Return an editor attached to this backend's running robot, after its first step."""
         editor = Editor(self, self.domain, self.libraries)
         editor.select(self)
         editor.step()
         return editor
 
     def observe(self, time: float, pose: Pose, ball: tuple[float, float]) -> None:
-        """Let the robot be at a pose and the ball at a place (m) at `time` s."""
+        """Set the observed pose of the robot and place of the ball (m) at `time` s."""
         self.state = World(time, RobotState(pose), {"ball": ObjectState(*ball)})
 
     def world(self) -> World | None:
@@ -67,7 +67,7 @@ class InProcessBackend:
         self.as_given.append(as_given)
         if self.fails is not None:
             raise self.fails
-        self.asked.append(draft)
+        self.refined.append(draft)
         violations = draft.chain.violations(draft.world, self.robot)
         if violations:
             raise NodesError(violations[0])
@@ -100,7 +100,7 @@ class InProcessBackend:
         self.state = World(self.state.time, world.robot, world.objects)
 
     def execute(self, run: Run, draft: Draft, *, refine: bool) -> None:
-        assert self.state.robot.pose == self.asked[-1].world.robot.pose, "a run begins at the draft's start"
+        assert self.state.robot.pose == self.refined[-1].world.robot.pose, "a run begins at the draft's start"
         here = dataclasses.replace(draft, world=self.state)
         chain = self.refine(here).chain if refine else draft.chain
         self.executed.append(chain)

@@ -1,4 +1,4 @@
-"""The editor of the view: edits, executions, robots that run already, and chains of other clients."""
+"""The editor of the view: edits, executions, running robots, and chains of other clients."""
 
 from __future__ import annotations
 
@@ -34,25 +34,25 @@ def editor(backend: InProcessBackend) -> Editor:
 def test_a_moved_object_takes_its_subgoal_along_and_refinement_follows(
     editor: Editor, backend: InProcessBackend
 ) -> None:
-    asked, edition = len(backend.asked), editor.edition
+    before, edition = len(backend.refined), editor.edition
     editor.step([lambda: editor.move_object("ball", Pose(1.0, 0.5, 0.0))])
     first, last = editor.draft.chain.calls
     assert first.goal.pose[:2] == (1.0, 0.5)
-    assert last.goal == backend.asked[0].chain.calls[1].goal
+    assert last.goal == backend.refined[0].chain.calls[1].goal
     assert backend.state.objects["ball"].x == 1.0
-    assert len(backend.asked) == asked + 1
+    assert len(backend.refined) == before + 1
     assert editor.edition > edition
     assert editor.problem == ""
 
 
-def test_goals_that_lie_at_no_object_can_be_moved(editor: Editor) -> None:
+def test_goals_without_an_object_can_be_moved(editor: Editor) -> None:
     assert list(editor.draft.movable_goals) == [1]
     editor.step([lambda: editor.move_goal(1, Pose(0.5, 0.25, 1.0))])
     assert editor.answer is not None
     assert editor.answer.chain.calls[1].goal.pose == Pose(0.5, 0.25, 1.0)
 
 
-def test_what_is_committed_to_is_not_refined(editor: Editor) -> None:
+def test_commitments_are_not_refined(editor: Editor) -> None:
     editor.step(
         [
             lambda name=name: editor.edit(lambda draft: draft.with_open(0, name, is_open=False))
@@ -64,7 +64,7 @@ def test_what_is_committed_to_is_not_refined(editor: Editor) -> None:
     assert "nothing is open" in editor.answer.reason
 
 
-def test_refinement_is_asked_with_the_weights_of_the_panel(editor: Editor, backend: InProcessBackend) -> None:
+def test_refinement_uses_the_weights_of_the_panel(editor: Editor, backend: InProcessBackend) -> None:
     editor.step(
         [
             lambda: editor.edit(lambda draft: draft.with_weight("accuracy", 10.0)),
@@ -72,7 +72,7 @@ def test_refinement_is_asked_with_the_weights_of_the_panel(editor: Editor, backe
         ]
     )
     expected = {"duration": 0.5, "success": SOCCER.time_limit, "accuracy": 10.0}
-    assert dict(backend.asked[-1].objective.weights) == expected
+    assert dict(backend.refined[-1].objective.weights) == expected
     assert editor.problem == ""
     editor.situation(seed=3)
     assert dict(editor.draft.objective.weights) == expected
@@ -131,7 +131,7 @@ def test_a_race_gives_two_times_from_the_same_start(editor: Editor, backend: InP
     draft = editor.draft
     drags = [lambda: editor.move_robot(Pose(2.0, 2.0, 1.0)), lambda: editor.move_goal(1, Pose(0.0, 0.0, 0.0))]
     for _ in range(4):
-        assert editor.draft is draft  # drags while chains are executed change nothing
+        assert editor.draft is draft  # drags during executions have no effect
         editor.step(drags if editor.executing else [])
     assert not editor.executing
     naive, refined = editor.runs
@@ -143,13 +143,13 @@ def test_a_race_gives_two_times_from_the_same_start(editor: Editor, backend: InP
     backend.calls.clear()
     editor.step(
         [lambda: editor.move_object("ball", Pose(0.5, 0.5, 0.0))]
-    )  # begins at the draft's start again
+    )  # starts at the draft's start again
     assert backend.calls == ["place", "go on"]
     assert backend.state.robot.pose == editor.draft.world.robot.pose
     assert not editor.runs
 
 
-def test_the_ghost_is_where_the_first_run_was_as_long_after_its_start(editor: Editor) -> None:
+def test_the_ghost_is_at_the_pose_of_the_first_run_at_the_same_time(editor: Editor) -> None:
     first, second = Run(NAIVE), Run(REFINED)
     for tick in range(5):
         first.record(10.0 + tick, Pose(tick, 0.0, 0.0))
@@ -173,7 +173,7 @@ def test_an_invalid_plan_is_reported_and_not_executed(editor: Editor, backend: I
     assert not backend.executed
 
 
-def test_a_start_that_is_refused_is_reported_and_tried_once(backend: InProcessBackend) -> None:
+def test_a_rejected_start_is_reported_and_tried_once(backend: InProcessBackend) -> None:
     class Refusing(InProcessBackend):
         def place(self, world: World) -> None:
             super().place(world)
@@ -191,7 +191,7 @@ def test_a_start_that_is_refused_is_reported_and_tried_once(backend: InProcessBa
     assert not backend.executed
 
 
-# Robots that run already
+# Running robots
 
 
 @pytest.fixture
@@ -206,12 +206,12 @@ def test_a_running_robot_is_followed_until_something_is_moved_or_executed(
     assert backend.calls == []
     assert running.draft.world.robot.pose == Pose(-1.0, 1.5, 0.5)
     assert running.draft.chain.calls[0].goal.pose[:2] == (2.0, -0.5)
-    asked = len(backend.asked)
+    before = len(backend.refined)
     for number in range(1, 11):
         backend.observe(10.0 + 0.1 * number, Pose(-1.0 + 0.1 * number, 1.5, 0.5), (2.0, -0.5))
         running.step()
     assert running.draft.world.robot.pose.x == pytest.approx(0.0, abs=0.25)
-    assert 3 <= len(backend.asked) - asked <= 6  # not at each step
+    assert 3 <= len(backend.refined) - before <= 6  # not at each step
     backend.observe(12.0, backend.state.robot.pose._replace(yaw=1.5), (2.0, -0.5))
     running.step()
     assert running.draft.world.robot.pose.yaw == 1.5
@@ -226,13 +226,13 @@ def test_a_running_robot_is_followed_until_something_is_moved_or_executed(
     running.execute(NAIVE)
     running.step()
     assert backend.executed
-    assert "place" not in backend.calls  # it begins where it is
+    assert "place" not in backend.calls  # it starts at its current pose
     running.reset()
     running.step()
     assert "place" in backend.calls
 
 
-def test_refinement_that_comes_back_is_asked_again(running: Editor, backend: InProcessBackend) -> None:
+def test_refinement_is_called_again_when_it_is_available(running: Editor, backend: InProcessBackend) -> None:
     backend.fails = UnavailableError("expected the service refine_subgoal, it is not there")
     running.step([lambda: running.move_goal(1, Pose(0.5, 0.25, 1.0))])
     assert running.answer is None
@@ -254,7 +254,7 @@ def goal(backend: InProcessBackend) -> ExternalGoal:
     return ExternalGoal("a" * 32, draft, Run(OTHERS), reason="waiting for refinement")
 
 
-def test_it_is_shown_before_and_during_its_execution(
+def test_an_external_goal_is_shown_before_and_during_execution(
     running: Editor, backend: InProcessBackend, goal: ExternalGoal
 ) -> None:
     own = running.draft
@@ -271,9 +271,9 @@ def test_it_is_shown_before_and_during_its_execution(
 
     driven = Draft(draft.world, answer.chain, draft.action_set)
     goal = dataclasses.replace(goal, draft=driven, driven=True, refined=True, reason="gain of 1.2 s")
-    asked = len(backend.asked)
+    before = len(backend.refined)
     for number in range(5):
-        backend.external = dataclasses.replace(goal)  # as it is published twice a second
+        backend.external = dataclasses.replace(goal)  # as published twice per second
         backend.observe(20.0 + 0.1 * number, Pose(-2.0 + 0.1 * number, 0.0, 0.0), (1.0, 0.0))
         running.step()
     _, answer = running.shown
@@ -281,18 +281,18 @@ def test_it_is_shown_before_and_during_its_execution(
     assert (answer.chain, answer.refined, answer.reason) == (driven.chain, True, "gain of 1.2 s")
     assert answer.naive.calls[0].goal != answer.chain.calls[0].goal
     assert len(answer.before) == len(answer.after) == 2
-    assert len(backend.asked) == asked + 1
+    assert len(backend.refined) == before + 1
     assert goal.run.poses[-1] == Pose(-1.6, 0.0, 0.0)
     assert running.draft is own
 
     goal.run.ended, goal.run.duration = True, 5.0
     running.step()
     assert running.shown == (running.draft, running.answer)
-    assert running.draft.world.robot.pose == Pose(-1.6, 0.0, 0.0)  # it is followed again
+    assert running.draft.world.robot.pose == Pose(-1.6, 0.0, 0.0)  # the editor follows the robot again
     assert backend.calls == []  # nothing was placed or stopped
 
 
-def test_a_chain_that_is_driven_as_given_is_compared_with_itself(
+def test_an_unrefined_chain_is_compared_with_itself(
     running: Editor, backend: InProcessBackend, goal: ExternalGoal
 ) -> None:
     backend.external = dataclasses.replace(goal, driven=True, reason="not requested")
@@ -303,7 +303,7 @@ def test_a_chain_that_is_driven_as_given_is_compared_with_itself(
     assert [call.goal for call in answer.naive.calls] == [call.goal for call in goal.draft.chain.calls]
 
 
-def test_meanwhile_robot_and_goals_cannot_be_moved_and_own_chains_cancel_it(
+def test_an_external_goal_blocks_edits_and_own_chains_cancel_it(
     running: Editor, backend: InProcessBackend, goal: ExternalGoal
 ) -> None:
     backend.external = goal
@@ -323,7 +323,7 @@ def test_meanwhile_robot_and_goals_cannot_be_moved_and_own_chains_cancel_it(
     assert running.shown == (running.draft, running.answer)
 
 
-def test_without_refinement_it_is_shown_without_predictions(
+def test_without_refinement_it_has_no_predictions(
     running: Editor, backend: InProcessBackend, goal: ExternalGoal
 ) -> None:
     backend.fails, backend.external = UnavailableError("not there"), goal
@@ -335,14 +335,14 @@ def test_without_refinement_it_is_shown_without_predictions(
     running.step()
     _, answer = running.shown
     assert answer is not None
-    assert math.isfinite(sum(answer.before))  # asked again
+    assert math.isfinite(sum(answer.before))  # called again
     backend.fails = NodesError("no plan")
     backend.external = dataclasses.replace(goal, chain_id="b" * 32, run=Run(OTHERS))
     running.step()
     assert running.problem == ""
 
 
-def test_one_that_had_ended_before_is_not_shown(
+def test_an_ended_external_goal_is_not_shown(
     running: Editor, backend: InProcessBackend, goal: ExternalGoal
 ) -> None:
     goal.run.ended = True

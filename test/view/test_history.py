@@ -1,4 +1,4 @@
-"""The history of the view: executed chains, the models' error, and what refinement gained."""
+"""The history of the view: executed chains, the models' error, and the gain of refinement."""
 
 from __future__ import annotations
 

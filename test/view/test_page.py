@@ -1,4 +1,4 @@
-"""The page, with clients that receive what a browser would; `nodes/test_view_browser.py` uses a browser."""
+"""The page with protocol clients; `nodes/test_view_browser.py` uses a browser."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ROBOT = SOCCER.robot()
 
 
 class Shown:
-    """An editor with its page, and their loop."""
+    """An editor with its page and loop."""
 
     def __init__(self) -> None:
         self.backend, self.other = InProcessBackend(), InProcessBackend()
@@ -38,7 +38,7 @@ class Shown:
         self.page = Page(self.editor, ROBOT, robot_urdf(ROBOT), {}, robots=robots, port=free_port())
         self._now = 0.0
 
-    def go_on(self, rounds: int = 2) -> None:
+    def step(self, rounds: int = 2) -> None:
         for _ in range(rounds):
             self._now += 1.0
             self.editor.step(self.page.take_commands())
@@ -48,20 +48,20 @@ class Shown:
         return ViserClient(self.page.server.get_port())
 
     def move_ball(self, x: float, y: float) -> None:
-        """Do what a drag of the ball does."""
+        """Move the ball, as a drag does."""
         self.page.commands.put(lambda: self.editor.move_object("ball", Pose(x, y, 0.0)))
-        self.go_on()
+        self.step()
 
 
 @pytest.fixture
 def shown() -> Iterator[Shown]:
     shown = Shown()
-    shown.go_on()
+    shown.step()
     yield shown
     shown.page.close()
 
 
-def test_two_clients_see_the_same_and_one_that_disappears_does_no_harm(shown: Shown) -> None:
+def test_two_clients_receive_the_same_and_one_may_vanish(shown: Shown) -> None:
     first, second = shown.join(), shown.join()
     shown.move_ball(0.5, -1.0)
     for client in (first, second):
@@ -82,7 +82,7 @@ def test_two_clients_see_the_same_and_one_that_disappears_does_no_harm(shown: Sh
     third.close()
 
 
-def test_a_drag_pulls_where_it_took_hold(shown: Shown) -> None:
+def test_a_drag_keeps_the_offset_of_its_start(shown: Shown) -> None:
     client = shown.join()
     ball = shown.backend.state.objects["ball"]
     client.look()
@@ -91,27 +91,27 @@ def test_a_drag_pulls_where_it_took_hold(shown: Shown) -> None:
     client.drag("/objects/ball/body", ball.x + 1.05, ball.y)
     client.until(
         lambda: (
-            shown.go_on() or shown.backend.state.objects["ball"].x == pytest.approx(ball.x + 1.0, abs=0.01)
+            shown.step() or shown.backend.state.objects["ball"].x == pytest.approx(ball.x + 1.0, abs=0.01)
         ),
         "the drag",
     )
     client.close()
 
 
-def test_of_several_robots_all_are_shown_and_one_is_chosen(shown: Shown) -> None:
+def test_several_robots_are_shown_and_one_is_chosen(shown: Shown) -> None:
     client = shown.join()
     client.until(lambda: client.scene.get("/robots/bob") == pytest.approx((-1.0, 1.5, 0.0)), "the other one")
     shown.editor.execute(NAIVE)
     shown.page.commands.put(lambda: shown.editor.select(shown.other))
-    shown.go_on()
+    shown.step()
     client.until(lambda: client.scene["/robot"] == pytest.approx((-1.0, 1.5, 0.0)), "the choice")
     start = shown.backend.state.robot.pose
     client.until(lambda: client.scene["/robots/ann"] == pytest.approx((*start[:2], 0.0)), "the first one")
     assert client.scene["/objects/ball"] == pytest.approx((2.0, -0.5, 0.0))
-    asked = shown.other.asked[-1]
-    assert asked.world.robot.pose == Pose(-1.0, 1.5, 0.5)
-    assert asked.chain.calls[0].goal.pose[:2] == (2.0, -0.5)
-    assert shown.other.calls == []  # nothing was moved by choosing it
+    refined = shown.other.refined[-1]
+    assert refined.world.robot.pose == Pose(-1.0, 1.5, 0.5)
+    assert refined.chain.calls[0].goal.pose[:2] == (2.0, -0.5)
+    assert shown.other.calls == []  # choosing a robot does not move it
     shown.move_ball(1.0, 1.0)
     assert shown.other.state.objects["ball"].x == 1.0
     assert shown.backend.state.objects["ball"].x != 1.0
@@ -126,29 +126,29 @@ def test_a_goal_of_another_client_is_drawn(shown: Shown) -> None:
     goal.run.status = "of others: executing"
     shown.backend.external = goal
     before = client.drawn["/chain/ring0"]
-    shown.go_on()
+    shown.step()
     for words in ("of others: executing", "**refined:** gain of 1.2 s", "| others, driven | 2.50 |"):
         client.until(lambda words=words: words in client.text(), words)
     client.until(lambda: client.drawn["/chain/ring0"] > before, "the ring of another situation")
     assert {"/chain/naive/legs", "/chain/chain/legs", "/chain/ring0", "/chain/chosen0"} <= set(client.scene)
-    shown.go_on()
+    shown.step()
     client.until(lambda: "/trails/others" in client.scene, "the trail")
     client.close()
 
 
-def test_a_port_that_is_taken_is_passed_over_and_a_host_of_others_refused() -> None:
+def test_a_port_in_use_is_skipped_and_a_foreign_host_rejected() -> None:
     with socket.create_server((LOOPBACK, 0)) as taken:
         port = taken.getsockname()[1]
         server = serve(SOCCER, ROBOT, port=port)
         assert server.get_port() > port
         assert server.get_host() == "127.0.0.1"
-        assert server.request_share_url() is None  # nor do clients get one
+        assert server.request_share_url() is None  # clients do not get one either
         server.stop()
     with pytest.raises(OSError, match=r"expected an address of this machine, got '203\.0\.113\.7': "):
         serve(SOCCER, ROBOT, host="203.0.113.7")
 
 
-def test_the_panel_shows_times_reason_and_the_rules_with_this_situations_numbers() -> None:
+def test_the_panel_shows_times_reason_and_rules_of_the_situation() -> None:
     backend = InProcessBackend()
     editor = backend.editor()
     answer = editor.answer
@@ -170,7 +170,7 @@ def test_the_panel_shows_times_reason_and_the_rules_with_this_situations_numbers
     assert "- alternative 1 " in text
 
 
-def test_the_clock_reports_silence_and_what_was_not_moved() -> None:
+def test_the_clock_reports_timeouts_and_failed_moves() -> None:
     world = World(3.0, RobotState(Pose(0.0, 0.0, 0.0)))
     assert clock_text(world, paused=False, status="drives", silence=1.0) == "**3.00 s** · drives"
     assert "no state of the robot for 7 s" in clock_text(world, paused=False, status="drives", silence=7.3)

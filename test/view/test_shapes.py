@@ -1,4 +1,4 @@
-"""What the page and RViz draw of chains, rings and surroundings."""
+"""Shapes of chains, rings and surroundings for the page and RViz."""
 
 from __future__ import annotations
 
@@ -30,25 +30,25 @@ def answer() -> Answer:
     return answer
 
 
-def test_the_ring_is_nearest_where_the_chain_is_fastest_and_marks_the_chosen_heading(answer: Answer) -> None:
+def test_the_ring_is_nearest_at_the_best_heading_and_marks_the_chosen_one(answer: Answer) -> None:
     [curve] = answer.curves
     headings, costs = costs_by_heading(curve)
     segments, chosen = ring(answer.chain, curve)
-    centre = answer.chain.calls[0].goal.pose
-    radii = np.hypot(*(segments.points[:, 0] - (centre.x, centre.y)).T)
+    center = answer.chain.calls[0].goal.pose
+    radii = np.hypot(*(segments.points[:, 0] - (center.x, center.y)).T)
     assert len(headings) >= 36
     assert np.all(np.diff(headings) > 0.0)
     assert np.argmin(radii) == np.argmin(costs)
     assert np.argmax(radii) == np.argmax(costs)
-    assert segments.colours[np.argmin(costs)] == pytest.approx((0.0, 0.8, 0.0))
-    # The mark lies behind the subgoal, on the side that the robot comes from.
-    across = chosen.points[0, 1] - (centre.x, centre.y)
-    assert math.atan2(*-across[::-1]) == pytest.approx(centre.yaw)
-    step = np.diff(headings).max()  # the search looks between these headings as well
-    assert headings[np.argmin(costs)] == pytest.approx(centre.yaw, abs=step)
+    assert segments.colors[np.argmin(costs)] == pytest.approx((0.0, 0.8, 0.0))
+    # The mark is behind the subgoal, on the side of the approach.
+    across = chosen.points[0, 1] - (center.x, center.y)
+    assert math.atan2(*-across[::-1]) == pytest.approx(center.yaw)
+    step = np.diff(headings).max()  # the search also refines between these headings
+    assert headings[np.argmin(costs)] == pytest.approx(center.yaw, abs=step)
 
 
-def test_area_lines_of_the_domain_and_bays_surround_them() -> None:
+def test_surroundings_are_area_domain_lines_and_bays() -> None:
     ruled = dataclasses.replace(SOCCER, lines=lambda _: [[(0.0, -3.0), (0.0, 3.0)]])
     assert [drawn.name for drawn in surroundings(ruled, SOCCER.robot())][:2] == ["area", "line0"]
 
@@ -60,18 +60,18 @@ def test_without_searched_headings_there_is_no_ring(answer: Answer) -> None:
     assert ring(answer.chain, endless) == ()
 
 
-def test_naive_is_grey_and_the_chain_to_execute_is_coloured(answer: Answer) -> None:
+def test_naive_is_gray_and_the_chain_to_execute_is_colored(answer: Answer) -> None:
     start = answer.chain.calls[1].goal.pose
     shapes = {each.name: each for each in refinement_shapes(start, answer.naive, answer.chain, answer.curves)}
-    grey, blue = shapes["naive/subgoal0"], shapes["chain/subgoal0"]
-    assert isinstance(grey, Arrow)
+    gray, blue = shapes["naive/subgoal0"], shapes["chain/subgoal0"]
+    assert isinstance(gray, Arrow)
     assert isinstance(blue, Arrow)
-    assert np.ptp(grey.colour) < 0.1 < np.ptp(blue.colour)
-    assert (grey.pose, blue.pose) == tuple(chain.calls[0].goal.pose for chain in (answer.naive, answer.chain))
+    assert np.ptp(gray.color) < 0.1 < np.ptp(blue.color)
+    assert (gray.pose, blue.pose) == tuple(chain.calls[0].goal.pose for chain in (answer.naive, answer.chain))
     legs = shapes["chain/legs"]
     assert isinstance(legs, Segments)
     assert len(legs.points) == 2
     _, first, second = executed_chain_shapes(start, answer.chain, 1)
     assert isinstance(first, Arrow)
     assert isinstance(second, Arrow)
-    assert first.colour == blue.colour != second.colour
+    assert first.color == blue.color != second.color

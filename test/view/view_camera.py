@@ -1,4 +1,4 @@
-"""Where a point of the floor is seen by a new client of the view, and what is seen there."""
+"""Projection of floor points to pixels of a new client of the view."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def canvas_of(browser: Chromium) -> tuple[float, float, float, float]:
 
 
 def red_around(picture: bytes, place: tuple[float, float]) -> float:
-    """Return the share of pixels around a place that have the colour of the robot's body."""
+    """Return the share of pixels around a place that have the color of the robot's body."""
     x, y = (round(value) for value in place)
     image = np.asarray(Image.open(BytesIO(picture)).convert("RGB"), dtype=int)
     red, green, blue = np.moveaxis(image[y - 25 : y + 25, x - 25 : x + 25], 2, 0)

@@ -1,4 +1,4 @@
-"""A client of a page without a browser: it receives what viser sends and keeps the places of the nodes."""
+"""A client of a page without a browser: it receives viser's messages and stores the nodes' positions."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from websockets.sync.client import connect
 _HEADER = 16
 _PATIENCE = 20.0
 _HEIGHT = 1000.0
-"""Of the camera, in m: so far that what it points at does not depend on the height of things."""
+"""Distance of the camera in m: so far that picking does not depend on the height of objects."""
 
 
 class ViserClient:
-    """Connected at once; `scene` has the position of each node, by name, None until one is sent.
+    """Connects immediately; `scene` has the position of each node by name, None until one is received.
 
-    `drawn` counts how often each node was sent, or its lines were.
+    `drawn` counts how often each node or its lines were received.
     """
 
     def __init__(self, port: int) -> None:
@@ -60,7 +60,7 @@ class ViserClient:
             self._write(message["uuid"], message["updates"])
         elif "container_uuid" in message and "props" in message:
             self._write(message["uuid"], message["props"])
-        elif name is not None and "props" in message:  # others change what is drawn already
+        elif name is not None and "props" in message:  # updates of existing nodes
             self.scene.setdefault(str(name), None)
             self.drawn[str(name)] += 1
 
@@ -72,14 +72,14 @@ class ViserClient:
         """Return all texts of the panel."""
         return "\n".join(tuple(self._texts.values()))
 
-    # What a browser sends
+    # Messages of a browser
 
     def send(self, kind: str, **fields: Any) -> None:
         """Send a message."""
         self._socket.send(msgspec.msgpack.encode({"type": kind, **fields}))
 
     def look(self) -> None:
-        """Tell where the camera is, above the floor; before it the server takes no wishes."""
+        """Send the camera's pose above the floor, without which the server ignores other messages."""
         size = {"image_height": 800, "image_width": 1200, "fov": 0.9, "near": 0.01, "far": 1000.0}
         turn, place = (1.0, 0.0, 0.0, 0.0), (0.0, -1e-3, _HEIGHT)
         up = (0.0, 1.0, 0.0)
@@ -97,17 +97,17 @@ class ViserClient:
         )  # fmt: skip
 
     def until(self, happened: Callable[[], Any], what: str) -> None:
-        """Wait until something has happened."""
+        """Wait until a condition holds."""
         end = time.monotonic() + self.patience
         while not happened():
             assert time.monotonic() < end, f"expected {what} within {self.patience:g} s"
             time.sleep(0.02)
 
     def vanish(self) -> None:
-        """Disappear without a word, as a laptop that is closed."""
+        """Stop receiving without closing the connection, like a suspended laptop."""
         self._socket.socket.shutdown(socket.SHUT_RDWR)
         self._socket.socket.close()
 
     def close(self) -> None:
-        """Go, as a browser's tab does."""
+        """Disconnect, like a closed browser tab."""
         self._socket.close()

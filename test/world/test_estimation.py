@@ -1,4 +1,4 @@
-"""The state of objects and robots from reports that are noisy, lack velocities or contradict them."""
+"""State estimation of objects and robots from noisy, incomplete or contradictory messages."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ TICK = 0.05
 NOISE, VELOCITY_NOISE = 0.015, 0.05
 
 
-def sights(balls: list[ObjectState], seed: int = 1) -> list[ObjectState]:
+def measurements(balls: list[ObjectState], seed: int = 1) -> list[ObjectState]:
     rng = np.random.default_rng(seed)
-    seen = []
+    measured = []
     for ball in balls:
         x, y = rng.normal(scale=NOISE, size=2)
         vx, vy = rng.normal(scale=VELOCITY_NOISE, size=2)
-        seen.append(ObjectState(ball.x + x, ball.y + y, ball.vx + vx, ball.vy + vy))
-    return seen
+        measured.append(ObjectState(ball.x + x, ball.y + y, ball.vx + vx, ball.vy + vy))
+    return measured
 
 
-def tracked(seen: list[ObjectState]) -> list[ObjectState]:
+def tracked(measured: list[ObjectState]) -> list[ObjectState]:
     tracker = ObjectTracker(NOISE, VELOCITY_NOISE)
-    return [tracker.update(tick * TICK, ball) for tick, ball in enumerate(seen)]
+    return [tracker.update(tick * TICK, ball) for tick, ball in enumerate(measured)]
 
 
-def errors(believed: list[ObjectState], balls: list[ObjectState]) -> list[float]:
-    return [np.hypot(b.x - t.x, b.y - t.y) for b, t in zip(believed, balls, strict=True)]
+def errors(estimated: list[ObjectState], balls: list[ObjectState]) -> list[float]:
+    return [np.hypot(b.x - t.x, b.y - t.y) for b, t in zip(estimated, balls, strict=True)]
 
 
-def test_a_resting_ball_is_known_better_than_it_is_seen() -> None:
+def test_the_estimate_of_a_resting_ball_is_better_than_measurements() -> None:
     balls = [ObjectState(1.0, -1.0)] * 200
-    seen = sights(balls)
-    assert np.mean(errors(tracked(seen), balls)[20:]) < 0.4 * np.mean(errors(seen, balls))
+    measured = measurements(balls)
+    assert np.mean(errors(tracked(measured), balls)[20:]) < 0.4 * np.mean(errors(measured, balls))
 
 
-def test_a_ball_that_is_kicked_or_placed_is_believed_at_once() -> None:
+def test_a_kicked_or_placed_ball_is_tracked_immediately() -> None:
     balls = [ObjectState(0.0, 0.0)] * 50 + [ObjectState(1.0, 1.0)] * 10
-    believed = tracked(sights(balls))
-    assert errors(believed, balls)[50] < 5 * NOISE
+    estimated = tracked(measurements(balls))
+    assert errors(estimated, balls)[50] < 5 * NOISE
     kicked = [ObjectState(0.0, 0.0)] * 50 + [ObjectState(t * TICK, 0.0, 1.0, 0.0) for t in range(10)]
-    assert tracked(sights(kicked))[50].vx == pytest.approx(1.0, abs=5 * VELOCITY_NOISE)
+    assert tracked(measurements(kicked))[50].vx == pytest.approx(1.0, abs=5 * VELOCITY_NOISE)
 
 
 TICK = 0.05
@@ -59,35 +59,35 @@ def checked(
     noise: float = 0.0,
     seconds: float = 2.0,
 ) -> tuple[list[float], list[str]]:
-    """Return the velocities that are believed at 20 Hz, and what is said, of a ball that moves along x."""
+    """Return the estimated velocities at 20 Hz, and the remarks, of a ball that moves along x."""
     rng, check = np.random.default_rng(3), VelocityCheck("ball", noise, 3.0 * noise)
-    believed, said = [], []
+    estimated, remarks = [], []
     for tick in range(round(seconds / TICK)):
         time, (dx, dv) = tick * TICK, rng.normal(size=2)
-        sight = ObjectState(position(time) + noise * dx, 0.0, velocity(time) + 3.0 * noise * dv)
-        ball, remark = check.check(time, sight)
-        believed.append(ball.vx)
-        said += [remark] if remark else []
-    return believed, said
+        measurement = ObjectState(position(time) + noise * dx, 0.0, velocity(time) + 3.0 * noise * dv)
+        ball, remark = check.check(time, measurement)
+        estimated.append(ball.vx)
+        remarks += [remark] if remark else []
+    return estimated, remarks
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.015])
-@pytest.mark.parametrize("told", [2.0, 5.0, -40.0])
-def test_a_ball_that_lies_is_not_believed_to_roll(told: float, noise: float) -> None:
-    believed, said = checked(lambda _: 1.0, lambda t: told if t >= 0.5 else 0.0, noise=noise)
-    assert max(map(abs, believed[15:])) < 0.6
-    assert len(said) == 1
-    assert "ball.twist.twist.linear: expected about" in said[0]
+@pytest.mark.parametrize("reported", [2.0, 5.0, -40.0])
+def test_a_false_velocity_of_a_resting_ball_is_ignored(reported: float, noise: float) -> None:
+    estimated, remarks = checked(lambda _: 1.0, lambda t: reported if t >= 0.5 else 0.0, noise=noise)
+    assert max(map(abs, estimated[15:])) < 0.6
+    assert len(remarks) == 1
+    assert "ball.twist.twist.linear: expected about" in remarks[0]
 
 
-@pytest.mark.parametrize("told", [0.0, -1.0])
-def test_a_ball_that_rolls_is_believed_to_do_as_it_is_seen(told: float) -> None:
-    believed, _ = checked(lambda t: 2.0 * t, lambda _: told)
-    assert believed[10:] == pytest.approx([2.0] * 30)
+@pytest.mark.parametrize("reported", [0.0, -1.0])
+def test_a_false_velocity_of_a_rolling_ball_is_replaced(reported: float) -> None:
+    estimated, _ = checked(lambda t: 2.0 * t, lambda _: reported)
+    assert estimated[10:] == pytest.approx([2.0] * 30)
 
 
 def straight(times: list[float], vx: float, vy: float, noise: float = 0.0) -> tuple[float, float]:
-    """Return the velocity after positions of straight motion at these times."""
+    """Return the estimated velocity of a straight motion with positions at these times."""
     estimate, rng = VelocityEstimate(), np.random.default_rng(3)
     for time in times:
         x, y = vx * time + rng.normal(0.0, noise), vy * time + rng.normal(0.0, noise)
@@ -96,7 +96,7 @@ def straight(times: list[float], vx: float, vy: float, noise: float = 0.0) -> tu
     return state.vx, state.vy
 
 
-def test_straight_motion_has_its_velocity() -> None:
+def test_straight_motion_has_the_true_velocity() -> None:
     assert straight([0.02 * tick for tick in range(20)], 0.8, -0.3) == pytest.approx((0.8, -0.3))
 
 
@@ -105,7 +105,7 @@ LIMITS = (1.2, 2.4)
 
 @pytest.mark.parametrize("period", [0.02, 0.1])
 @pytest.mark.parametrize(("v", "w"), [(0.8, 0.0), (-0.4, 0.0), (0.0, 2.0), (0.8, -1.5)])
-def test_a_robots_velocity_is_that_of_its_arc(period: float, v: float, w: float) -> None:
+def test_the_velocity_of_a_robot_is_that_of_its_arc(period: float, v: float, w: float) -> None:
     estimate, pose = RobotVelocity(*LIMITS), Pose(1.0, 2.0, 3.0)
     for tick in range(10):
         state = estimate.state(period * tick, pose)

@@ -1,4 +1,4 @@
-"""The executor node's inputs, without ROS: odometry and ball joined in time."""
+"""The executor node's inputs without ROS: odometry and ball, synchronized by stamp."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def inputs(timeout: float = 0.3) -> Inputs:
     return Inputs({BALL: Sightings(BALL, timeout, ObjectTracker(0.0, 0.0))})
 
 
-def test_the_ball_is_that_of_the_odometrys_time_whatever_comes_first() -> None:
+def test_the_ball_matches_the_stamp_of_odometry_in_any_order() -> None:
     both = inputs()
     both.object(BALL, 1.0, ObjectState(0.0, 0.0, 1.0, -2.0))
     both.object(BALL, 1.1, ObjectState(5.0, 5.0))
@@ -26,7 +26,7 @@ def test_the_ball_is_that_of_the_odometrys_time_whatever_comes_first() -> None:
 
 
 @pytest.mark.parametrize("factor", [1.0, 5.0])
-def test_a_stamp_may_be_ahead_of_odometry_by_a_real_time(factor: float) -> None:
+def test_a_stamp_may_be_ahead_of_odometry_by_real_time(factor: float) -> None:
     both = inputs()
     for tick in range(100):
         both.robot(factor * 0.02 * tick, RobotState(Pose(0.0, 0.0, 0.0)), 0.02 * tick)
@@ -40,11 +40,11 @@ def test_a_stamp_may_be_ahead_of_odometry_by_a_real_time(factor: float) -> None:
         both.object(BALL, newest + 0.7 * factor, ObjectState(0.0, 0.0), 4.0)
 
 
-def test_a_ball_is_overdue_when_nothing_has_come_of_it_for_half_its_timeout() -> None:
+def test_a_ball_is_overdue_after_half_of_its_timeout() -> None:
     both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
     both.robot(1.0, robot)
-    assert BALL in both.overdue  # none has ever come
-    both.object(BALL, 0.9, ObjectState(0.0, 0.0))  # late, as from a camera, and heard
+    assert BALL in both.overdue  # none has arrived
+    both.object(BALL, 0.9, ObjectState(0.0, 0.0))  # late, as from a camera, but received
     for time in (1.05, 1.1):
         both.robot(time, robot)
         assert BALL not in both.overdue
@@ -55,7 +55,7 @@ def test_a_ball_is_overdue_when_nothing_has_come_of_it_for_half_its_timeout() ->
 
 
 @pytest.mark.parametrize("skew", [-0.2, 0.0, 0.2, 0.45, 0.5, 0.7, 1.9, 1e9])
-def test_a_ball_of_a_clock_that_is_ahead_is_used_in_time_or_refused(skew: float) -> None:
+def test_a_ball_with_a_clock_ahead_is_used_in_time_or_rejected(skew: float) -> None:
     both, robot, known, refused = inputs(), RobotState(Pose(0.0, 0.0, 0.0)), 0, 0
     for tick in range(1, 201):
         try:
@@ -68,7 +68,7 @@ def test_a_ball_of_a_clock_that_is_ahead_is_used_in_time_or_refused(skew: float)
     assert known <= 7 if skew > 0.6 else known >= 200 - 20 * abs(skew) - 1
 
 
-def test_time_that_stands_is_no_news_and_time_that_goes_back_an_error() -> None:
+def test_repeated_stamps_are_ignored_and_decreasing_stamps_are_errors() -> None:
     both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
     assert both.robot(1.0, robot) is not None
     assert both.robot(1.0, robot) is None
@@ -78,7 +78,7 @@ def test_time_that_stands_is_no_news_and_time_that_goes_back_an_error() -> None:
     assert both.robot(0.6, robot) is not None
 
 
-def test_one_message_that_comes_late_is_ignored_and_many_are_named() -> None:
+def test_one_late_message_is_ignored_and_many_are_reported() -> None:
     both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
     both.object(BALL, 1.0, ObjectState(0.0, 0.0))
     for stamp, now in ((1.0, 10.0), (1.1, 10.1), (1.05, 10.11), (1.15, 10.15), (2.3, 11.3), (2.25, 11.31)):
@@ -88,13 +88,13 @@ def test_one_message_that_comes_late_is_ignored_and_many_are_named() -> None:
     assert both.robot(2.35, robot, 11.35) is not None
     with pytest.raises(StampError, match=r"odom\.header\.stamp: expected after 2\.35 s, got 2\.32 s"):
         both.robot(2.32, robot, 11.36)
-    assert both.robot(2.4, robot, 11.4) is not None  # and the clock is the same as before
+    assert both.robot(2.4, robot, 11.4) is not None  # the clock is unchanged
 
 
 HOUR = 3600.0
 
 
-def test_stamps_that_stay_an_hour_ahead_are_a_jump_ahead_and_then_one_back() -> None:
+def test_stamps_an_hour_ahead_are_a_jump_ahead_and_then_one_back() -> None:
     both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
     both.robot(1.0, robot)
     with pytest.raises(StampError):
@@ -110,8 +110,8 @@ def test_stamps_that_stay_an_hour_ahead_are_a_jump_ahead_and_then_one_back() -> 
     assert both.robot(1.3, robot) is not None
 
 
-def test_a_ball_of_a_clock_that_is_behind_is_named_but_not_just_after_a_reset() -> None:
-    both, robot, said = inputs(), RobotState(Pose(0.0, 0.0, 0.0)), []
+def test_a_ball_with_a_late_clock_is_reported_except_after_a_reset() -> None:
+    both, robot, errors = inputs(), RobotState(Pose(0.0, 0.0, 0.0)), []
     both.robot(HOUR, robot)
     both.object(BALL, 0.0, ObjectState(0.0, 0.0), 0.0)  # the first after a reset, before odometry
     for tick in range(1, 60):
@@ -119,12 +119,12 @@ def test_a_ball_of_a_clock_that_is_behind_is_named_but_not_just_after_a_reset() 
         try:
             both.object(BALL, 0.05 * tick, ObjectState(0.0, 0.0), 0.05 * tick)
         except StampError as error:
-            said.append(str(error))
-    assert 30 < len(said) < 45
-    assert "3600.00 s behind: another clock" in said[0]
+            errors.append(str(error))
+    assert 30 < len(errors) < 45
+    assert "3600.00 s behind: another clock" in errors[0]
 
 
-def test_each_object_is_known_and_overdue_by_itself() -> None:
+def test_each_object_has_its_own_timeout() -> None:
     names, robot = ("ball", "cup"), RobotState(Pose(0.0, 0.0, 0.0))
     both = Inputs({name: Sightings(name, 0.3, ObjectTracker(0.0, 0.0)) for name in names})
     both.robot(1.0, robot)
@@ -150,9 +150,9 @@ def test_each_object_is_known_and_overdue_by_itself() -> None:
 
 
 @pytest.mark.parametrize("rate", [0.02, 0.2, 0.5])
-def test_real_timeouts_are_longer_where_stamps_are_slow(rate: float) -> None:
+def test_real_timeouts_are_longer_with_slow_stamps(rate: float) -> None:
     both = inputs()
     for tick in range(60):
         both.robot(1.0 + 0.05 * tick, RobotState(Pose(0.0, 0.0, 0.0)), 7.0 + 0.05 * tick / rate)
     assert both.slowdown == pytest.approx(1.0 / rate)
-    assert both.since <= 7.0 + 0.05 / rate  # messages that are this far apart are no gap
+    assert both.since <= 7.0 + 0.05 / rate  # messages with this period are not a gap

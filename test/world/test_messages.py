@@ -1,4 +1,4 @@
-"""Odometry, objects and transforms read by their fields: checks, repairs, and what is reported."""
+"""Odometry, objects and transforms read by their fields: checks, repairs and reports."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_a_quaternion_of_any_length_is_normalized(length: float) -> None:
         assert wrap_angle(robot.pose.yaw - yaw) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_tilt_on_a_ramp_is_no_error_but_another_axis_is() -> None:
+def test_the_tilt_on_a_ramp_is_valid_but_another_axis_is_not() -> None:
     ramp = quaternion(0.0, math.sin(0.1), 0.0, math.cos(0.1))  # pitched by 11 degrees
     _, robot = robot_from(odometry(FAR, vector(0.3), orientation=ramp))
     assert robot.pose.yaw == pytest.approx(0.0)
@@ -87,7 +87,7 @@ def test_the_tilt_on_a_ramp_is_no_error_but_another_axis_is() -> None:
 
 
 @pytest.mark.parametrize("parts", [(0.0,) * 4, (0.0, 0.0, math.nan, 1.0), (0.0, 0.0, math.inf, 1.0)])
-def test_a_quaternion_without_direction_is_refused(parts: tuple[float, float, float, float]) -> None:
+def test_a_quaternion_without_orientation_is_rejected(parts: tuple[float, float, float, float]) -> None:
     with pytest.raises(MessageError, match=r"^odom\.pose\.pose\.orientation: expected a quaternion .* got"):
         robot_from(odometry(FAR, vector(), orientation=quaternion(*parts)))
 
@@ -101,7 +101,7 @@ def test_a_quaternion_without_direction_is_refused(parts: tuple[float, float, fl
         ("sec", -EPOCH - 1, r"odom\.header\.stamp: expected a time since 0 s"),
     ],
 )
-def test_numbers_that_nothing_real_has_are_refused(field: str, value: Any, expected: str) -> None:
+def test_unrealistic_numbers_are_rejected(field: str, value: Any, expected: str) -> None:
     message = odometry(FAR, vector())
     owner = {"x": message.pose.pose.position, "v": message.twist.twist.linear, "sec": message.header.stamp}
     setattr(owner[field], "x" if field == "v" else field, value)
@@ -126,7 +126,7 @@ def remarks(
     seconds: float = 8.0,
     speed: float = 1.0,
 ) -> list[str]:
-    """Drive arcs with a twist that is scaled or in the world, or with poses that jump; return the remarks."""
+    """Drive arcs with a scaled or world-frame twist, or with jumping poses; return the remarks."""
     reader, pose, found = OdometryReader("odom"), FAR, list[str]()
     for tick in range(int(20 * seconds)):
         v, w = (0.5 * speed, 0.8 * speed) if tick % 60 < 40 else (0.0, 0.0)
@@ -150,7 +150,7 @@ def remarks(
         {"scale": 2.0, "speed": 0.2},
     ],
 )
-def test_a_twist_that_contradicts_the_poses_is_reported_in_one_line_once(wrong: dict[str, Any]) -> None:
+def test_a_twist_that_contradicts_the_poses_is_reported_once(wrong: dict[str, Any]) -> None:
     (line,) = remarks(**wrong)
     assert line.startswith("odom: pose and twist.")
     assert "contradict each other" in line
@@ -161,11 +161,11 @@ def test_a_twist_that_contradicts_the_poses_is_reported_in_one_line_once(wrong: 
 @pytest.mark.parametrize(
     "right", [{}, {"scale": 0.8}, {"scale": 1.2, "speed": 0.2}, {"jump": 2.0}, {"jump": 0.4}]
 )
-def test_slip_and_corrected_poses_are_no_contradiction(right: dict[str, Any]) -> None:
+def test_slip_and_corrected_poses_are_not_reported(right: dict[str, Any]) -> None:
     assert remarks(**right, seconds=60.0) == []
 
 
-def test_the_velocity_of_an_object_is_in_the_frame_that_its_message_names() -> None:
+def test_the_velocity_of_an_object_is_in_the_declared_child_frame() -> None:
     reader = ObjectReader(ObjectSource("cart"), "map")
     here = Pose(3.0, 4.0, math.pi / 2.0)
     same, own = (0.5, 0.1), (-0.1, 0.5)

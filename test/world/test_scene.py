@@ -1,4 +1,4 @@
-"""Scenes: what a domain puts into them, and how they are simulated."""
+"""Scenes: objects of domains, and their simulation."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ def test_another_domain_has_its_own_objects_and_no_goals() -> None:
     assert scene == Scene(ROBOT.scene.area, {"parcel": PARCEL})
 
 
-def test_a_description_knows_the_size_better_than_the_domain() -> None:
+def test_the_size_of_the_description_overrides_the_domain() -> None:
     measured = dataclasses.replace(PARCEL, radius=0.3)
     assert DELIVERY.equip(within(objects={"parcel": measured})).scene.objects == {"parcel": measured}
 
 
-def test_a_robot_stops_for_no_ball_that_the_domain_does_not_have() -> None:
+def test_a_domain_without_a_ball_has_no_ball_to_stop_for() -> None:
     with Simulation(DELIVERY.equip(ROBOT)) as simulation:
         assert simulation.world().objects == {}
 
 
-def test_objects_of_several_sizes_are_pushed_and_roll_each_in_its_way() -> None:
+def test_objects_are_pushed_and_roll_by_their_size() -> None:
     with Simulation(within(objects={"cup": CUP, "parcel": PARCEL})) as simulation:
         simulation.place_objects({"cup": ObjectState(0.5, 0.0), "parcel": ObjectState(0.0, 1.5, 0.8, 0.0)})
         world = drive(simulation, 1.0)
@@ -63,7 +63,7 @@ def test_a_bay_is_open_in_front_and_closed_behind_and_beside(yaw: float) -> None
         simulation.place_robot(front.ahead(-1.0))
         inside = front.relative(drive(simulation, 2.8).robot.pose)
         assert inside.x + ROBOT.front == pytest.approx(0.6 - 0.12, abs=0.03)  # the tips touch the back
-        assert abs(inside.y) < 0.1  # who goes on pushing slides along a wall
+        assert abs(inside.y) < 0.1  # a pushing robot slides along a wall
         beside = front.compose(Pose(0.3, 1.5, -math.pi / 2))
         simulation.place_robot(beside)
         outside = front.relative(drive(simulation, 1.7).robot.pose)

@@ -1,4 +1,4 @@
-"""Transforms as tf tells them: chains of frames, times between, clocks that are reset."""
+"""Transforms of tf: chains of frames, interpolation, clock resets."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def robot_in_map() -> Transforms:
     return known
 
 
-def test_a_frame_is_found_along_a_chain_at_the_time_that_all_links_know() -> None:
+def test_a_frame_is_found_along_a_chain_at_the_latest_common_time() -> None:
     known = robot_in_map()
     time, placement = known.latest("map", "base_link") or (1.0, HERE)
     assert (time, pose_of(placement)) == (0.0, pytest.approx(Pose(1.0, 0.0, math.pi / 2.0)))
@@ -49,18 +49,18 @@ def test_a_frame_is_found_along_a_chain_at_the_time_that_all_links_know() -> Non
     assert same(back.compose(placement), HERE)
 
 
-def test_what_is_not_connected_or_not_at_one_time_is_not_known() -> None:
+def test_unconnected_frames_or_times_give_no_transform() -> None:
     known = robot_in_map()
     assert known.latest("map", "moon") is None
     assert known.latest("moon", "base_link") is None
-    known.add("hall", "map", -5.0, HERE)  # older than all that is known of the robot
+    known.add("hall", "map", -5.0, HERE)  # older than all transforms of the robot
     assert known.latest("hall", "base_link") is None
     known.add("a", "b", 0.0, HERE)
     known.add("b", "a", 0.0, HERE)
     assert known.latest("map", "a") is None
 
 
-def test_a_clock_that_is_reset_and_a_new_parent_begin_anew() -> None:
+def test_a_clock_reset_and_a_new_parent_clear_the_buffer() -> None:
     known = robot_in_map()
     known.add("odom", "base_link", 0.5, planar(9.0, 0.0))
     assert known.latest("odom", "base_link") == (0.5, planar(9.0, 0.0))

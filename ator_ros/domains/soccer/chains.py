@@ -100,7 +100,7 @@ def shoot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[
 
 def _shot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
     ball, world = _start(robot, rng)
-    x, y = field_of(robot).goal_centre()
+    x, y = field_of(robot).goal_center()
 
     def position() -> Pose:
         distance, bearing = rng.uniform(*SHOOTING_DISTANCE), rng.uniform(-SHOOTING_BEARING, SHOOTING_BEARING)

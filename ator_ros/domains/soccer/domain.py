@@ -48,8 +48,8 @@ def goals(robot: Robot) -> Mapping[str, Condition]:
     posts = {top.name: top.post for top in tops_for(robot)}
     found = {"ball_held": posts["goToBall"]}
     if field.goal_depth:
-        centre = dict(zip(("goal.x", "goal.y"), field.goal_centre(), strict=True))
-        inside = (dataclasses.replace(term, target=centre[str(term.target)]) for term in posts["shoot"].terms)
+        center = dict(zip(("goal.x", "goal.y"), field.goal_center(), strict=True))
+        inside = (dataclasses.replace(term, target=center[str(term.target)]) for term in posts["shoot"].terms)
         found["ball_in_goal"] = Condition(tuple(inside))
     return found
 

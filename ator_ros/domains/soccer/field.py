@@ -33,7 +33,7 @@ def objects_of(ball: ObjectState | None) -> dict[str, ObjectState]:
 
 _MISPLACED = 1e-5
 """In m and rad: how far a goal may be from the line's middle."""
-_CENTRE_CIRCLE = 1.0  # m
+_CENTER_CIRCLE = 1.0  # m
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class Field:
     goal_width, goal_depth : float
         Inner sizes of both goals in m; 0 where there are none.
     x, y : float
-        The centre in m.
+        The center in m.
     """
 
     length: float
@@ -59,15 +59,15 @@ class Field:
 
     @property
     def walls_begin(self) -> float:
-        """Distance in m from the centre along x from which walls of goals stand; infinite without goals."""
+        """Distance in m from the center along x from which walls of goals stand; infinite without goals."""
         return self.length / 2 if self.goal_depth else math.inf
 
-    def goal_centre(self, side: int = 1) -> tuple[float, float]:
+    def goal_center(self, side: int = 1) -> tuple[float, float]:
         """Return the middle of the goal line of the goal at greater x (side 1) or smaller x (-1), in m."""
         return self.x + side * self.length / 2.0, self.y
 
     def side_of(self, x: float) -> int:
-        """Return on which side of the centre x (m) lies: 1 at greater x, -1 otherwise."""
+        """Return on which side of the center x (m) lies: 1 at greater x, -1 otherwise."""
         return 1 if x > self.x else -1
 
 
@@ -79,7 +79,7 @@ def field_of(robot: Robot) -> Field:
 
 
 def behind_line(ball: ObjectState, mouth: Pose, field: Field) -> float:
-    """Return how far in m a ball's centre lies behind the goal line of `mouth`; negative before it."""
+    """Return how far in m a ball's center lies behind the goal line of `mouth`; negative before it."""
     return (ball.x - mouth.x) * field.side_of(mouth.x)
 
 
@@ -120,10 +120,10 @@ def field_in(scene: Scene) -> tuple[Bay, ...]:
 
 
 def field_lines(robot: Robot) -> Sequence[Line]:
-    """Return the halfway line and the centre circle."""
+    """Return the halfway line and the center circle."""
     area, corners = robot.scene.area, np.linspace(0.0, 2.0 * np.pi, 49)
     _, y_min, _, y_max = area.lines
-    x, y = area.x + _CENTRE_CIRCLE * np.cos(corners), area.y + _CENTRE_CIRCLE * np.sin(corners)
+    x, y = area.x + _CENTER_CIRCLE * np.cos(corners), area.y + _CENTER_CIRCLE * np.sin(corners)
     return [(area.x, y_min), (area.x, y_max)], list(zip(x.tolist(), y.tolist(), strict=True))
 
 
@@ -145,15 +145,15 @@ def depth_in_goals(places: FloatArray, robot: Robot) -> float:
 
 
 def nearest_to_goals(robot: Robot) -> float:
-    """Return the distance in m from the centre along x within which the robot touches no goal."""
+    """Return the distance in m from the center along x within which the robot touches no goal."""
     return field_of(robot).walls_begin - robot.reach
 
 
 @elementwise
 def wall_distance(x: Any, y: Any, line: float, half: float, depth: float) -> Any:
-    """Return the distance in m to the walls of a goal whose line is `line` m from the centre.
+    """Return the distance in m to the walls of a goal whose line is `line` m from the center.
 
-    Places are relative to the centre, mirrored to x, y >= 0; `half` is half the goal's width in m.
+    Places are relative to the center, mirrored to x, y >= 0; `half` is half the goal's width in m.
     """
     back = line + depth
     side = box_distance(x, y, line, back, half, half + WALL_THICKNESS)

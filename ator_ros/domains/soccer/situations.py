@@ -168,7 +168,7 @@ def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
 def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a shot from up to 2.5 m before the goal: the ball is held, and every second start is in motion."""
     robot.holder_for("shoot")
-    x, y = field_of(robot).goal_centre()
+    x, y = field_of(robot).goal_center()
     start = drawn_until(
         lambda: _shooting_pose(robot, rng),
         lambda pose: _has_floor(robot, pose) and not touches_goals(np.array([pose]), robot),
@@ -188,7 +188,7 @@ def _has_floor(robot: Robot, pose: Pose) -> bool:
 
 def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:
     """Draw a pose of the robot whose ball lies within range of the goal."""
-    x, y = field_of(robot).goal_centre()
+    x, y = field_of(robot).goal_center()
     bearing = rng.uniform(-0.45, 0.45) * math.pi  # seen from the goal, the lines beside it excluded
     nearest, most = SHOT_RANGE
     distance = rng.uniform(nearest, min(most, farthest(robot, ALONE, nearest, with_ball=True)))

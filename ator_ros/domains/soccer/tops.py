@@ -70,9 +70,9 @@ def shoot(field: Field = _USUAL_FIELD, lost: float = 0.12) -> Top:
     """
     region = (
         Distance("ball", "goal", 0.74, 2.66),
-        Bearing("ball", "goal", math.radians(60.0), math.pi, mirrored=True, centre=field.x),
+        Bearing("ball", "goal", math.radians(60.0), math.pi, mirrored=True, center=field.x),
     )
-    behind_line = Region("ball.x", "goal.x", 0.0, field.goal_depth + _NET, outward=True, centre=field.x)
+    behind_line = Region("ball.x", "goal.x", 0.0, field.goal_depth + _NET, outward=True, center=field.x)
     inside = Condition((behind_line, Term("ball.y", "goal.y", field.goal_width / 2)))
     return Top("shoot", "shoot", Condition(_holding(lost).terms, region), inside, Point.HOLD, settles=6.0)
 

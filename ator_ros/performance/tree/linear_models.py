@@ -9,7 +9,7 @@ import numpy as np
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.performance.tree.nodes import IntArray
 
-# Added to the diagonal of the normal equations of standardised features: it settles features that are
+# Added to the diagonal of the normal equations of standardized features: it settles features that are
 # constant or collinear in a node, and biases the others by a millionth.
 _RIDGE = 1e-6
 # How much each term of a model counts in v of the corrected error. Quinlan's 1 does not count the choice of
@@ -20,8 +20,8 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Standardised:
-    """Rows centred and scaled for well-conditioned normal equations, and the way back to their units.
+class Standardized:
+    """Rows centered and scaled for well-conditioned normal equations, and the way back to their units.
 
     Attributes
     ----------
@@ -36,8 +36,8 @@ class Standardised:
     scale: FloatArray
 
     @classmethod
-    def from_rows(cls, X: FloatArray, y: FloatArray) -> Standardised:
-        """Standardise features of shape (n, n_features) and targets of shape (n,)."""
+    def from_rows(cls, X: FloatArray, y: FloatArray) -> Standardized:
+        """Standardize features of shape (n, n_features) and targets of shape (n,)."""
         table = np.column_stack([X, y])
         mean = table.mean(axis=0)
         deviation = np.sqrt(((table - mean) ** 2).mean(axis=0))
@@ -135,14 +135,14 @@ def fit_node_models(moments: FloatArray, samples: FloatArray) -> tuple[FloatArra
     Parameters
     ----------
     moments : array of float, shape (n_nodes, 2 + n_features, 2 + n_features)
-        Normal equations of the nodes over standardised rows.
+        Normal equations of the nodes over standardized rows.
     samples : array of float, shape (n_nodes,)
         Independent samples of each node.
 
     Returns
     -------
     models : array of float, shape (n_nodes, 1 + n_features)
-        Constant and slopes, for standardised rows; removed terms are 0.
+        Constant and slopes, for standardized rows; removed terms are 0.
     error : array of float, shape (n_nodes,)
         Corrected error of each model.
     """

@@ -14,7 +14,7 @@ from sklearn.utils.validation import check_consistent_length, check_is_fitted, c
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.performance.tree.linear_models import (
     TERM_COST,
-    Standardised,
+    Standardized,
     corrected_error,
     fit_node_models,
     squared_error,
@@ -122,7 +122,7 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     RMSE × (n + v) / (n − v), and smoothing. It differs from M5' in two measured points. The deviation that a
     split reduces is that around linear models, not around means (see `partition`). And n counts groups of
     rows where groups are given: the rows logged during one episode are not independent, and counting them as
-    if they were lets the tree memorise episodes.
+    if they were lets the tree memorize episodes.
 
     Nothing is random: the same rows give the same tree.
 
@@ -175,7 +175,7 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         labels = np.arange(len(features)) if groups is None else column_or_1d(groups)
         check_consistent_length(features, labels)
         codes: IntArray = np.unique(labels, return_inverse=True)[1]
-        standard = Standardised.from_rows(features, target)
+        standard = Standardized.from_rows(features, target)
         nodes = Partition(
             features, standard.rows, codes, float(self.min_samples_leaf), self.max_leaves
         ).grow()
@@ -201,7 +201,7 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
                 wanted = "an integer" if kind is Integral else "a finite number"
                 raise ValueError(f"expected {name} to be {wanted} of at least {least}, got {value!r}")
 
-    def _finish(self, nodes: list[GrownNode], standard: Standardised, names: tuple[str, ...]) -> ModelTree:
+    def _finish(self, nodes: list[GrownNode], standard: Standardized, names: tuple[str, ...]) -> ModelTree:
         """Fit the linear models, prune, smooth, and lay out what is left as flat arrays in preorder."""
         children = [node.children for node in nodes]
         samples = np.array([node.samples for node in nodes], dtype=np.float64)

@@ -37,7 +37,7 @@ class GrownNode:
     samples : float
         Groups among the rows.
     target_range : tuple of float
-        Least and greatest standardised target.
+        Least and greatest standardized target.
     """
 
     order: IntArray
@@ -67,7 +67,7 @@ class Partition:
     X : array of float, shape (n, n_features)
         Features in their own units, from which thresholds are taken.
     rows : array of float, shape (n, n_features + 2)
-        Standardised rows: constant, features, target.
+        Standardized rows: constant, features, target.
     groups : array of int, shape (n,)
         Group of each row, as consecutive codes from 0.
     nodes : list of GrownNode

@@ -194,7 +194,7 @@ class BezierShoot(_BezierAction):
         if field.goal_width <= 0.0:
             raise ActionError("shoot: expected a scene with goals, it has no bays")
         side = field.side_of(x)
-        line, middle = field.goal_centre(side)
+        line, middle = field.goal_center(side)
         if abs(x - line) > 0.5 * field.goal_depth or abs(y - middle) > field.goal_width / 2:
             raise ActionError(f"shoot: expected a position in a goal's mouth, got ({x:.2f}, {y:.2f}) m")
         self._side = side
@@ -204,7 +204,7 @@ class BezierShoot(_BezierAction):
         self._released = False
 
     def _half_mouth(self) -> float:
-        """Return half the width in m in which the ball's centre passes clear of the posts."""
+        """Return half the width in m in which the ball's center passes clear of the posts."""
         return field_of(self.robot).goal_width / 2 - self.robot.scene.radius(BALL) - _POST_ROOM
 
     def step(self, world: World) -> Step:
@@ -213,7 +213,7 @@ class BezierShoot(_BezierAction):
         if ball is None:
             return finished(Status.FAILED, "lost the ball: it is not seen any more")
         field = field_of(self.robot)
-        mouth = Pose(*field.goal_centre(self._side), 0.0)
+        mouth = Pose(*field.goal_center(self._side), 0.0)
         if is_in_goal(ball, mouth, field, _LINE):
             return finished(Status.SUCCEEDED, "the ball is in the goal", STOP)
         if self._released:
@@ -232,7 +232,7 @@ class BezierShoot(_BezierAction):
         """Return y (m) where the robot's straight way ahead crosses the goal line; None where it doesn't."""
         hold = self.robot.hold_point(pose)
         forward = self._side * math.cos(pose.yaw)
-        short = self._side * (field_of(self.robot).goal_centre(self._side)[0] - hold.x)
+        short = self._side * (field_of(self.robot).goal_center(self._side)[0] - hold.x)
         if forward < 0.3 or short < 0.0:
             return None
         return hold.y + short / forward * math.sin(pose.yaw)
@@ -240,7 +240,7 @@ class BezierShoot(_BezierAction):
     def _target(self, pose: Pose) -> Pose:
         """Return the pose of the axle before the mouth, in the direction from here up to a greatest slant."""
         straight = 0.0 if self._side > 0 else math.pi
-        line, y = field_of(self.robot).goal_centre(self._side)
+        line, y = field_of(self.robot).goal_center(self._side)
         hold = self.robot.hold_point(pose)
         slant = wrap_angle(math.atan2(y + self._middle - hold.y, line - hold.x) - straight)
         mouth = Pose(line, y + self._middle, straight + max(-_SLANT, min(_SLANT, slant)))

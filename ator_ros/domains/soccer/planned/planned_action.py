@@ -269,7 +269,7 @@ class PlannedAction(Action):
 
     def _plan_in_motion(self, world: World, search: Search) -> Step:
         """Plan for one slice for where the robot will be if it drives straight on; brake if that fails."""
-        # A weak robot that stops to plan loses seconds, and metres that it may not have.
+        # A weak robot that stops to plan loses seconds, and meters that it may not have.
         try:
             if world.time != self._deferred and self._commit(world, search):
                 return self._following(world, "planned in motion")

@@ -140,7 +140,7 @@ IMPOSSIBLE, TOUCHES, CLEAR = 0, 1, 2
 
 
 class _BallObstacle(NamedTuple):
-    """A ball that is in the way, in m: its centre (NaN: none), radius, margin, and the run to it."""
+    """A ball that is in the way, in m: its center (NaN: none), radius, margin, and the run to it."""
 
     x: float
     y: float
@@ -178,7 +178,7 @@ def checked(
     ball, area = obstacles.ball, robot.scene.area
     x, y = (np.nan, np.nan) if ball is None else (ball.x - area.x, ball.y - area.y)
     in_the_way = (x, y, robot.scene.radius(BALL), obstacles.ball_margin, obstacles.run)
-    # Walls are mirrored, so places are relative to the centre of the area.
+    # Walls are mirrored, so places are relative to the center of the area.
     goals = bundle.goals - np.array([[area.x], [area.y], [0.0]])
     closed = Bundle(*(np.array(column, dtype=float, order="C") for column in bundle._replace(goals=goals)))
     verdicts = _judge(

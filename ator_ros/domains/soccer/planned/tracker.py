@@ -284,7 +284,7 @@ class Tracker:
         def error(ticks: int) -> float:
             planned = self.trajectory.at(ticks * CONTROL_PERIOD - _SEEN_LATE)
             change = abs(planned.v - world.robot.v) + self._robot.track / 2.0 * abs(planned.w - world.robot.w)
-            # Just after a start the speed shows most; a metre counts as much as a metre per second.
+            # Just after a start the speed shows most; a meter counts as much as a meter per second.
             return change + planned.pose.distance(world.robot.pose)
 
         return world.time - min(range(1, most + 1), key=error) * CONTROL_PERIOD

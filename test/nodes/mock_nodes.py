@@ -1,4 +1,4 @@
-"""The nodes that a view uses, played in the test's process; each answers as a test needs it."""
+"""Mock nodes for the view, in the test's process."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _FLOOR = 4.0
 _OFF = 0.1
 
 
-class PlayedNodes:
-    """A simulation of robot and ball, refinement, and an executor that ends no goal.
+class MockNodes:
+    """Mocks of simulation, refinement, and an executor whose goals never end.
 
-    With `from_tf` the robot's state comes from tf alone, and the executor says so. `accepts` is whether the
-    executor accepts goals, `silent` whether it publishes no status of them.
+    With `from_tf` the robot's state is on tf only, as the executor reports. `accepts` is whether the
+    executor accepts goals, `silent` whether it publishes no chain status.
     """
 
     def __init__(self, domain: int, *, from_tf: bool = False) -> None:
@@ -73,9 +73,9 @@ class PlayedNodes:
             message = odometry_of(self._time, RobotState(self.robot), frame="odom", child="base")
             self._odom.publish(message)
         if self._ball is not None:
-            self._sign = -self._sign  # a noise that never tells the truth
-            seen = ObjectState(self._ball[0] + self._sign * _OFF, self._ball[1])
-            self._balls.publish(object_odometry_of(self._time, seen, frame="odom", height=0.1))
+            self._sign = -self._sign  # noise with a constant absolute error
+            noisy = ObjectState(self._ball[0] + self._sign * _OFF, self._ball[1])
+            self._balls.publish(object_odometry_of(self._time, noisy, frame="odom", height=0.1))
 
     def _place_robot(self, request: PlaceRobot.Request, response: Any) -> Any:
         at = request.pose.pose.position
