@@ -98,11 +98,6 @@ class Action(ABC):
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
 
-    @property
-    def planning(self) -> bool:
-        """Whether the robot stands or brakes because there is no plan yet."""
-        return False
-
     def setup(self) -> None:  # noqa: B027
         """Prepare what all instances need for this robot, so that the first tick is not slower than others.
 
@@ -114,9 +109,6 @@ class Action(ABC):
         ActionError
             The action cannot be executed by this robot.
         """
-
-    def defer_planning(self, time: float) -> None:  # noqa: B027
-        """Plan nothing in the tick at `time` (s), because another search used it."""
 
     @abstractmethod
     def start(self, world: World, goal: Goal) -> None:

@@ -237,7 +237,7 @@ class ChainExecutor:
         Returns
         -------
         bool
-            False if no path for the changed step is found in this tick; then nothing has changed.
+            False if there is no path for the changed step from here; then nothing has changed.
         """
         if chain.calls[self.index] != self._run.call:
             standing_first = self._run.stage is Stage.STANDING
@@ -253,14 +253,9 @@ class ChainExecutor:
         return True
 
     def _begins(self, world: World, run: StepRun) -> bool:
-        """Begin `run` while the robot drives; return whether its path was planned in this tick."""
+        """Begin `run` while the robot drives; return whether it can begin from here."""
         self._planned = world.time
-        if self._run.action is not None:  # it may go on after all: one search per tick
-            self._run.action.defer_planning(world.time)
-        planned = run.begin(world) is None and run.action is not None and not run.action.planning
-        if not planned:
-            run.end("no path from here was found in one tick: the former goal stays")
-        return planned
+        return run.begin(world) is None
 
     def _follow(self, world: World) -> Step | None:
         """Move the goal with an object that has left it; return a stop if the robot must stand first."""

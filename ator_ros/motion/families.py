@@ -16,7 +16,6 @@ family, give the ends of turns. Motions whose lower bound exceeds the best time 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from typing import Any, NamedTuple
@@ -26,29 +25,34 @@ from numpy.typing import NDArray
 
 from ator_ros.compiled import compiled, inlined, parallel_for, unlocked
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.displacements import displacements, headings_of
 from ator_ros.motion.durations import (
     Rates,
     change_distance,
     change_time,
-    drive_time,
     forward_time,
     rates_of,
     turn_time,
+)
+from ator_ros.motion.paths import Turning, driven
+from ator_ros.motion.turns import (
+    ENTRIES,
+    FINE,
+    HALF,
+    STEP,
+    WIDEST,
+    TurnTable,
+    look_up,
+    place_of,
+    turn_table,
 )
 from ator_ros.robot.description import Limits
 
 Rows = NDArray[np.void]
 RealArray = NDArray[np.floating[Any]]
 
-STEP = np.pi / 8.0  # rad between the turns among which motions are bracketed
-HALF = 12  # turns of up to 270 degrees to either side
-FINE = 36  # entries of the tables per step
 SPEED_STEP = 0.02  # m/s
 WIDTH = 32  # columns of the tables in which all of TURNS are looked up at once: whole vectors
 TURNS: FloatArray = STEP * np.arange(-HALF, HALF + 1, dtype=float)
-WIDEST = (HALF + 0.99) * STEP  # up to which turns can be looked up
-EDGE = (HALF + 1) * FINE  # entries of the tables either side of no turn
 
 
 class TurnProfile(NamedTuple):
@@ -59,15 +63,12 @@ class TurnProfile(NamedTuple):
 
 
 class TurnTables(NamedTuple):
-    """Displacements of turns by angles from -292.5 to 292.5 degrees, for some profiles.
-
-    They are given along and across (to the left of) the heading that lies between the turn and the straight
-    drive: there the parts of both turns of a motion just add.
+    """The table of turns with some profiles, each at speeds up to the limit, both ways.
 
     Attributes
     ----------
-    along, across : ndarray, shape (rows * angles,)
-        In m; a row for each profile and speed.
+    turns : TurnTable
+        A row for each profile and speed.
     fractions : ndarray, shape (rows, FINE, columns)
         Across, at turns that are whole steps apart, beginning with any entry; see `_window_of`.
     lowest : float
@@ -76,8 +77,7 @@ class TurnTables(NamedTuple):
         Number of speeds.
     """
 
-    along: FloatArray
-    across: FloatArray
+    turns: TurnTable
     fractions: RealArray
     lowest: float
     speeds: int
@@ -97,46 +97,19 @@ def _window_of(moved: float) -> tuple[int, int]:
     return place % FINE, place // FINE
 
 
-@compiled
-def _place_of(row: int, angle: float) -> tuple[int, float]:
-    """Return where a turn by `angle` (rad) lies in a table: the entry before, and the share beyond."""
-    place = angle * (FINE / STEP) + EDGE
-    low = int(place)
-    return low + row * (2 * EDGE + 1), place - low
-
-
-@compiled
-def look_up(table: FloatArray, low: int, share: float) -> float:
-    """Look up `along` or `across` at a place."""
-    result: float = table[low] + share * (table[low + 1] - table[low])
-    return result
-
-
 @lru_cache(maxsize=6)
 def turn_tables(limits: Limits, profiles: tuple[TurnProfile, ...]) -> TurnTables:
     """Compute the tables of `profiles` for a robot's limits."""
-    angles: FloatArray = np.linspace(0.0, (HALF + 1) * STEP, EDGE + 1)
-    speeds: FloatArray = np.arange(-limits.v, limits.v + SPEED_STEP / 2, SPEED_STEP, dtype=np.float64)
-    parts = [_displacements(limits, profile, speeds, angles) for profile in profiles]
-    # A turn to the right is the mirror image of one to the left.
-    along = np.concatenate([np.hstack((x[:, :0:-1], x)) for x, _ in parts])
-    across = np.concatenate([np.hstack((-y[:, :0:-1], y)) for _, y in parts])
+    speeds = np.arange(-limits.v, limits.v + SPEED_STEP / 2, SPEED_STEP).tolist()
+    rows = [(speed, *profile) for profile in profiles for speed in speeds]
+    turns = turn_table(np.array(rows), limits)
     # TURNS moved by up to 2 * HALF steps to either side; values beyond the table are discarded later.
     beyond = (2 * HALF - 1) * FINE
+    across = turns.across.reshape(-1, ENTRIES)
     wide = np.pad(across[:, :-1], ((0, 0), (beyond, beyond + 2 * FINE)), mode="edge").astype(np.float32)
     filled = ((0, 0), (0, WIDTH - len(TURNS)))
     fractions = np.pad(wide.reshape(len(wide), -1, FINE).swapaxes(1, 2), ((0, 0), *filled))
-    return TurnTables(along.ravel(), across.ravel(), fractions, -limits.v, len(speeds))
-
-
-def _displacements(
-    limits: Limits, profile: TurnProfile, speeds: FloatArray, angles: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return along and across, shapes (speeds, angles), of turns to the left with one profile."""
-    turns = headings_of(angles, profile.rate, limits.aw)
-    ends = np.stack([displacements(turns, speed, profile.change, limits.v) for speed in speeds.tolist()])
-    (x, y), c, s = np.moveaxis(ends, 1, 0), np.cos(angles), np.sin(angles)
-    return c * x + s * y, c * y - s * x
+    return TurnTables(turns, fractions, -limits.v, len(speeds))
 
 
 _DETOUR = 7.2
@@ -380,6 +353,7 @@ def _fastest(
     totals = (turn, turn - circle, turn + circle)
     windows = (_window_of(-totals[0]), _window_of(-totals[1]), _window_of(-totals[2]))
     best, result, turned, fastest = most, np.inf, 0.0, likely
+    along, across = tables.turns
     for number in range(len(kinds)):
         index = (likely + number) % len(kinds)
         kind, entry, exit_ = kinds[index], entries[index], exits[index]
@@ -407,7 +381,9 @@ def _fastest(
                 last = total - first
                 angles = abs(first) + abs(last)
                 if abs(last) < WIDEST and angles < _MOST_TURNED:
-                    time = _time(first, last, straight, best, offset, kind, entry, exit_, tables, rules)
+                    time = _time(
+                        first, last, straight, best, offset, kind, entry, exit_, along, across, rules
+                    )
                     if time < best:
                         best, result, turned, fastest = time, time, angles, index
     return result, turned, fastest
@@ -449,72 +425,30 @@ def _time(
     kind: Any,
     entry: Any,
     exit_: Any,
-    tables: TurnTables,
+    along: FloatArray,
+    across: FloatArray,
     rules: Rules,
 ) -> float:
     """Return the time in s of a motion; infinite if it is not allowed or exceeds `best`."""
-    rates = rules.rates
-    turning1 = turn_time(abs(first), kind["first_rate"], rates.aw)
-    turning2 = turn_time(abs(last), kind["last_rate"], rates.aw)
-    result: float = turning1 + turning2 + straight
+    one = Turning(entry["row"], entry["speed"], kind["first_change"], kind["first_rate"])
+    two = Turning(exit_["row"], exit_["speed"], kind["last_change"], kind["last_rate"])
+    aw = rules.rates.aw
+    result: float = turn_time(abs(first), one.rate, aw) + turn_time(abs(last), two.rate, aw) + straight
     if result > best:
         return np.inf
-    begin, share = _place_of(entry["row"], first)
-    end, end_share = _place_of(exit_["row"], -last)  # the last turn is driven from the goal
-    begun, ended = look_up(tables.along, begin, share), look_up(tables.along, end, end_share)
-    before = min(max(entry["speed"] + kind["first_change"] * turning1, -rates.v), rates.v)
-    after = min(max(exit_["speed"] + kind["last_change"] * turning2, -rates.v), rates.v)
     cos, sin = math.cos(first), math.sin(first)
-    length = cos * offset.x + sin * offset.y - begun - ended
-    result += _straight(length, before, after, rules)
+    lane = cos * offset.x + sin * offset.y
+    slack, driving, length = driven(first, last, lane, one, two, along, along, rules.rates)[2:]
+    if rules.forward and slack < 0.0:
+        return np.inf
+    result += driving
     if rules.passing > 0.0:
-        to_object = cos * offset.object_x + sin * offset.object_y - begun
+        begin, share = place_of(one.row, first)
+        to_object = cos * offset.object_x + sin * offset.object_y - look_up(along, begin, share)
         if min(length, 0.0) < to_object < max(length, 0.0):
-            beside = cos * offset.object_y - sin * offset.object_x - look_up(tables.across, begin, share)
+            beside = cos * offset.object_y - sin * offset.object_x - look_up(across, begin, share)
             result += rules.detour * max(rules.passing - abs(beside), 0.0)
     return result
-
-
-@inlined
-def _straight(length: float, before: float, after: float, rules: Rules) -> float:
-    """Return the time in s of the drive between both turns; infinite if it is too short."""
-    if not rules.forward:
-        return drive_time(length, before, after, rules.rates)
-    if length < change_distance(before, after, rules.rates):
-        return np.inf
-    return forward_time(length, before, after, rules.rates)
-
-
-class FreeTurns(NamedTuple):
-    """A kind of motion of a robot that may turn at its limit at any speed.
-
-    Attributes
-    ----------
-    first, last : float
-        Change of speed in both turns as shares of the limit; the last as seen from the goal.
-    backward : bool
-        Whether the drive between them goes backward.
-    share : float
-        See `Kind`.
-    """
-
-    first: float
-    last: float
-    backward: bool = False
-    share: float = 0.0
-
-
-def free_kinds(limits: Limits, rows: Iterable[FreeTurns]) -> tuple[Kind, ...]:
-    """Return kinds of motion for these limits."""
-    return tuple(
-        Kind(
-            TurnProfile(row.first * limits.a, limits.w),
-            TurnProfile(row.last * limits.a, limits.w),
-            row.share,
-            direction=-1.0 if row.backward else 1.0,
-        )
-        for row in rows
-    )
 
 
 _NEAR = 0.0005

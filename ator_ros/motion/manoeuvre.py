@@ -1,22 +1,20 @@
 """A manoeuvre: straight lead, turn, straight drive, turn, straight run, each as fast as the limits allow.
 
-It is compiled, since a search closes hundreds of manoeuvres.
+It is compiled, since a plan checks thousands of manoeuvres.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.motion.displacements import NODES, WEIGHTS, TurnDriving
 from ator_ros.motion.durations import Rates, direction, drive_parts, rates_of, turn_parts, turn_time
+from ator_ros.motion.turns import NODES, turn_end, write_headings
 from ator_ros.robot.description import Limits
 
 _TOLERANCE = 1e-7
@@ -30,8 +28,7 @@ SPEED_PIECES, TURN_PIECES = 13, 9
 the robot drives straight, its turn rate has one."""
 
 
-@dataclass(frozen=True, slots=True)
-class Side:
+class Side(NamedTuple):
     """How one end of a manoeuvre is driven, seen from that end (at the goal: backward in time).
 
     Attributes
@@ -40,13 +37,19 @@ class Side:
         Straight drive at this end in m.
     outer_speed : float
         Speed at the very end in m/s.
-    turn : TurnDriving
-        How the turn next to it is driven, from this end.
+    speed : float
+        Speed between the straight drive and the turn, in m/s.
+    change : float
+        Constant change of speed in the turn in m/s^2, held at the limit.
+    rate : float
+        Greatest turn rate in rad/s.
     """
 
     length: float
     outer_speed: float
-    turn: TurnDriving
+    speed: float
+    change: float
+    rate: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,75 +83,18 @@ class Manoeuvre:
     def pieces(self) -> tuple[FloatArray, FloatArray, float]:
         """Return the velocity and the turn rate over time, and the duration in s; see `write_pieces`."""
         speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
-        entry, exit_ = side_table((self.entry, self.exit)).T.copy()
+        entry, exit_ = np.array((self.entry, self.exit), dtype=float)
         rates = rates_of(self.limits)
         duration = write_pieces(speeds, turns, self.first, self.last, self.distance, entry, exit_, rates)
         return speeds, turns, duration
 
 
-class Bundle(NamedTuple):
-    """The ends, turns and drives of n manoeuvres from one start; see `Manoeuvre`.
-
-    Attributes
-    ----------
-    goals : ndarray, shape (3, n)
-        x, y in m, yaw in rad.
-    entries, exits : ndarray, shape (5, n)
-        Length, outer speed, and the turn's speed, acceleration and greatest rate of each side.
-    first, last, distance : ndarray, shape (n,)
-        Turns in rad, straight drive in m.
-    """
-
-    goals: FloatArray
-    entries: FloatArray
-    exits: FloatArray
-    first: FloatArray
-    last: FloatArray
-    distance: FloatArray
-
-    def part(self, which: NDArray[np.intp]) -> Bundle:
-        """Return the manoeuvres of the indices `which`."""
-        return Bundle(*(column[..., which] for column in self))
-
-    def manoeuvre(self, index: int, start: Pose, limits: Limits) -> Manoeuvre:
-        """Return one of the manoeuvres, from `start` with the speeds and accelerations of `limits`."""
-        entry, exit_ = (
-            Side(length, speed, TurnDriving(*turn))
-            for length, speed, *turn in (self.entries[:, index].tolist(), self.exits[:, index].tolist())
-        )
-        goal = Pose(*self.goals[:, index].tolist())
-        first, last, distance = self.first[index], self.last[index], self.distance[index]
-        return Manoeuvre(start, goal, entry, exit_, float(first), float(last), float(distance), limits)
-
-
-def side_table(sides: Sequence[Side]) -> FloatArray:
-    """Return the numbers of sides as a bundle has them, shape (5, sides)."""
-    return np.array([(side.length, side.outer_speed, *side.turn) for side in sides]).T
-
-
 @compiled
-def _displacement(angle: float, side: FloatArray, bounds: Rates) -> tuple[float, float]:
+def turn_displacement(angle: float, side: FloatArray, bounds: Rates) -> tuple[float, float]:
     """Return where a turn driven as `side`, shape (5,), ends: forward and leftward in m."""
-    aw, time = bounds.aw, turn_time(angle, side[4], bounds.aw)
-    size = max(abs(angle), 1e-12)
-    ramp, steady = turn_parts(size, side[4], aw)
-    whole = 2.0 * ramp + steady
-    x = y = 0.0
-    for node in range(len(NODES)):
-        t = NODES[node] * whole
-        rest = whole - t
-        if t < ramp:
-            done = 0.5 * aw * t * t
-        elif rest < ramp:
-            done = size - 0.5 * aw * rest * rest
-        else:
-            done = aw * ramp * (t - 0.5 * ramp)
-        heading = angle * (done / size)
-        speed = min(max(side[2] + side[3] * (time * NODES[node]), -bounds.v), bounds.v)
-        step = speed * WEIGHTS[node] * time
-        x += step * math.cos(heading)
-        y += step * math.sin(heading)
-    return x, y
+    headings = np.empty((2, len(NODES)))
+    time = write_headings(angle, side[4], bounds.aw, headings)
+    return turn_end(time, headings, side[2], side[3], bounds.v)
 
 
 @compiled
@@ -156,8 +102,8 @@ def _gap(
     first: float, last: float, start: Pose, goal: Pose, entry: FloatArray, leaving: FloatArray, bounds: Rates
 ) -> tuple[float, float]:
     """Return how far the straight drive misses the last turn sideways, and its length, both in m."""
-    one_x, one_y = _displacement(first, entry, bounds)
-    two_x, two_y = _displacement(-last, leaving, bounds)
+    one_x, one_y = turn_displacement(first, entry, bounds)
+    two_x, two_y = turn_displacement(-last, leaving, bounds)
     ahead, back = entry[0] + one_x, -leaving[0] - two_x
     c, s = math.cos(start.yaw), math.sin(start.yaw)
     begin_x, begin_y = start.x + c * ahead - s * one_y, start.y + s * ahead + c * one_y
@@ -212,7 +158,7 @@ def write_pieces(
     first, last, distance : float
         Turns in rad, straight drive in m.
     entry, leaving : ndarray, shape (5,)
-        Both sides; see `Bundle`.
+        Both sides; see `Side`.
     """
     ramp, held, v1 = _ramp(first, entry, bounds)
     _straight(speeds, 0, entry[0], entry[1], entry[2], bounds)

@@ -32,15 +32,10 @@ class Opening:
     end: RobotState
     duration: float
 
-    def velocities(self, time: float) -> tuple[float, float]:
-        """Return v (m/s) and w (rad/s) at `time` s after the start."""
-        left = 1.0 - time / self.duration if 0.0 <= time < self.duration else 0.0
-        return self.start.v, self.start.w * left
 
-
-def opening_of(start: RobotState, aw: float, least: float = 0.0) -> Opening:
-    """Return the opening from `start` with the turn acceleration `aw` (rad/s^2), of `least` s or more."""
-    duration = max(abs(start.w) / aw, least)
+def opening_of(start: RobotState, aw: float) -> Opening:
+    """Return the opening from `start` with the turn acceleration `aw` (rad/s^2)."""
+    duration = abs(start.w) / aw
     x, y, yaw = start.pose
     turned = start.w * duration
     # Simpson's rule over the headings at the beginning, in the middle and at the end: exact to 0.1 mm.
@@ -115,24 +110,30 @@ def _span(segment: tuple[_Bound, ...], square: float) -> tuple[float, float]:
 
 
 DT = 0.01
-"""Time in s between two samples."""
+"""Time in s between two samples of a trajectory."""
 
 
 @compiled
-def most_states(duration: float) -> int:
-    """Return how many states of a motion of `duration` s there are at most."""
-    return int(duration / DT) + 3
+def most_states(duration: float, interval: float) -> int:
+    """Return how many states of a motion of `duration` s there are at most, `interval` s apart."""
+    return int(duration / interval) + 3
 
 
 @compiled
 def write_states(
-    states: FloatArray, speeds: FloatArray, turns: FloatArray, duration: float, start: Pose, goal: Pose
+    states: FloatArray,
+    speeds: FloatArray,
+    turns: FloatArray,
+    duration: float,
+    start: Pose,
+    goal: Pose,
+    interval: float,
 ) -> int:
-    """Write x, y (m), yaw (rad), v (m/s) and w (rad/s) every `DT` s and at the end; return their number.
+    """Write x, y (m), yaw (rad), v (m/s), w (rad/s) every `interval` s and at the end; return their number.
 
     Parameters
     ----------
-    states : ndarray, shape (most_states(duration), 5)
+    states : ndarray, shape (most_states(duration, interval), 5)
         Becomes the states. What integration still leaves at the goal is spread over the motion.
     speeds, turns : ndarray, shape (pieces, 3)
         See `write_pieces`.
@@ -144,27 +145,36 @@ def write_states(
     states[0] = x, y, yaw, v, w
     while time < duration:
         index += 1
-        after = min(DT * index, duration)
-        step, time = after - time, after
-        while time > piece_end and piece < len(speeds) - 1:
-            piece += 1
-            piece_end += speeds[piece, 0]
-        while time > turn_end and turn < len(turns) - 1:
-            turn += 1
-            turn_end += turns[turn, 0]
-        next_v, next_w = _value(speeds, piece, piece_end, time), _value(turns, turn, turn_end, time)
-        turned = 0.5 * (w + next_w) * step
-        middle = yaw + 0.5 * turned
-        if middle != heading:
-            c, s, heading = math.cos(middle), math.sin(middle), middle
-        way = 0.5 * (v + next_v) * step
-        x, y, yaw, v, w = x + way * c, y + way * s, yaw + turned, next_v, next_w
+        after = min(interval * index, duration)
+        # A step ends where an acceleration changes, too: in between the velocities change linearly.
+        while time < after:
+            while time >= piece_end and piece < len(speeds) - 1:
+                piece += 1
+                piece_end += speeds[piece, 0]
+                v = speeds[piece, 1]
+            while time >= turn_end and turn < len(turns) - 1:
+                turn += 1
+                turn_end += turns[turn, 0]
+                w = turns[turn, 1]
+            until = after
+            if time < piece_end < until:
+                until = piece_end
+            if time < turn_end < until:
+                until = turn_end
+            step, time = until - time, until
+            next_v, next_w = _value(speeds, piece, piece_end, time), _value(turns, turn, turn_end, time)
+            turned = 0.5 * (w + next_w) * step
+            middle = yaw + 0.5 * turned
+            if middle != heading:
+                c, s, heading = math.cos(middle), math.sin(middle), middle
+            way = 0.5 * (v + next_v) * step
+            x, y, yaw, v, w = x + way * c, y + way * s, yaw + turned, next_v, next_w
         states[index] = x, y, yaw, v, w
-    span = max(duration, DT)
+    span = max(duration, interval)
     off_x, off_y = (goal.x - x) / span, (goal.y - y) / span
     off_yaw = ((goal.yaw - yaw + math.pi) % math.tau - math.pi) / span
     for at in range(index + 1):
-        time = min(DT * at, duration)
+        time = min(interval * at, duration)
         states[at, 0] += time * off_x
         states[at, 1] += time * off_y
         states[at, 2] += time * off_yaw
@@ -204,8 +214,8 @@ class Trajectory:
             speeds = np.vstack(((opening.duration, before.v, before.v), speeds))
             turns = np.vstack(((opening.duration, before.w, 0.0), turns))
             self.duration = sum(speeds[:, 0].tolist())
-        states = np.empty((most_states(self.duration), 5))
-        states = states[: write_states(states, speeds, turns, self.duration, start, goal)]
+        states = np.empty((most_states(self.duration, DT), 5))
+        states = states[: write_states(states, speeds, turns, self.duration, start, goal, DT)]
         self._times = np.minimum(DT * np.arange(len(states)), self.duration)
         self._x, self._y, self._yaw, self._v, self._w = np.ascontiguousarray(states.T)
 

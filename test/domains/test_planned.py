@@ -6,6 +6,7 @@ import math
 
 import pytest
 from action_runs import KINDS, Task, execute, execute_situation
+from ator_ros.motion.planning import SLICE, Planning
 
 from ator_ros.actions.base import ActionError, Goal, Point, Status
 from ator_ros.actions.situation import Situation
@@ -17,7 +18,6 @@ from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
-from ator_ros.motion.planning import SLICE, Planning
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.tops.chain import TopCall, TopChain

@@ -27,12 +27,7 @@ def planned(start: Pose, speed: float = 0.0, mouth: Pose = MOUTH) -> Manoeuvre:
     action, ball = Shoot(ROBOT), ROBOT.hold_point(start)
     world = World(0.0, RobotState(start, speed), {BALL: ObjectState(ball.x, ball.y)})
     action.start(world, Goal(mouth, 0.0, Point.HOLD))
-    planning = action.plan(world)
-    try:
-        while True:
-            next(planning)
-    except StopIteration as done:
-        return done.value
+    return action.plan(world)
 
 
 def starts(seed: int, count: int) -> list[RobotState]:

@@ -31,17 +31,13 @@ class ActionLog:
         self.log: list[str] = []
         self.starts: list[Goal] = []
         self.ends: list[tuple[Goal, str]] = []
-        self.outcome, self.plans, self.refuses = Status.RUNNING, False, False
+        self.outcome, self.refuses = Status.RUNNING, False
 
     def library(self) -> TopLibrary:
         actions = self
 
         class External(Action):
             name = "carried"
-
-            @property
-            def planning(self) -> bool:
-                return actions.plans
 
             def start(self, world: World, goal: Goal) -> None:
                 if actions.refuses:

@@ -10,8 +10,13 @@ from carried import CALL, ROBOT, ActionLog, DrivenGoal, started_goal
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step, finished
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, field_of
-from ator_ros.domains.soccer.planned.holding import entry_sides, exit_sides, release_sides, run_up_sides
-from ator_ros.domains.soccer.planned.planner import free_sides, run_sides
+from ator_ros.domains.soccer.planned.holding import (
+    dribble_entries,
+    dribble_exits,
+    release_exits,
+    run_up_entries,
+)
+from ator_ros.domains.soccer.planned.planner import free_entries, free_exits, run_exits
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.execution.motion_watch import Driving
 from ator_ros.execution.supervisor import Phase
@@ -89,16 +94,6 @@ def test_a_moved_goal_ends_the_action_of_the_previous_goal() -> None:
     goal.tick(mark=2.5)
     assert [start.pose.x for start in actions.starts] == [2.0, 2.5]
     assert actions.ends == [(CALL.goal, "another goal took over")]
-
-
-def test_a_restarted_action_without_a_path_is_also_ended() -> None:
-    actions = ActionLog()
-    goal = started_goal(actions)
-    actions.plans = True
-    goal.tick(mark=2.5)
-    (new, why), (former, _) = actions.ends
-    assert (new.pose.x, former.pose.x) == (2.5, 2.0)
-    assert "no path" in why
 
 
 def test_external_actions_cause_no_commands_and_no_base_fault() -> None:
@@ -210,7 +205,10 @@ def test_after_a_gap_the_robot_stops_before_the_goal_times_out() -> None:
 def test_tables_of_the_first_search_from_rest_are_cached(name: str) -> None:
     action = SOCCER.actions()[name].factory(ROBOT)
     action.setup()
-    caches = (free_sides, run_sides, entry_sides, exit_sides, run_up_sides, release_sides)
+    caches = (
+        *(free_entries, free_exits, run_exits),
+        *(dribble_entries, dribble_exits, run_up_entries, release_exits),
+    )
     before = [cache.cache_info().misses for cache in caches]
     assert sum(cache.cache_info().currsize for cache in caches) > 0
     ball = ROBOT.hold_point(Pose(0.0, 0.0, 0.0))

@@ -14,7 +14,7 @@ from robots import OTHERS
 from selection import few
 from turning_action import TurnDriveTurn
 
-from ator_ros.actions.base import Action, Goal, Point, Status, Step
+from ator_ros.actions.base import Action, ActionError, Goal, Point
 from ator_ros.actions.situation import Situation
 from ator_ros.actions.specification import ActionSpec
 from ator_ros.domains.soccer.domain import SOCCER
@@ -33,7 +33,6 @@ from ator_ros.experience.table import (
 )
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot, load_robot
-from ator_ros.simulation.run import place
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import ObjectState, RobotState, World
 
@@ -78,31 +77,22 @@ def test_situations_lie_on_the_field_and_within_the_limits(action: str, robot: R
             assert situation.robot.v <= fastest
 
 
-def planned(robot: Robot, action: Action, world: World, goal: Goal) -> Step:
-    """Start an action, step it until it finishes planning or ends, and return its last step."""
-    with Simulation(robot) as simulation:
-        place(simulation, world)
-        action.start(simulation.world(), goal)
-        for _ in range(100):
-            step = action.step(simulation.world())
-            if not action.planning or step.status is not Status.RUNNING:
-                return step
-            if step.command is not None:
-                simulation.command(step.command)
-            simulation.tick()
-    raise AssertionError(f"expected a plan within 100 ticks, got {step.message!r}")
+def starts(action: Action, situation: Situation) -> bool:
+    try:
+        action.start(World(0.0, situation.robot, situation.objects), situation.goal)
+    except ActionError:
+        return False
+    action.end("planned")
+    return True
 
 
 @every_robot
 @pytest.mark.parametrize("action", list(SOCCER.actions()))
 def test_drawn_starts_are_feasible(action: str, robot: Robot) -> None:
     """A large robot may have no path to an arrival at speed beside the fence, which is a recorded failure."""
-    impossible = 0
-    for situation in draw(action, robot, 10):
-        made = SOCCER.actions()[action].factory(robot)
-        world = World(0.0, situation.robot, situation.objects)
-        impossible += planned(robot, made, world, situation.goal).status is Status.FAILED
-    assert impossible <= (0 if robot is PIONEER else 1)
+    factory = SOCCER.actions()[action].factory
+    impossible = [s for s in draw(action, robot, 10) if not starts(factory(robot), s)]
+    assert len(impossible) <= (0 if robot is PIONEER else 1)
 
 
 @every_robot

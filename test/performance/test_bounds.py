@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.motion.families import look_up
+from ator_ros.motion.turns import look_up
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.features import feature_table
 from ator_ros.robot.description import load_robot

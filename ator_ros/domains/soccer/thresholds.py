@@ -40,11 +40,6 @@ def approach_run(robot: Robot) -> float:
     return 2.0 * robot.holder_length + 0.01
 
 
-def passing_distance(robot: Robot) -> float:
-    """Return the distance in m that a robot's axle keeps from a ball beside its way."""
-    return robot.half_width + robot.scene.objects[BALL].radius + _BODY_ROOM
-
-
 def caught_within(robot: Robot) -> float:
     """Return the distance in m from the hold within which a ball is caught: half the fins' length.
 

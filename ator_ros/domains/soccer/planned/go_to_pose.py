@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 
 from ator_ros.actions.base import ActionError, Goal, Point
 from ator_ros.domains.soccer.field import BALL, ball_of
@@ -13,15 +12,15 @@ from ator_ros.domains.soccer.planned.planner import (
     Obstacles,
     distance_to_clear,
     fastest,
-    free_sides,
-    prepare,
-    run_sides,
+    free_entries,
+    free_exits,
+    run_exits,
+    turn_on_spot,
 )
 from ator_ros.domains.soccer.thresholds import approach_run, caught_within
 from ator_ros.geometry import Pose
-from ator_ros.motion.manoeuvre import Manoeuvre, Side
-from ator_ros.motion.planning import Planning
-from ator_ros.motion.search import search_tables
+from ator_ros.motion.manoeuvre import Manoeuvre
+from ator_ros.motion.paths import Ends
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import is_at_front
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -55,9 +54,7 @@ class GoToPose(PlannedAction):
     def setup(self) -> None:
         """Compute the tables of drives and approaches from rest to rest; see `Action.setup`."""
         limits = self.plan_limits
-        entries = free_sides(limits, 0.0, 0.0)
-        prepare(entries, free_sides(limits, 0.0, 0.0), limits)
-        prepare(entries, run_sides(limits, 0.0, approach_run(self.robot)), limits)
+        free_entries(limits, 0.0), free_exits(limits, 0.0), run_exits(limits, 0.0, approach_run(self.robot))
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the way to `goal`; see `Action.start`."""
@@ -67,7 +64,7 @@ class GoToPose(PlannedAction):
         self._approach = self.counts_moved_goals = goal.point is Point.HOLD and at_goal
         super().start(world, goal)
 
-    def plan(self, world: World) -> Planning[Manoeuvre]:
+    def plan(self, world: World) -> Manoeuvre:
         """Plan an approach or a plain drive; see `PlannedAction.plan`."""
         rest = self._rest(world)
         if self._approach and rest is not None:
@@ -77,32 +74,32 @@ class GoToPose(PlannedAction):
         slower = _SLOWER if self._tracker is None and self.goal.speed else ()
         for share in slower:
             try:
-                return (yield from self._arriving(world, rest, share * self.goal.speed))
+                return self._arriving(world, rest, share * self.goal.speed)
             except ActionError:
                 continue  # as where a weak robot has no room to gain speed
-        return (yield from self._arriving(world, rest, 0.0 if slower else self.goal.speed))
+        return self._arriving(world, rest, 0.0 if slower else self.goal.speed)
 
-    def _arriving(self, world: World, rest: ObjectState | None, speed: float) -> Planning[Manoeuvre]:
+    def _arriving(self, world: World, rest: ObjectState | None, speed: float) -> Manoeuvre:
         """Plan to arrive at `speed` (m/s) where the ball rests there or elsewhere."""
-        run = approach_run(self.robot) if self._approach else 0.0
-        exits = (run_sides if run else free_sides)(self.plan_limits, speed, run)
+        run, limits = approach_run(self.robot) if self._approach else 0.0, self.plan_limits
+        exits = run_exits(limits, speed, run) if run else free_exits(limits, speed)
         obstacles = Obstacles(rest, _BALL_MARGIN, run)
         start, goal = world.robot, self.target()
-        if start.is_still and speed == 0.0 and not run and start.pose.distance(goal) < _TURNS_WITHIN:
-            start, goal = RobotState(start.pose), start.pose._replace(yaw=goal.yaw)
         away = distance_to_clear(start.pose, goal, obstacles, self.robot)
-        if away == 0.0:
-            entries = free_sides(self.plan_limits, start.v, 0.0)
-            tables = yield from search_tables(entries, exits, self.plan_limits)
-            found = yield from fastest(self.robot, start.pose, goal, tables, obstacles)
+        near = start.is_still and speed == 0.0 and not run and start.pose.distance(goal) < _TURNS_WITHIN
+        if near and away == 0.0:
+            found = turn_on_spot(self.robot, start.pose, goal.yaw, limits, obstacles)
+        elif away == 0.0:
+            entries = free_entries(limits, start.v)
+            found = fastest(self.robot, start.pose, goal, entries, exits, limits, obstacles)
         else:
-            found = yield from self._leaving_ball(start, goal, exits, obstacles, away)
+            found = self._leaving_ball(start, goal, exits, obstacles, away)
         self._arrival_speed = speed
         return found
 
     def _leaving_ball(
-        self, start: RobotState, goal: Pose, exits: Sequence[Side], obstacles: Obstacles, away: float
-    ) -> Planning[Manoeuvre]:
+        self, start: RobotState, goal: Pose, exits: Ends, obstacles: Obstacles, away: float
+    ) -> Manoeuvre:
         """Plan a straight drive by `away` (m, signed), which clears the ball, and the way on to `goal`."""
         limits, clear = self.plan_limits, start.pose.ahead(away)
         best: Manoeuvre | None = None
@@ -111,13 +108,13 @@ class GoToPose(PlannedAction):
             speed = math.copysign(share * limits.v, away)
             if speed * speed > 2.0 * min(limits.a, limits.brake) * abs(away):
                 continue
-            tables = yield from search_tables(free_sides(limits, speed, 0.0), exits, limits)
+            entries = free_entries(limits, speed)
             try:
-                found = yield from fastest(self.robot, clear, goal, tables, obstacles)
+                found = fastest(self.robot, clear, goal, entries, exits, limits, obstacles)
             except ActionError as error:
                 failure = error
                 continue
-            entry = Side(away, start.v, found.entry.turn)
+            entry = found.entry._replace(length=away, outer_speed=start.v)
             found = dataclasses.replace(found, start=start.pose, entry=entry)
             if best is None or found.duration < best.duration:
                 best = found

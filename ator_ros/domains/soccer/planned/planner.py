@@ -6,39 +6,33 @@ Compiled code checks many candidates at once.
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ator_ros.actions.base import ActionError
 from ator_ros.compiled import compiled, elementwise
 from ator_ros.domains.soccer.field import BALL, box_distance, field_of, touches_goals, wall_distance
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.motion.displacements import TurnDriving
 from ator_ros.motion.durations import Rates, rates_of
 from ator_ros.motion.manoeuvre import (
     SPEED_PIECES,
     TURN_PIECES,
-    Bundle,
     Manoeuvre,
     Side,
     close,
     is_forward,
     write_pieces,
 )
-from ator_ros.motion.planning import Planning
-from ator_ros.motion.search import SearchTables, find_candidates, search_tables
-from ator_ros.motion.trajectory import DT, most_states, write_states
+from ator_ros.motion.paths import Ends, Paths, entries_of, exits_of, find_paths
+from ator_ros.motion.trajectory import most_states, write_states
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import ObjectState
 
-_STRIDE = 5
-"""Every how many samples of a trajectory are looked at: every 50 ms, 6 cm at full speed."""
+_INTERVAL = 0.05
+"""Time in s between the states that are checked: 6 cm at full speed."""
 
 _CLEARING = np.arange(0.0, 1.5, 0.01)
 """Lengths in m of straight drives that may lead away from a ball."""
@@ -102,7 +96,7 @@ def ball_distances(poses: FloatArray, ball: ObjectState, robot: Robot) -> FloatA
     return np.asarray(distances - robot.scene.radius(BALL))
 
 
-class _Outline(NamedTuple):
+class Outline(NamedTuple):
     """The robot's outline and the goals, in m; see `field.wall_distance`."""
 
     front: float
@@ -116,17 +110,17 @@ class _Outline(NamedTuple):
     depth: float
 
 
-def _outline(robot: Robot) -> _Outline:
+def _outline(robot: Robot) -> Outline:
     field = field_of(robot)
     lengths = (
         robot.front, robot.rear, robot.half_width, robot.tip, robot.tip_half_width, robot.reach,
         field.walls_begin, field.goal_width / 2, field.goal_depth,
     )  # fmt: skip
-    return _Outline(*map(float, lengths))
+    return Outline(*map(float, lengths))
 
 
 @elementwise
-def _outline_distance(dx: Any, dy: Any, yaw: Any, shape: _Outline) -> Any:
+def _outline_distance(dx: Any, dy: Any, yaw: Any, shape: Outline) -> Any:
     """Return the distance from the robot's outline to points that lie (dx, dy) m from its axle."""
     c, s = np.cos(yaw), np.sin(yaw)
     ahead, left = c * dx + s * dy, np.abs(c * dy - s * dx)
@@ -135,11 +129,7 @@ def _outline_distance(dx: Any, dy: Any, yaw: Any, shape: _Outline) -> Any:
     return np.minimum(body, fins)
 
 
-IMPOSSIBLE, TOUCHES, CLEAR = 0, 1, 2
-"""Verdicts on a manoeuvre: it is not allowed, it touches something, or it can be driven."""
-
-
-class _BallObstacle(NamedTuple):
+class BallObstacle(NamedTuple):
     """A ball that is in the way, in m: its center (NaN: none), radius, margin, and the run to it."""
 
     x: float
@@ -149,89 +139,57 @@ class _BallObstacle(NamedTuple):
     run: float
 
 
-def checked(
-    start: Pose,
-    bundle: Bundle,
-    limits: Limits,
-    obstacles: Obstacles,
-    robot: Robot,
-    longest: FloatArray | None = None,
-    *,
-    forward_only: bool = False,
-) -> tuple[NDArray[np.int8], Bundle]:
-    """Close manoeuvres, and check whether they can be driven.
+class Surroundings(NamedTuple):
+    """What manoeuvres are checked against: the limits, the robot with the goals, and the ball.
 
-    Parameters
-    ----------
-    start : Pose
-        Where all of them start.
-    longest : ndarray, shape (n,), optional
-        Greatest duration in s, once closed; None: they are closed already, and take any time.
-
-    Returns
-    -------
-    verdicts : ndarray of int8, shape (n,)
-        `IMPOSSIBLE`, `TOUCHES` or `CLEAR`.
-    closed : Bundle
-        The manoeuvres, closed; those that cannot be closed are impossible.
+    Places are relative to the center of the area, as walls are mirrored.
     """
+
+    rates: Rates
+    outline: Outline
+    ball: BallObstacle
+
+
+def surroundings(robot: Robot, limits: Limits, obstacles: Obstacles) -> Surroundings:
+    """Return what manoeuvres within `limits` are checked against."""
     ball, area = obstacles.ball, robot.scene.area
     x, y = (np.nan, np.nan) if ball is None else (ball.x - area.x, ball.y - area.y)
     in_the_way = (x, y, robot.scene.radius(BALL), obstacles.ball_margin, obstacles.run)
-    # Walls are mirrored, so places are relative to the center of the area.
-    goals = bundle.goals - np.array([[area.x], [area.y], [0.0]])
-    closed = Bundle(*(np.array(column, dtype=float, order="C") for column in bundle._replace(goals=goals)))
-    verdicts = _judge(
-        Pose(*map(float, (start.x - area.x, start.y - area.y, start.yaw))),
-        closed,
-        rates_of(limits),
-        _outline(robot),
-        _BallObstacle(*map(float, in_the_way)),
-        np.full(len(bundle.first), np.inf) if longest is None else np.ascontiguousarray(longest),
-        longest is None,
-        forward_only,
-    )
-    return verdicts, closed._replace(goals=bundle.goals)
+    return Surroundings(rates_of(limits), _outline(robot), BallObstacle(*map(float, in_the_way)))
+
+
+def from_center(pose: Pose, robot: Robot) -> Pose:
+    """Return a pose relative to the center of the area."""
+    x, y, yaw = pose
+    return Pose(float(x - robot.scene.area.x), float(y - robot.scene.area.y), float(yaw))
 
 
 @compiled
-def _judge(
+def is_clear(
     start: Pose,
-    many: Bundle,
-    bounds: Rates,
-    shape: _Outline,
-    ball: _BallObstacle,
-    longest: FloatArray,
-    are_closed: bool,
+    goal: Pose,
+    first: float,
+    last: float,
+    drive: float,
+    entry: FloatArray,
+    leaving: FloatArray,
+    around: Surroundings,
     forward: bool,
-) -> NDArray[np.int8]:
-    verdicts = np.full(len(longest), IMPOSSIBLE, dtype=np.int8)
+) -> bool:
+    """Return whether a manoeuvre can be driven, where `forward` without driving backward; see `Manoeuvre`."""
     speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
-    states = np.empty((0, 5))
-    for row in range(len(longest)):
-        entry, leaving = many.entries[:, row].copy(), many.exits[:, row].copy()
-        goal = Pose(many.goals[0, row], many.goals[1, row], many.goals[2, row])
-        first, last, distance = many.first[row], many.last[row], many.distance[row]
-        if not are_closed:
-            first, last, distance, found = close(first, last, start, goal, entry, leaving, bounds)
-            if not found:
-                continue
-            many.first[row], many.last[row], many.distance[row] = first, last, distance
-        duration = write_pieces(speeds, turns, first, last, distance, entry, leaving, bounds)
-        # After closing, a drive may be too short for its change of speed: the robot would have to come back.
-        if duration > longest[row] or (forward and not is_forward(speeds, distance, bounds)):
-            continue
-        if most_states(duration) > len(states):
-            states = np.empty((2 * most_states(duration), 5))
-        count = write_states(states, speeds, turns, duration, start, goal)
-        verdicts[row] = TOUCHES if _touches(states[:count], goal, shape, ball) else CLEAR
-    return verdicts
+    duration = write_pieces(speeds, turns, first, last, drive, entry, leaving, around.rates)
+    if forward and not is_forward(speeds, drive, around.rates):
+        return False
+    states = np.empty((most_states(duration, _INTERVAL), 5))
+    count = write_states(states, speeds, turns, duration, start, goal, _INTERVAL)
+    return not _touches(states[:count], goal, around.outline, around.ball)
 
 
 @compiled
-def _touches(states: FloatArray, goal: Pose, shape: _Outline, ball: _BallObstacle) -> bool:
+def _touches(states: FloatArray, goal: Pose, shape: Outline, ball: BallObstacle) -> bool:
     """Return whether the robot touches a wall or the ball in any of the states; see `write_states`."""
-    for index in range(0, len(states), _STRIDE):
+    for index in range(len(states)):
         x, y = abs(states[index, 0]), abs(states[index, 1])
         if x > shape.line - shape.reach:
             distance = wall_distance(x, y, shape.line, shape.half, shape.depth)
@@ -245,7 +203,7 @@ def _touches(states: FloatArray, goal: Pose, shape: _Outline, ball: _BallObstacl
             end -= 1
     near = max(shape.reach, math.hypot(max(shape.front, shape.rear), shape.half_width))
     near += ball.radius + ball.margin
-    for index in range(0, end + 1, _STRIDE):
+    for index in range(end + 1):
         dx, dy = ball.x - states[index, 0], ball.y - states[index, 1]
         is_near = abs(dx) < near and abs(dy) < near
         if is_near and _outline_distance(dx, dy, states[index, 2], shape) - ball.radius < ball.margin:
@@ -253,84 +211,67 @@ def _touches(states: FloatArray, goal: Pose, shape: _Outline, ball: _BallObstacl
     return False
 
 
-_SAMPLES = 32_000  # of trajectories, in a batch of work
-_LARGEST = 64  # manoeuvres in a batch
-
-
-def batches(order: NDArray[np.intp], times: FloatArray) -> Iterator[NDArray[np.intp]]:
-    """Divide the indices `order` into batches of about the same work, the first of a single one.
-
-    `times` are the durations in s, ascending, of all manoeuvres that the indices are of.
-    """
-    size = 1
-    while len(order):
-        yield order[:size]
-        order = order[size:]
-        if len(order):
-            size = max(2, min(16 * size, _LARGEST, int(_SAMPLES * DT / max(times[order[0]], DT))))
-
-
-def check_points(duration: float) -> int:
-    """Return the cost in points of a manoeuvre of `duration` s that is followed; see `planning`."""
-    return 15 + int(duration / 1.5)
-
-
-def screening_points(durations: FloatArray) -> int:
-    """Return the cost of checking manoeuvres of some `durations` (s), shape (n,)."""
-    return int(4.0 + 0.2 * len(durations) + 0.02 * float(durations.sum()))
-
-
 _SHARES = (-1.0, -0.85, -0.7, -0.55, -0.4, -0.25, -0.1, 0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
 _RUN_CHANGES = (-1.0, -0.75, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.75, 1.0)
 _RUN_SHARES = (0.0, 0.35, 0.6, 0.8, 1.0)
-_SURPRISE = 0.03  # s
-_GRID_ERROR = 0.3  # s by which a candidate's duration is off at most
-# In 2200 planned approaches and dribbles, the last success was try 2002, beside a post.
 _TRIES = 3000
-# m; closing a candidate changes its drive: room so that the robot need not drive back
+"""Paths that are checked: in 2200 approaches and dribbles the last success was try 2002, at a post."""
 _SLACK = 0.01
+"""Room in m so that the robot need not drive back: closing a path changes its drive."""
 
 
-@lru_cache(maxsize=256)
-def free_sides(limits: Limits, speed: float, length: float) -> tuple[Side, ...]:
-    """Return candidate sides without a ball: turn at once (`length` 0), at several changes of speed."""
+def free_sides(limits: Limits, speed: float) -> tuple[Side, ...]:
+    """Return candidate sides without a ball: turn at once, at several changes of speed."""
     change = min(limits.a, limits.brake)  # which of them it is depends on the direction of driving
-    return tuple(Side(length, speed, TurnDriving(speed, share * change, limits.w)) for share in _SHARES)
+    return tuple(Side(0.0, speed, speed, share * change, limits.w) for share in _SHARES)
 
 
-@lru_cache(maxsize=256)
-def run_sides(limits: Limits, speed: float, length: float) -> tuple[Side, ...]:
-    """Return candidate exits with a straight run of `length` m up to the ball, arriving at `speed`."""
+@lru_cache(maxsize=16)
+def run_exits(limits: Limits, speed: float, length: float) -> Ends:
+    """Return the ways to arrive with a straight run of `length` m up to the ball, arriving at `speed`."""
     # Seen from the goal, backward in time: what gains speed here brakes there.
     fastest_ = math.sqrt(speed * speed + 2.0 * limits.brake * length)
     slowest = math.sqrt(max(0.0, speed * speed - 2.0 * limits.a * length))
     speeds = {slowest + share * (min(limits.v, fastest_) - slowest) for share in _RUN_SHARES}
     change = min(limits.a, limits.brake)  # the turn may begin in reverse: then it loses speed first
-    return tuple(
-        Side(length, speed, TurnDriving(at, share * (limits.brake if share > 0.0 else change), limits.w))
+    sides = [
+        Side(length, speed, at, share * (limits.brake if share > 0.0 else change), limits.w)
         for at in sorted(speeds)
         for share in _RUN_CHANGES
-    )
+    ]
+    return exits_of(sides, limits)
 
 
-@lru_cache(maxsize=64)
-def prepare(entries: tuple[Side, ...], exits: tuple[Side, ...], limits: Limits) -> None:
-    """Fill the caches of `search_tables`, and load compiled code."""
-    deque(search_tables(entries, exits, limits), maxlen=0)
+@lru_cache(maxsize=16)
+def free_entries(limits: Limits, speed: float) -> Ends:
+    """Return the ways to begin at `speed` (m/s): turn at once, or where the robot moves, after a stop."""
+    sides = free_sides(limits, speed)
+    if speed != 0.0:
+        stop = math.copysign(0.5 * speed * speed / limits.brake, speed)
+        sides += tuple(side._replace(length=stop, outer_speed=speed) for side in free_sides(limits, 0.0))
+    return entries_of(sides, limits)
+
+
+@lru_cache(maxsize=16)
+def free_exits(limits: Limits, speed: float) -> Ends:
+    """Return the ways to arrive at `speed` (m/s) with a turn."""
+    return exits_of(free_sides(limits, speed), limits)
 
 
 def fastest(
     robot: Robot,
     start: Pose,
     goal: Pose,
-    tables: SearchTables,
+    entries: Ends,
+    exits: Ends,
+    limits: Limits,
     obstacles: Obstacles,
     *,
     forward_only: bool = False,
     tries: int = _TRIES,
     longest: float = math.inf,
-) -> Planning[Manoeuvre]:
-    """Plan the fastest allowed manoeuvre among the `tries` fastest ones of up to about `longest` s.
+) -> Manoeuvre:
+    """Plan the fastest allowed manoeuvre among the `tries` fastest ones of up to `longest` s.
 
     Raises
     ------
@@ -342,31 +283,52 @@ def fastest(
             f"expected a start clear of ball and goals, got ({start.x:.2f}, {start.y:.2f}) m, "
             "which is too near one of them"
         )
-    least_slack = _SLACK if forward_only else -math.inf
-    most = longest + _GRID_ERROR
-    candidates, times = yield from find_candidates(start, goal, tables, least_slack, most)
-    short = np.searchsorted(times, most, side="right")
-    for which in batches(np.arange(short), times):
-        bounds = times[which] + _SURPRISE
-        yield screening_points(bounds) if len(which) > 1 else check_points(bounds[0])
-        verdicts, closed = checked(
-            start,
-            candidates.part(which),
-            tables.limits,
-            obstacles,
-            robot,
-            bounds,
-            forward_only=forward_only,
-        )
-        first = int(np.append(np.flatnonzero(verdicts == CLEAR), len(which))[0])
-        tries -= int(np.count_nonzero(verdicts[:first] == TOUCHES))
-        if tries <= 0:
-            break
-        if first < len(which):
-            if len(which) > 1:
-                yield check_points(bounds[first])
-            return closed.manoeuvre(first, start, tables.limits)
-    raise ActionError(
-        f"expected a free way from ({start.x:.2f}, {start.y:.2f}) m "
-        f"to ({goal.x:.2f}, {goal.y:.2f}) m, found none"
+    slack = _SLACK if forward_only else -math.inf
+    paths = find_paths(start, goal, entries, exits, limits, least_slack=slack, longest=longest, most=tries)
+    found, first, last, drive = _first_clear(
+        from_center(start, robot),
+        from_center(goal, robot),
+        paths,
+        entries.sides,
+        exits.sides,
+        surroundings(robot, limits, obstacles),
+        forward_only,
     )
+    if found < 0:
+        raise ActionError(
+            f"expected a free way from ({start.x:.2f}, {start.y:.2f}) m "
+            f"to ({goal.x:.2f}, {goal.y:.2f}) m, found none"
+        )
+    entry, exit_ = entries.side(paths.entries[found]), exits.side(paths.exits[found])
+    return Manoeuvre(start, goal, entry, exit_, first, last, drive, limits)
+
+
+def turn_on_spot(robot: Robot, start: Pose, yaw: float, limits: Limits, obstacles: Obstacles) -> Manoeuvre:
+    """Plan to turn to the heading `yaw` (rad) from rest; ActionError if the robot touches something."""
+    turn, goal = Side(0.0, 0.0, 0.0, 0.0, limits.w), start._replace(yaw=yaw)
+    table, around = np.array(turn), surroundings(robot, limits, obstacles)
+    begin, end, angle = from_center(start, robot), from_center(goal, robot), float(start.relative(goal).yaw)
+    if not is_clear(begin, end, angle, 0.0, 0.0, table, table, around, False):
+        raise ActionError(f"expected room to turn at ({start.x:.2f}, {start.y:.2f}) m, there is none")
+    return Manoeuvre(start, goal, turn, turn, angle, 0.0, 0.0, limits)
+
+
+@compiled
+def _first_clear(
+    start: Pose,
+    goal: Pose,
+    paths: Paths,
+    entries: FloatArray,
+    exits: FloatArray,
+    around: Surroundings,
+    forward: bool,
+) -> tuple[int, float, float, float]:
+    """Return the first of the paths that can be driven, with its turns and drive once closed; -1 if none."""
+    for index in range(len(paths.times)):
+        entry, leaving = entries[:, paths.entries[index]].copy(), exits[:, paths.exits[index]].copy()
+        first, last, drive = paths.firsts[index], paths.lasts[index], paths.drives[index]
+        if is_clear(start, goal, first, last, drive, entry, leaving, around, forward):
+            first, last, drive, found = close(first, last, start, goal, entry, leaving, around.rates)
+            if found and is_clear(start, goal, first, last, drive, entry, leaving, around, forward):
+                return index, first, last, drive
+    return -1, 0.0, 0.0, 0.0

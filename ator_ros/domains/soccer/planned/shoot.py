@@ -7,188 +7,196 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
+from ator_ros.compiled import compiled, inlined
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of, is_in_goal
-from ator_ros.domains.soccer.planned.holding import HoldingAction, release_sides, run_up_sides
+from ator_ros.domains.soccer.planned.holding import HoldingAction, release_exits, run_up_entries
 from ator_ros.domains.soccer.planned.planner import (
-    CLEAR,
     Obstacles,
-    batches,
-    check_points,
-    checked,
+    Surroundings,
     fastest,
-    screening_points,
+    from_center,
+    is_clear,
+    surroundings,
 )
-from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angles
-from ator_ros.motion.displacements import displacement_table, speeds_after
-from ator_ros.motion.durations import drive_time, turn_time
-from ator_ros.motion.manoeuvre import Bundle, Manoeuvre, Side, side_table
-from ator_ros.motion.planning import Planning
-from ator_ros.motion.search import search_tables
+from ator_ros.geometry import FloatArray, Pose
+from ator_ros.motion.durations import Rates, drive_time, rates_of, turn_time
+from ator_ros.motion.manoeuvre import Manoeuvre, Side, turn_displacement
+from ator_ros.motion.paths import Ends, ranked
+from ator_ros.motion.turns import WIDEST, look_up, place_of
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import World
 
-SLANT = math.radians(60.0)  # greatest angle between a shot and the goal's axis
+_SLANT = math.radians(60.0)  # greatest angle between a shot and the goal's axis
 # Share of the way that a ball rolls out which it is sent: the rest makes up for losses. The robot, which
 # brakes harder than the ball, then comes to rest with its axle before the line.
 _ROLL_SHARE = 0.62
-_DOUBT = 1e-9  # m
-ROOM = 0.05  # m between the robot and the goal's posts and walls
+_ROOM = 0.05  # m between the robot and the goal's posts and walls
 _AIMS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # shares of half the goal's width
 _SLANTS = tuple(math.radians(angle) for angle in (-50.0, -25.0, 0.0, 25.0, 50.0))
-_BLOCK = 16  # entries in a portion of work
 _GRID_TRIES = 3000  # where the posts block so many, there is no room
-_TABLE_POINTS = 20
-_RUN_UPS_A_POINT = 2_200
-_TURNS: FloatArray = math.radians(1.0) * np.arange(-300, 301, dtype=float)
+_TURNS: FloatArray = math.radians(1.0) * np.arange(-292, 293, dtype=float)
 _LEADS: FloatArray = np.array((0.0, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0, 1.4))
 
 
-def _run_up(
-    robot: Robot, start: Pose, mouth: Pose, entries: Sequence[Side], limits: Limits
-) -> Planning[Manoeuvre | None]:
+class _Shooting(NamedTuple):
+    """Numbers of robot, ball and goal that run-ups depend on: lengths in m, accelerations in m/s^2.
+
+    `roll` is how far a ball is sent before it is let go, in m per (m/s)^2, `rolling` how it slows down.
+    """
+
+    rates: Rates
+    hold: float
+    reach: float
+    radius: float
+    roll: float
+    rolling: float
+    brake: float
+    half_width: float
+    depth: float
+
+
+def _shooting(robot: Robot, limits: Limits) -> _Shooting:
+    ball, field = robot.scene.objects[BALL], field_of(robot)
+    numbers = (
+        robot.hold, robot.reach, ball.radius, _roll_of(robot), ball.rolling_deceleration, robot.limits.brake,
+        field.goal_width / 2.0, field.goal_depth,
+    )  # fmt: skip
+    return _Shooting(rates_of(limits), *map(float, numbers))
+
+
+def _run_up(robot: Robot, start: Pose, mouth: Pose, entries: Ends, limits: Limits) -> Manoeuvre | None:
     """Plan the run-up with one turn that has the ball in the goal first; None where the posts block all.
 
     `mouth` is the middle of the goal's mouth, heading out of the field. The leads of the entries are also
     tried longer.
     """
-    found, times = yield from _run_ups(robot, start, mouth, entries, limits)
-    obstacles = Obstacles()
-    for which in batches(np.arange(len(times)), times):
-        several = len(which) > 1
-        yield screening_points(times[which]) if several else check_points(times[which[0]])
-        verdicts, closed = checked(start, found.part(which), limits, obstacles, robot)
-        clear = np.flatnonzero(verdicts == CLEAR)
-        if len(clear):
-            if several:
-                yield check_points(times[which[clear[0]]])
-            return closed.manoeuvre(clear[0], start, limits)
-    return None
+    seen = Pose(*map(float, mouth.relative(start)))
+    found = ranked(_run_ups(seen, entries, _shooting(robot, limits)), _GRID_TRIES)
+    around = surroundings(robot, limits, Obstacles())
+    index = _first_clear_run_up(from_center(start, robot), found, entries.sides, around)
+    if index < 0:
+        return None
+    entry, turn, pushed, released = found[index, [1, 3, 4, 5]].tolist()
+    begin = entries.side(int(entry))._replace(length=float(found[index, 2]))
+    goal = _end_of(start, found[index], np.array(begin), around.rates)
+    release = Side(0.0, released, released, 0.0, limits.w)
+    return Manoeuvre(start, goal, begin, release, turn, 0.0, pushed, limits)
 
 
-def _run_ups(
-    robot: Robot, start: Pose, mouth: Pose, entries: Sequence[Side], limits: Limits
-) -> Planning[tuple[Bundle, FloatArray]]:
-    """Find the `_GRID_TRIES` fastest run-ups on the grid, and the times in s until the ball is in."""
-    yield _TABLE_POINTS
-    seen = mouth.relative(start)
-    kept = np.flatnonzero(np.abs(wrap_angles(seen.yaw + _TURNS)) <= SLANT)
-    table = displacement_table(_TURNS, [side.turn for side in entries], limits)[:, :, kept]
-    sides = side_table(entries)
-    points = 1 + _BLOCK * len(_LEADS) * len(kept) // _RUN_UPS_A_POINT
-    columns, latest = np.zeros((12, 0)), math.inf
-    for first in range(0, len(entries), _BLOCK):
-        yield points
-        block = slice(first, first + _BLOCK)
-        found = _of_sides(robot, seen, sides[:, block], table[block], _TURNS[kept], limits, latest)
-        columns = np.concatenate((columns, found), axis=1)
-        if columns.shape[1] > _GRID_TRIES:
-            latest = float(np.partition(columns[-1], _GRID_TRIES - 1)[_GRID_TRIES - 1])
-            columns = columns[:, columns[-1] <= latest]
-    columns = columns[:, np.argsort(columns[-1], kind="stable")[:_GRID_TRIES]]
-    x, y, heading, turns, distance, released, times = columns[5:]
-    x, y = x + distance * np.cos(heading), y + distance * np.sin(heading)
-    c, s = math.cos(mouth.yaw), math.sin(mouth.yaw)
-    goals = np.stack((mouth.x + c * x - s * y, mouth.y + s * x + c * y, mouth.yaw + heading))
-    nothing = np.zeros(len(times))
-    exits = np.stack((nothing, released, released, nothing, np.full(len(times), limits.w)))
-    return Bundle(goals, columns[:5], exits, turns, nothing, distance), times
+@compiled
+def _run_ups(seen: Pose, entries: Ends, shooting: _Shooting) -> FloatArray:
+    """Find all run-ups on the grid from a pose seen from the goal's mouth.
 
-
-def _of_sides(
-    robot: Robot,
-    seen: Pose,
-    sides: FloatArray,
-    table: FloatArray,
-    turns: FloatArray,
-    limits: Limits,
-    latest: float,
-) -> FloatArray:
-    """Find run-ups of up to `latest` s with some of the sides, shape (12, n).
-
-    Rows: the sides as in `Bundle`; where the last straights begin, seen from the mouth (m, m, rad); turns in
-    rad; lengths of the last straights in m; speed at their end in m/s; times in s until the ball is in.
+    Returns
+    -------
+    ndarray, shape (n, 6)
+        Times in s until the ball is in, the entries, lengths of leads in m, turns in rad, lengths of the last
+        straights in m, speeds at their ends in m/s.
     """
-    headings = wrap_angles(seen.yaw + turns)
-    length, outer, speed, acceleration, rate = sides[:, :, None]
-    leads = length + _LEADS
-    lead_times, turning = drive_time(leads, outer, speed, limits), turn_time(turns, rate, limits.aw)
-    after = speeds_after(speed, acceleration, turning, limits.v)
-    c, s = math.cos(seen.yaw), math.sin(seen.yaw)
-    x, y = seen.x + c * table[:, 0] - s * table[:, 1], seen.y + s * table[:, 0] + c * table[:, 1]
-    likely = _may_score(robot, x, y, headings, seen.yaw, leads)
-    if math.isfinite(latest):
-        likely &= lead_times[:, :, None] + turning[:, None] <= latest
-    entry, lead, turn = np.nonzero(likely)
-    along, across = leads[entry, lead] + table[entry, 0, turn], table[entry, 1, turn]
-    x, y = seen.x + c * along - s * across, seen.y + s * along + c * across
-    pushed, released, time = _release(robot, x, y, headings[turn], after[entry, turn], limits)
-    times = lead_times[entry, lead] + turning[entry, turn] + time
-    found = np.flatnonzero(times <= latest)  # not those that take NaN
-    entry, lead, turn = entry[found], lead[found], turn[found]
-    picked = sides[:, entry]
-    picked[0] = leads[entry, lead]
-    return np.stack((*picked, x[found], y[found], headings[turn], turns[turn],
-                     pushed[found], released[found], times[found]))  # fmt: skip
+    rates, sides, (along, across) = shooting.rates, entries.sides, entries.turns
+    found, count = np.empty((len(_TURNS) * sides.shape[1] * len(_LEADS), 6)), 0
+    cos, sin = math.cos(seen.yaw), math.sin(seen.yaw)
+    for turn in _TURNS:
+        heading = (seen.yaw + turn + math.pi) % math.tau - math.pi
+        if abs(heading) > _SLANT or abs(turn) > WIDEST:
+            continue
+        c, s = math.cos(heading), math.sin(heading)
+        ahead, aside = math.cos(seen.yaw + turn), math.sin(seen.yaw + turn)
+        for entry in range(sides.shape[1]):
+            turning = turn_time(turn, sides[4, entry], rates.aw)
+            speed = min(max(sides[2, entry] + sides[3, entry] * turning, -rates.v), rates.v)
+            low, share = place_of(entry, turn)
+            forth, left = look_up(along, low, share), look_up(across, low, share)
+            turned_x = seen.x + ahead * forth - aside * left
+            turned_y = seen.y + aside * forth + ahead * left
+            for further in _LEADS:
+                lead = sides[0, entry] + further
+                x, y = turned_x + lead * cos, turned_y + lead * sin
+                pushed, released, time = _release(x, y, c, s, speed, shooting)
+                if time == np.inf:
+                    continue
+                time += turning + drive_time(lead, sides[1, entry], sides[2, entry], rates)
+                found[count, 0], found[count, 1], found[count, 2] = time, entry, lead
+                found[count, 3], found[count, 4], found[count, 5] = turn, pushed, released
+                count += 1
+    return found[:count]
 
 
+@inlined
 def _release(
-    robot: Robot, x: FloatArray, y: FloatArray, heading: FloatArray, speed: FloatArray, limits: Limits
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+    x: float, y: float, c: float, s: float, speed: float, shooting: _Shooting
+) -> tuple[float, float, float]:
     """Return how far (m) to push a ball straight at a goal, how fast (m/s), and the time (s) until it is in.
 
-    Straights begin at poses of the axle in the frame of the goal's mouth (x points out of the field), at a
-    speed. Where the mouth is missed, or the robot would brake into the goal, the time is NaN.
+    The straight begins at the axle's place (x, y) in the frame of the goal's mouth (x points out of the
+    field), at `speed`, in the direction with cosine `c` and sine `s`. Where the mouth is missed, or the robot
+    would brake into the goal, the time is infinite.
     """
-    c, s = np.cos(heading), np.sin(heading)
-    ball_x, ball_y = x + robot.hold * c, y + robot.hold * s
-    way = (robot.scene.radius(BALL) - ball_x) / c
-    crossing = ball_y - ball_x * s / c
-    room = (field_of(robot).goal_width / 2.0 - np.abs(crossing)) * c - robot.reach
-    roll = roll_of(robot)
-    gaining = (way - roll * speed * speed) / (1.0 + 2.0 * roll * limits.a)
-    pushed = np.maximum(np.maximum(gaining, way - roll * limits.v * limits.v), 0.0)
-    reached = np.sqrt(np.maximum(speed * speed + 2.0 * limits.a * pushed, 0.0))
-    released = np.minimum(reached, limits.v)
+    ball_x, ball_y = x + shooting.hold * c, y + shooting.hold * s
+    way, crossing = (shooting.radius - ball_x) / c, ball_y - ball_x * s / c
+    if way < 0.0 or (shooting.half_width - abs(crossing)) * c - shooting.reach < _ROOM:
+        return 0.0, 0.0, np.inf
+    rates, roll = shooting.rates, shooting.roll
+    gaining = (way - roll * speed * speed) / (1.0 + 2.0 * roll * rates.a)
+    pushed = max(gaining, way - roll * rates.v * rates.v, 0.0)
+    released = min(math.sqrt(speed * speed + 2.0 * rates.a * pushed), rates.v)
     # A turn may end later than where the ball could be let go, as long as the robot stops inside the goal.
-    stop = pushed + released * released / (2.0 * robot.limits.brake)
-    inside = field_of(robot).goal_depth - robot.reach - (x + stop * c)
-    beside = field_of(robot).goal_width / 2.0 - robot.reach - np.abs(y + stop * s)
-    allowed = (way >= 0.0) & (np.abs(heading) <= SLANT)
-    allowed &= np.minimum(np.minimum(room, inside), beside) >= ROOM
-    time = drive_time(pushed, speed, released, limits) + _rolling_time(robot, released, way - pushed)
-    return pushed, released, np.where(allowed, time, np.nan)
+    stop = pushed + released * released / (2.0 * shooting.brake)
+    inside = shooting.depth - (x + stop * c)
+    beside = shooting.half_width - abs(y + stop * s)
+    if min(inside, beside) - shooting.reach < _ROOM:
+        return 0.0, 0.0, np.inf
+    time = drive_time(pushed, speed, released, rates)
+    return pushed, released, time + _rolling_time(shooting.rolling, released, way - pushed)
 
 
-def _may_score(
-    robot: Robot, x: FloatArray, y: FloatArray, heading: FloatArray, yaw: float, leads: FloatArray
-) -> BoolArray:
-    """Return which straights may lead between the posts, (sides, leads, turns); some that `_release` forbids.
+@compiled
+def _rolling_time(deceleration: float, speed: float, way: float) -> float:
+    """Return the time in s in which a ball released at `speed` (m/s) rolls `way` m."""
+    left = math.sqrt(max(speed * speed - 2.0 * deceleration * way, 0.0))
+    return float((speed - left) / deceleration)
 
-    They begin at (x, y), each (sides, turns), moved along `yaw` by one of the leads, (sides, leads), in m.
-    """
-    c, s = np.cos(heading), np.sin(heading)
-    ball_x, ball_y, tangent = x + robot.hold * c, y + robot.hold * s, s / c
-    widest = field_of(robot).goal_width / 2.0 - (robot.reach + ROOM) / c + _DOUBT
-    aside = (math.sin(yaw) - math.cos(yaw) * tangent) * leads[:, :, None]
-    aside += (ball_y - ball_x * tangent)[:, None]
-    before = (math.cos(yaw) * leads)[:, :, None] <= (robot.scene.radius(BALL) + _DOUBT - ball_x)[:, None]
-    return np.asarray((np.abs(aside) <= widest) & before)
+
+@compiled
+def _first_clear_run_up(start: Pose, found: FloatArray, entries: FloatArray, around: Surroundings) -> int:
+    """Return the index of the first run-up that can be driven; -1 if none."""
+    for index in range(len(found)):
+        entry = entries[:, int(found[index, 1])].copy()
+        entry[0], turn, pushed, released = found[index, 2], found[index, 3], found[index, 4], found[index, 5]
+        leaving = np.array((0.0, released, released, 0.0, around.rates.w))
+        goal = _end_of(start, found[index], entry, around.rates)
+        if is_clear(start, goal, turn, 0.0, pushed, entry, leaving, around, False):
+            return index
+    return -1
+
+
+@compiled
+def _end_of(start: Pose, run_up: FloatArray, entry: FloatArray, rates: Rates) -> Pose:
+    """Return where a run-up ends; see `_run_ups`."""
+    heading, pushed = start.yaw + run_up[3], run_up[4]
+    x, y = turn_displacement(run_up[3], entry, rates)
+    x += entry[0]
+    c, s = math.cos(start.yaw), math.sin(start.yaw)
+    return Pose(
+        start.x + c * x - s * y + pushed * math.cos(heading),
+        start.y + s * x + c * y + pushed * math.sin(heading),
+        heading,
+    )
 
 
 def _release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
     """Return some poses of the axle in the world at which a ball pushed at full speed is released."""
     half, poses = field_of(robot).goal_width / 2.0, []
     for aim, slant in itertools.product(_AIMS, _SLANTS):
-        if half * (1.0 - abs(aim)) * math.cos(slant) - robot.reach >= ROOM:
+        if half * (1.0 - abs(aim)) * math.cos(slant) - robot.reach >= _ROOM:
             line = robot.scene.radius(BALL) / math.cos(slant)
-            back = roll_of(robot) * limits.v * limits.v - line + robot.hold
+            back = _roll_of(robot) * limits.v * limits.v - line + robot.hold
             poses.append(mouth.compose(Pose(0.0, aim * half, slant)).ahead(-back))
     return poses
 
@@ -200,25 +208,12 @@ def _scoring_time(robot: Robot, mouth: Pose, plan: Manoeuvre) -> float:
 
 def _time_after(robot: Robot, mouth: Pose, released: Pose, speed: float) -> float:
     """Return the time in s from the release, there at `speed` (m/s), until the ball is behind the line."""
-    ball = mouth.relative(released).ahead(robot.hold)
-    way = (robot.scene.radius(BALL) - ball.x) / math.cos(ball.yaw)
-    return float(_rolling_time(robot, speed, way))
+    ball, rolling = mouth.relative(released).ahead(robot.hold), robot.scene.objects[BALL]
+    way = (rolling.radius - ball.x) / math.cos(ball.yaw)
+    return _rolling_time(rolling.rolling_deceleration, float(speed), float(way))
 
 
-def _rolling_time(robot: Robot, speed: Any, way: Any) -> FloatArray:
-    """Return the time in s in which a ball released at `speed` (m/s) rolls `way` m."""
-    deceleration = robot.scene.objects[BALL].rolling_deceleration
-    left = np.sqrt(np.maximum(speed * speed - 2.0 * deceleration * way, 0.0))
-    return np.asarray((speed - left) / deceleration)
-
-
-def usual_release(robot: Robot) -> float:
-    """Return how far before the goal line, in m, a ball is released at full speed; negative: behind it."""
-    speed, radius = robot.holder_for("a shot").limits.v, robot.scene.objects[BALL].radius
-    return round(roll_of(robot) * speed * speed - radius, 2)
-
-
-def roll_of(robot: Robot) -> float:
+def _roll_of(robot: Robot) -> float:
     """Return how far a ball is sent before it is let go, in m per (m/s)^2."""
     return _ROLL_SHARE / (2.0 * robot.scene.objects[BALL].rolling_deceleration)
 
@@ -237,41 +232,39 @@ class Shoot(HoldingAction):
 
     name = "shoot"
     verb = "running up"
-    plans_in_motion = False  # toward the goal the way that this takes may be what a run-up lacks
 
     def setup(self) -> None:
         """Compute the tables of run-ups from rest; see `Action.setup`."""
         limits = self.plan_limits
-        self.prepare(run_up_sides(self.robot, limits, 0.0), release_sides(self.robot, limits))
+        self.check_ways(run_up_entries(self.robot, limits, 0.0), release_exits(self.robot, limits))
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the run-up; see `Action.start`."""
         self._released: float | None = None
         super().start(world, Goal(goal.pose, 0.0, goal.point))
 
-    def plan(self, world: World) -> Planning[Manoeuvre]:
+    def plan(self, world: World) -> Manoeuvre:
         """Plan the run-up that brings the ball behind the line first."""
         robot, limits, start = self.robot, self.plan_limits, world.robot.pose
         side = field_of(robot).side_of(self.goal.pose.x)
         mouth = self.goal.pose._replace(yaw=0.0 if side > 0 else math.pi)
-        speed = round(max(0.0, world.robot.v), 3)
-        entries = run_up_sides(robot, limits, speed)
-        one_turn = yield from _run_up(robot, start, mouth, entries, limits)
-        if one_turn is not None and abs(one_turn.first) < _LARGE:
-            return one_turn
-        best, soonest = one_turn, math.inf
-        if one_turn is not None:
-            soonest = _scoring_time(robot, mouth, one_turn)
-            yield one_turn
-        tables = yield from search_tables(entries, release_sides(robot, limits), limits)
+        entries = run_up_entries(robot, limits, round(max(0.0, world.robot.v), 3))
+        best, soonest = _run_up(robot, start, mouth, entries, limits), math.inf
+        if best is not None:
+            if abs(best.first) < _LARGE:
+                return best
+            soonest = _scoring_time(robot, mouth, best)
+        exits = release_exits(robot, limits)
         for pose in _release_poses(robot, mouth, limits):
             longest = soonest - _time_after(robot, mouth, pose, limits.v)
             with suppress(ActionError):
-                plan = yield from fastest(
+                plan = fastest(
                     robot,
                     start,
                     pose,
-                    tables,
+                    entries,
+                    exits,
+                    limits,
                     Obstacles(),
                     forward_only=True,
                     tries=_MOST_TRIES,
@@ -280,7 +273,6 @@ class Shoot(HoldingAction):
                 time = _scoring_time(robot, mouth, plan)
                 if time < soonest:
                     best, soonest = plan, time
-                    yield plan
         if best is None:
             raise ActionError(f"{self.name}: expected room for a run-up to the goal, found none")
         return best

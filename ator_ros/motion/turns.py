@@ -1,0 +1,132 @@
+"""Turns driven while the speed changes: where the robot ends up, and tables of it.
+
+A turn by an angle starts and ends without rotation; meanwhile the speed changes by a constant acceleration,
+up to the limit. The same displacement, taken backward in time, belongs to a turn that ends a motion.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ator_ros.compiled import compiled, inlined
+from ator_ros.geometry import FloatArray
+from ator_ros.motion.durations import turn_parts
+from ator_ros.robot.description import Limits
+
+STEP = np.pi / 8.0
+"""Angle in rad between the turns among which the features' paths are bracketed."""
+HALF = 12
+"""Such turns to either side: up to 270 degrees."""
+FINE = 36
+"""Entries of the tables per step."""
+EDGE = (HALF + 1) * FINE
+"""Entries of the tables either side of no turn: up to 292.5 degrees."""
+ENTRIES = 2 * EDGE + 1
+"""Entries of a row of the tables."""
+WIDEST = (HALF + 0.99) * STEP
+"""Greatest angle in rad that can be looked up."""
+_PER_ANGLE = FINE / STEP  # entries per rad
+
+_POINTS, _OVER_TWO = np.polynomial.legendre.leggauss(16)
+NODES, WEIGHTS = (_POINTS + 1.0) / 2.0, _OVER_TWO / 2.0
+"""Gauss-Legendre over [0, 1]; 16 nodes give the displacement of a full turn to 0.1 mm."""
+
+
+@compiled
+def write_headings(angle: float, rate: float, aw: float, headings: FloatArray) -> float:
+    """Write cosine and sine of the heading at the nodes of a turn by `angle` (rad), shape (2, 16).
+
+    Returns its time in s, at up to `rate` (rad/s) which changes by `aw` (rad/s^2).
+    """
+    size, side = abs(angle), math.copysign(1.0, angle)
+    ramp, steady = turn_parts(size, rate, aw)
+    whole = 2.0 * ramp + steady
+    for node in range(len(NODES)):
+        now = NODES[node] * whole
+        rest = whole - now
+        if now < ramp:
+            turned = 0.5 * aw * now * now
+        elif rest < ramp:
+            turned = size - 0.5 * aw * rest * rest
+        else:
+            turned = aw * ramp * (now - 0.5 * ramp)
+        headings[0, node] = math.cos(turned)
+        headings[1, node] = side * math.sin(turned)
+    return float(whole)
+
+
+@inlined
+def turn_end(
+    time: float, headings: FloatArray, speed: float, acceleration: float, v: float
+) -> tuple[float, float]:
+    """Return where a turn of `time` s ends, forward and leftward in m; see `write_headings`.
+
+    It begins at `speed` (m/s) and changes it by `acceleration` (m/s^2), up to the limit `v`.
+    """
+    x = y = 0.0
+    for node in range(len(NODES)):
+        step = min(max(speed + acceleration * (time * NODES[node]), -v), v) * WEIGHTS[node]
+        x += step * headings[0, node]
+        y += step * headings[1, node]
+    return time * x, time * y
+
+
+class TurnTable(NamedTuple):
+    """Displacements of turns by angles from -292.5 to 292.5 degrees, a row for each way to drive them.
+
+    They are given along and across (to the left of) the heading that lies between the turn and the straight
+    drive: there the parts of both turns of a motion just add.
+
+    Attributes
+    ----------
+    along, across : ndarray, shape (rows * entries,)
+        In m.
+    """
+
+    along: FloatArray
+    across: FloatArray
+
+
+def turn_table(turns: FloatArray, limits: Limits) -> TurnTable:
+    """Compute the table of `turns`, shape (rows, 3).
+
+    A row holds the speed at the beginning (m/s), its constant change (m/s^2) and the greatest turn rate
+    (rad/s); of `limits` only speed and turn acceleration are used.
+    """
+    along, across = np.empty((2, len(turns), ENTRIES))
+    _write_table(np.ascontiguousarray(turns, dtype=float), limits.v, limits.aw, along, across)
+    return TurnTable(along.ravel(), across.ravel())
+
+
+@compiled
+def _write_table(turns: FloatArray, v: float, aw: float, along: FloatArray, across: FloatArray) -> None:
+    headings = np.empty((2, len(NODES)))
+    for entry in range(EDGE + 1):
+        angle, rate, time = entry / _PER_ANGLE, math.nan, 0.0
+        c, s = math.cos(angle), math.sin(angle)
+        for row in range(len(turns)):
+            if turns[row, 2] != rate:  # mostly it is that of the row before
+                rate = turns[row, 2]
+                time = write_headings(angle, rate, aw, headings)
+            x, y = turn_end(time, headings, turns[row, 0], turns[row, 1], v)
+            # A turn to the right is the mirror image of one to the left.
+            along[row, EDGE + entry] = along[row, EDGE - entry] = c * x + s * y
+            across[row, EDGE + entry], across[row, EDGE - entry] = c * y - s * x, s * x - c * y
+
+
+@inlined
+def place_of(row: int, angle: float) -> tuple[int, float]:
+    """Return where a turn by `angle` (rad) lies in a table: the entry before, and the share beyond."""
+    place = angle * _PER_ANGLE + EDGE
+    low = int(place)
+    return low + row * ENTRIES, place - low
+
+
+@inlined
+def look_up(table: FloatArray, low: int, share: float) -> float:
+    """Look up `along` or `across` at a place."""
+    result: float = table[low] + share * (table[low + 1] - table[low])
+    return result

@@ -1,0 +1,101 @@
+"""The search for paths: each leads to its goal and takes the time that is said, and none is missed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from robots import OTHERS, PIONEER
+
+from ator_ros.geometry import FloatArray, Pose
+from ator_ros.motion.durations import rates_of
+from ator_ros.motion.manoeuvre import Manoeuvre, Side, close, turn_displacement
+from ator_ros.motion.paths import Ends, entries_of, exits_of, find_paths
+from ator_ros.motion.trajectory import Trajectory
+from ator_ros.robot.description import Limits, Robot
+
+START = Pose(0.5, -1.0, 2.0)
+every_robot = pytest.mark.parametrize("robot", [PIONEER, OTHERS[-1]], ids=lambda robot: robot.name)
+
+
+def ends(limits: Limits, speed: float) -> tuple[Ends, Ends]:
+    """Return turns at once, and turns before a straight run, with several changes of speed."""
+    changes = [share * min(limits.a, limits.brake) for share in (-0.7, 0.0, 0.4, 1.0)]
+    begins = [Side(0.0, speed, speed, change, limits.w) for change in changes]
+    runs = [Side(0.2, 0.1, 0.3 * limits.v, change, 0.8 * limits.w) for change in changes]
+    return entries_of(begins, limits), exits_of(runs, limits)
+
+
+def goals(count: int) -> list[Pose]:
+    rng = np.random.default_rng(4)
+    return [Pose(*map(float, rng.uniform((-3.0, -2.0, -math.pi), (3.0, 2.0, math.pi)))) for _ in range(count)]
+
+
+@every_robot
+def test_each_path_leads_to_its_goal_in_the_time_that_is_said(robot: Robot) -> None:
+    limits = robot.limits
+    entries, exits = ends(limits, 0.4 * limits.v)
+    off = []
+    for goal in goals(20):
+        paths = find_paths(START, goal, entries, exits, limits, most=10)
+        assert (np.diff(paths.times) >= 0.0).all()
+        for time, entry, exit_, first, last, drive in zip(*paths, strict=True):
+            sides = entries.side(entry), exits.side(exit_)
+            columns = entries.sides[:, entry].copy(), exits.sides[:, exit_].copy()
+            first, last, drive, met = close(first, last, START, goal, *columns, rates_of(limits))
+            assert met
+            plan = Manoeuvre(START, goal, *sides, first, last, drive, limits)
+            off.append(abs(plan.duration - time))
+            trajectory = Trajectory(plan)
+            before = trajectory.at(trajectory.duration - 1e-9).pose
+            assert before.distance(goal) < 1e-3
+            assert abs(before.relative(goal).yaw) < 1e-3
+    assert np.median(off) < 1e-3
+    assert np.percentile(off, 95) < 0.02
+
+
+def gaps(goal: Pose, total: float, entry: Side, exit_: Side, limits: Limits) -> FloatArray:
+    """Return by how much drives miss the last turn in m, after first turns 0.5 degrees apart."""
+    firsts = np.radians(np.arange(-270.0, 270.1, 0.5))
+    firsts = firsts[np.abs(total - firsts) < math.radians(292.0)]
+    rates, sides = rates_of(limits), np.array((entry, exit_))
+    x1, y1 = np.array([turn_displacement(first, sides[0], rates) for first in firsts]).T
+    x2, y2 = np.array([turn_displacement(first - total, sides[1], rates) for first in firsts]).T
+    x1, x2 = x1 + entry.length, x2 + exit_.length
+    end = START.relative(goal)
+    c, s = math.cos(end.yaw), math.sin(end.yaw)
+    dx, dy = end.x - c * x2 - s * y2 - x1, end.y - s * x2 + c * y2 - y1
+    return np.cos(firsts) * dy - np.sin(firsts) * dx
+
+
+@every_robot
+def test_hardly_any_path_is_missed(robot: Robot) -> None:
+    """Two paths that lie nearer together than the search looks may be missed."""
+    limits, expected, found = robot.limits, 0, 0
+    entries, exits = ends(limits, 0.0)
+    for goal in goals(4):
+        paths = find_paths(START, goal, entries, exits, limits)
+        yaw = START.relative(goal).yaw
+        for entry in range(len(entries.times)):
+            for exit_ in range(len(exits.times)):
+                for total in (yaw - math.tau, yaw, yaw + math.tau):
+                    missed = gaps(goal, total, entries.side(entry), exits.side(exit_), limits)
+                    expected += int(np.count_nonzero(np.diff(np.sign(missed))))
+                found += int(np.count_nonzero((paths.entries == entry) & (paths.exits == exit_)))
+    assert 0.97 * expected <= found <= expected
+
+
+def test_paths_have_the_slack_that_is_asked_and_take_no_longer() -> None:
+    limits = PIONEER.limits
+    entries, exits = ends(limits, 0.0)
+    for goal in goals(20):
+        free = find_paths(START, goal, entries, exits, limits)
+        bound = float(np.median(free.times))
+        kept = find_paths(START, goal, entries, exits, limits, longest=bound)
+        assert kept.times.tolist() == free.times[free.times <= bound].tolist()
+        forward = find_paths(START, goal, entries, exits, limits, least_slack=0.01)
+        assert set(forward.times.tolist()) <= set(free.times.tolist())
+        assert (forward.drives >= 0.01).all()
+        few = find_paths(START, goal, entries, exits, limits, most=7)
+        assert few.times.tolist() == free.times[:7].tolist()
