@@ -14,7 +14,7 @@ action, chain and free variable.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import repeat
@@ -155,8 +155,10 @@ def best_split(table: FloatArray, durations: FloatArray) -> tuple[int, float] | 
             sides = [column <= value, column > value]
             if min(map(np.sum, sides)) < LEAST_LEAF:
                 continue
-            errors = [least_squares(table[side], durations[side], len(FEATURES) + 1)[2] for side in sides]
-            error = sum(np.sum(side) * error for side, error in zip(sides, errors, strict=True))
+            error = 0.0
+            for side in sides:
+                _, _, expected = least_squares(table[side], durations[side], len(FEATURES) + 1)
+                error += np.sum(side) * expected
             if error < (1.0 - 1e-6) * least:
                 least, best = error, (feature, float(value + column[sides[1]].min()) / 2.0)
     return best
@@ -167,23 +169,23 @@ def linear_model(table: FloatArray, durations: FloatArray) -> tuple[float, Float
 
     Terms are removed one by one while the expected error does not grow. Each counts twice.
     """
-
-    def fitted(columns: Sequence[int]) -> tuple[float, FloatArray, float, Sequence[int]]:
-        return *least_squares(table[:, columns], durations, 2 * len(columns) + 2), columns
-
-    best = fitted(range(len(FEATURES)))
-    while columns := best[3]:
-        fewer = min((fitted([c for c in columns if c != out]) for out in columns), key=lambda m: m[2])
-        if fewer[2] > best[2]:
+    columns = list(range(len(FEATURES)))
+    best = least_squares(table, durations, 2 * len(columns) + 2)
+    while columns:
+        fewer = [[column for column in columns if column != removed] for removed in columns]
+        models = [least_squares(table[:, kept], durations, 2 * len(kept) + 2) for kept in fewer]
+        number = int(np.argmin([error for _, _, error in models]))
+        if models[number][2] > best[2]:
             break
-        best = fewer
+        best, columns = models[number], fewer[number]
+    constant, few, error = best
     slopes = np.zeros(len(FEATURES))
-    slopes[list(best[3])] = best[1]
-    return best[0], slopes, best[2]
+    slopes[columns] = few
+    return constant, slopes, error
 
 
 def least_squares(table: FloatArray, durations: FloatArray, terms: int) -> tuple[float, FloatArray, float]:
-    """Return constant, slopes and expected error of the linear model with all columns of a table.
+    """Return constant, slopes and expected error of the linear model of all columns of a table.
 
     The error is M5's estimate for other examples, of a model that counts as so many terms.
     """
@@ -291,7 +293,7 @@ def labels_of(naive: FloatArray, refined: FloatArray) -> NDArray[np.str_]:
 def print_table(title: str, naive: FloatArray, refined: FloatArray) -> None:
     """Print one half of Table 1."""
     labels = labels_of(naive, refined)
-    groups = [labels != "", *(labels == name for name in ("Higher", "Equal", "Lower"))]
+    groups = [np.full(len(labels), True), *(labels == name for name in ("Higher", "Equal", "Lower"))]
     saved = [100.0 * np.sum((naive - refined)[rows]) / max(np.sum(naive[rows]), 1.0) for rows in groups]
     print(f"\n{title:18}  Total Higher  Equal  Lower")
     print("# runs            ", *(f"{np.sum(rows):6d}" for rows in groups))
