@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from sklearn.tree import DecisionTreeClassifier
 from tqdm import tqdm
 
-from ator_ros.actions.base import Goal, Point, Status
+from ator_ros.actions.base import ActionError, Goal, Point, Status
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
 from ator_ros.simulation.run import place, run_action
@@ -60,7 +60,10 @@ def observe(action: str, seed: int, number: int) -> tuple[FloatArray, float]:
 def execute(simulation: Simulation, action: str, goal: Goal) -> bool:
     """Execute an action until it ends or the time is over, and return whether it succeeded."""
     left = TIME_LIMIT - simulation.time
-    done = run_action(simulation, ACTIONS[action].factory(ROBOT), goal, time_limit=left)
+    try:
+        done = run_action(simulation, ACTIONS[action].factory(ROBOT), goal, time_limit=left)
+    except ActionError:  # it cannot start: the action before it has lost the ball
+        return False
     return done.status is Status.SUCCEEDED
 
 
