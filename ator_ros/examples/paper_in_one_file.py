@@ -6,9 +6,8 @@ which the whole chain is predicted to be fastest, and prints the paper's Table 1
 
     python -m ator_ros.examples.paper_in_one_file
 
-Comments name the sections of the paper. Simulation and actions are imported, and follow Bezier curves as the
-paper's do. Learning, refinement and results are in this file; the package does the same for any robot,
-action, chain and free variable.
+Comments name the sections of the paper. The simulation and the actions, which follow Bezier curves as the
+paper's do, are imported. The package does the same for any robot, action, chain and free variable.
 """
 
 from __future__ import annotations
@@ -45,10 +44,7 @@ TIME_LIMIT = 30.0  # s, of an action alone and of a chain
 
 
 def observe(action: str, seed: int, number: int) -> tuple[FloatArray, float]:
-    """Execute an action in a random situation; return the situation, shape (7,), and the duration in s.
-
-    The duration is NaN if the action failed.
-    """
+    """Return a random situation, shape (7,), and an action's duration in it in s, NaN if the action fails."""
     random = np.random.default_rng([seed, CHAIN.index(action), number])
     drawn = ACTIONS[action].sample(ROBOT, random)
     with Simulation(ROBOT) as simulation:
