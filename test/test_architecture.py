@@ -62,6 +62,8 @@ ROS = {
 }
 """Packages of ROS, without `ament_index_python`, which `resources` uses to find installed files."""
 FILES = sorted(PACKAGE.rglob("*.py"))
+PAPER = PACKAGE / "examples" / "paper_in_one_file.py"
+"""Imports from the layers above it, and nothing imports it."""
 
 
 def imports(file: Path) -> Iterator[str]:
@@ -91,11 +93,16 @@ def test_imports_point_down(layer: str) -> None:
     upward = {
         f"{file.relative_to(PACKAGE)} imports {name}"
         for file in FILES
-        if layer_of(file) == layer
+        if layer_of(file) == layer and file != PAPER
         for name in imports(file)
         if name.startswith("ator_ros.") and name.split(".")[1] not in allowed
     }
     assert not upward
+
+
+def test_the_paper_in_one_file_imports_only_simulation_and_actions() -> None:
+    layers = {name.split(".")[1] for name in imports(PAPER) if name.startswith("ator_ros.")}
+    assert layers == {"actions", "domains", "geometry", "simulation", "world"}
 
 
 def test_only_nodes_and_tools_import_ros() -> None:

@@ -1,1 +1,1 @@
-"""Example programs from outside: they import nothing of ator_ros."""
+"""Example programs: the paper in one file; others stand for your own and import nothing of ator_ros."""
