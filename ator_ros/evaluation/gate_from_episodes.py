@@ -3,15 +3,11 @@
 Cross-fitted: models of one half of the episodes choose chains, and models of the other half judge them, as
 their errors are independent. Prediction errors of each half's models on the other half's episodes are
 resampled, in units of the predicted spread: the less certain a model, the larger the error.
-
-The widths of averages (`ator_ros.refinement.search`) cannot be learned like that, since both halves share the
-errors of their features. `usual_widths` were best in executed situations of development seeds.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any
@@ -32,7 +28,6 @@ from ator_ros.refinement.chain_prediction import predict_chain
 from ator_ros.refinement.gate import FEATURES, OpenGate, ThresholdGate
 from ator_ros.refinement.objective import expected_time
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.refinement.search import Widths
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
@@ -40,8 +35,6 @@ from ator_ros.world.state import CONTROL_PERIOD
 
 DRAWS = 20
 """Errors drawn for each judgement."""
-_YAW = math.radians(6.0)
-_SPEED = 0.05  # of the robot's greatest speed
 KEPT = 0.85
 """Least share of the judged gain that the gate keeps.
 
@@ -49,11 +42,6 @@ Of the executed gain it then keeps 92 or 93 % (development seeds), since the mod
 than those of the halves.
 """
 _Models = Mapping[str, PerformanceModel]
-
-
-def usual_widths(robot: Robot) -> dict[str, float]:
-    """Return the widths of averages of observed models' costs, see `ator_ros.refinement.search`."""
-    return {"yaw": round(_YAW, 4), "speed": round(_SPEED * robot.limits.v, 4)}
 
 
 def gate_of_episodes(
@@ -82,8 +70,7 @@ def gate_of_episodes(
     seed, situations : int
         Seed and number of the situations in which chains are chosen.
     features : mapping of str to tuple of Feature, optional
-        Candidate features of the models by action; by default those of observed models. Costs are averaged,
-        see `usual_widths`, unless the features include ideal times.
+        Candidate features of the models by action; by default those of observed models.
 
     Raises
     ------
@@ -101,15 +88,13 @@ def gate_of_episodes(
                 f"each half judge those of the other, got {succeeded}"
             )
     known = {action: (features or {}).get(action, OBSERVED) for action in used}
-    described = any(feature.ideal for names in known.values() for feature in names)
-    widths = {} if described else usual_widths(library.robot)
     learned = learn_gates(
-        _CrossFit(domain, library.robot, used, known, widths).examples(trials, seed),
+        _CrossFit(domain, library.robot, used, known).examples(trials, seed),
         partial(fit_threshold, keep=KEPT),
     )
     gain = max(learned.threshold.gain, CONTROL_PERIOD)
     comparison = {kind: _per_chain(judged) for kind, judged in learned.comparison.items()}
-    gate = dataclasses.replace(learned.threshold, gain=gain, widths=widths)
+    gate = dataclasses.replace(learned.threshold, gain=gain)
     return gate, learned._replace(comparison=comparison)
 
 
@@ -128,7 +113,6 @@ class _CrossFit:
         robot: Robot,
         rows: Mapping[str, pd.DataFrame],
         features: Mapping[str, tuple[Feature, ...]],
-        widths: Widths,
     ) -> None:
         self._robot, self._failure_cost = robot, domain.time_limit
         parts = {action: _halves(table) for action, table in rows.items()}
@@ -141,9 +125,7 @@ class _CrossFit:
         )
         self._judges = (second, first)
         self._refiners = [
-            Refiner(
-                robot, models, OpenGate(widths=widths), ranges=domain.ranges, failure_cost=domain.time_limit
-            )
+            Refiner(robot, models, OpenGate(), ranges=domain.ranges, failure_cost=domain.time_limit)
             for models in (first, second)
         ]
         self._errors = {

@@ -15,7 +15,6 @@ import pandas as pd
 
 from ator_ros.actions.goal_variables import direct_name
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.gate_from_episodes import usual_widths
 from ator_ros.experience.columns import goal_variables_of_columns
 from ator_ros.experience.store import NUMBER, action_sets_in, read_records
 from ator_ros.experience.table import library_versions
@@ -34,12 +33,6 @@ from ator_ros.performance.model_file import (
 )
 from ator_ros.performance.training import observed_driving
 from ator_ros.performance.tree.nodes import ModelTree
-from ator_ros.refinement.calibration import (
-    CALIBRATION,
-    Calibration,
-    load_calibration_if_any,
-    save_calibration,
-)
 from ator_ros.refinement.gate import GATE, ThresholdGate, save_gate
 from ator_ros.robot.description import Robot
 
@@ -260,12 +253,5 @@ def _make_set(
         }
         save_model(folder / f"{action}.json", dataclasses.replace(model, metadata=metadata))
         if not (folder / GATE).exists():
-            widths = usual_widths(source.robot) if source.observed else {}
-            cautious = dataclasses.replace(CAUTION, widths=widths)
-            save_gate(folder / GATE, cautious, {"command": "learning"}, action_set)
-        # Trees fitted to executed chains have no bias: their corrections go.
-        calibration = load_calibration_if_any(folder)
-        if action in calibration.shortfalls:
-            others = {other: each for other, each in calibration.shortfalls.items() if other != action}
-            save_calibration(folder / CALIBRATION, Calibration(others), {"command": "learning"})
+            save_gate(folder / GATE, CAUTION, {"command": "learning"}, action_set)
     return made
