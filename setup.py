@@ -10,7 +10,7 @@ EXECUTABLES = {
     "examples": ("drive_to_server",),
     "nodes": ("simulation", "executor", "refinement", "learning", "goal_pose"),
     "tools": (
-        *("collect", "train", "gate", "calibrate_predictions", "evaluate"),
+        *("collect", "train", "gate", "evaluate"),
         *("calibrate", "study", "demo", "view", "plan"),
     ),
 }

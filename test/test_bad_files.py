@@ -26,7 +26,6 @@ from ator_ros.experience.table import Experience, read_experience, write_experie
 from ator_ros.files import FileError
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import train
-from ator_ros.refinement.calibration import load_calibration
 from ator_ros.refinement.gate import load_gate
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, load_robot
@@ -36,7 +35,6 @@ LOADERS: dict[str, tuple[Callable[[Path], Any], type[Exception]]] = {
     "pioneer.yaml": (load_robot, ConfigError),
     "model.json": (lambda file: load_model(file, ROBOT, SOCCER.known_features), FileError),
     "gate.json": (load_gate, FileError),
-    "calibration.json": (load_calibration, FileError),
     "table.parquet": (read_experience, ExperienceError),
     "drive.mcap": (lambda file: read_recording(file, ROBOT, SOCCER), ExperienceError),
 }
@@ -44,7 +42,6 @@ STRUCTURED: dict[str, tuple[Callable[[str], Any], Callable[[Any], str]]] = {
     "pioneer.yaml": (yaml.safe_load, yaml.safe_dump),
     "model.json": (json.loads, json.dumps),
     "gate.json": (json.loads, json.dumps),
-    "calibration.json": (json.loads, json.dumps),
 }
 ANYTHING = st.recursive(
     st.none()
@@ -70,7 +67,6 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("whole")
     shutil.copy(resource_path("config", "pioneer.yaml"), folder)
     shutil.copy(resource_path("models", "gate.json"), folder)
-    shutil.copy(resource_path("models", "calibration.json"), folder)
     rows = synthetic_experience("goToPose")
     save_model(folder / "model.json", train("goToPose", rows, ROBOT))
     write_experience(folder / "table.parquet", Experience(rows, {"robot_digest": ROBOT.digest()}))
@@ -148,7 +144,7 @@ def replace_one(tree: Any, data: st.DataObject) -> None:
         return
 
 
-@pytest.mark.parametrize("name", ["model.json", "gate.json", "calibration.json"])
+@pytest.mark.parametrize("name", ["model.json", "gate.json"])
 def test_files_larger_than_20_mb_are_rejected(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(b" " * 20_000_001)
     load, error = LOADERS[name]

@@ -6,8 +6,7 @@ and predicted time of all chains are a better estimate of that risk: see `fit_to
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,14 +14,10 @@ from numpy.typing import NDArray
 from scipy.stats import rankdata
 from sklearn.tree import DecisionTreeClassifier
 
-from ator_ros.evaluation.calibration_learning import StepExample, fit_calibration
-from ator_ros.evaluation.policies import POLICIES, UNGATED
+from ator_ros.evaluation.policies import UNGATED
 from ator_ros.evaluation.statistics import labels
-from ator_ros.evaluation.toolset import Toolset
-from ator_ros.evaluation.trials import random_trial
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.gate import FEATURES, ThresholdGate, TreeGate
-from ator_ros.tops.library import TopLibrary
 
 LearnedGate = ThresholdGate | TreeGate
 GAINS = (0.0, 0.02, 0.05, 0.08, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
@@ -285,47 +280,3 @@ def fit_to_drawn_errors(examples: GateExamples) -> ThresholdGate:
     many = many._replace(refined=many.naive - saved.ravel())
     gates, refine = _thresholds(many, LEAST)
     return gates[max(range(len(gates)), key=lambda index: _utility(many, refine[index]))]
-
-
-def with_corrected_gains(
-    records: Sequence[Mapping[str, Any]],
-    examples: Sequence[StepExample],
-    *,
-    seed: int,
-    chain: str,
-    tools: Toolset,
-    library: TopLibrary,
-) -> list[dict[str, Any]]:
-    """Return records of `evaluate_trial` with the gate's features of corrected predictions.
-
-    Cross-fitted: the correction of a situation is learned from other situations.
-
-    Parameters
-    ----------
-    records : sequence
-        Records of the `chain` in situations of this `seed`, chosen by the same models.
-    examples : sequence of StepExample
-        The executed actions of the records.
-    tools : Toolset
-        Models, and a gate that judges corrected predictions.
-    library : TopLibrary
-        Robot, and TOPs of the chain.
-
-    Raises
-    ------
-    EvaluationError
-        There are too few examples to learn a correction from.
-    """
-    corrected_records = [dict(record) for record in records]
-    for fold in range(FOLDS):
-        held_out = corrected_records[fold::FOLDS]
-        without = {(seed, record["index"]) for record in held_out}
-        rest = [example for example in examples if example.situation not in without]
-        corrected = dataclasses.replace(tools, calibration=fit_calibration(rest, tools.models))
-        for record in held_out:
-            trial = random_trial(tools.domain, chain, library, seed=seed, index=record["index"])
-            for policy, key in UNGATED.items():
-                refinement = POLICIES[policy](corrected, trial).refinement if record.get(key) else None
-                if refinement is not None:
-                    record[key] = dict(refinement.features)
-    return corrected_records

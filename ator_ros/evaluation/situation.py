@@ -24,7 +24,6 @@ from ator_ros.evaluation.trials import Trial, random_trial, with_headings
 from ator_ros.geometry import BoolArray, FloatArray, wrap_angle, wrap_angles
 from ator_ros.refinement.chain_prediction import ChainModel, predict_chain
 from ator_ros.refinement.free_variables import FreeVariable, names_of
-from ator_ros.refinement.gate import opened
 from ator_ros.refinement.objective import Objective
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
@@ -59,8 +58,6 @@ class Settings:
     joint_oracle : bool
         Whether the oracle searches all open headings jointly, by executing legs, for chains in which the
         robot stands between two actions.
-    room : float
-        Multiple of the stopping distance that arrivals must leave free; 0: as the gate says.
     """
 
     seed: int
@@ -71,7 +68,6 @@ class Settings:
     oracle_speeds: tuple[float, ...] = ()
     source: ToolsetSource = field(default_factory=ToolsetSource)
     joint_oracle: bool = False
-    room: float = 0.0
 
     def __post_init__(self) -> None:
         """Fill in the name of the chain, which results record."""
@@ -117,9 +113,6 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
     """
     settings, index = task
     tools, library = tools_of(settings.source)
-    if settings.room:
-        gate = dataclasses.replace(opened(tools.gate), room=settings.room, corrected=False)
-        tools = dataclasses.replace(tools, gate=gate)
     trial = random_trial(tools.domain, settings.chain, library, seed=settings.seed, index=index)
     execute = Executions(tools, library, trial)
     choices = {name: POLICIES[name](tools, trial) for name in settings.policies}

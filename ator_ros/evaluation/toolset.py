@@ -5,18 +5,20 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+
+import numpy as np
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains import DEFAULT
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.trials import EvaluationError, random_trial
+from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, models_folder
-from ator_ros.refinement.calibration import Calibration, load_calibration_if_any, model_digest
 from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain
-from ator_ros.refinement.gate import Gate, gate_in, opened
+from ator_ros.refinement.gate import Gate, OpenGate, gate_in
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
@@ -41,32 +43,26 @@ class Toolset:
         Learned performance models by action.
     gate : Gate
         The gate of the gated policies.
-    calibration : Calibration
-        Corrections of the models' predictions.
     """
 
     domain: Domain
     robot: Robot
     models: Models
     gate: Gate
-    calibration: Calibration = field(default_factory=Calibration)
 
     def refiner(self, *, gated: bool = False) -> Refiner:
         """Return a refiner with these models, and with the gate if it is wanted."""
         return Refiner(
             self.robot,
             self.models,
-            self.gate if gated else opened(self.gate),
+            self.gate if gated else OpenGate(),
             ranges=self.domain.ranges,
-            calibration=self.calibration,
             failure_cost=self.domain.time_limit,
         )
 
     def predict(self, world: World, chain: TopChain) -> ChainPrediction:
-        """Return the prediction of a chain as it is, corrected by the calibration."""
-        prediction = predict_chain(world, chain, self.models, self.robot)
-        calibration = self.calibration.matching(self.models)
-        return calibration.corrected(prediction, chain, world, self.models, self.robot)
+        """Return the prediction of a chain as it is."""
+        return predict_chain(world, chain, self.models, self.robot)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +112,7 @@ class ToolsetSource:
         """
         robot, features = self.described(), find_domain(self.domain).known_features
         files = {action: self.folder() / f"{action}.json" for action in self.actions_of(chain, robot)}
-        models = {action: model_digest(load_model(file, robot, features)) for action, file in files.items()}
+        models = {action: _model_digest(load_model(file, robot, features)) for action, file in files.items()}
         return {"robot": robot.digest(), **models}
 
     def require_executable(self, chain: str) -> None:
@@ -139,7 +135,7 @@ def make_library(robot: Robot, source: ToolsetSource) -> TopLibrary:
 
 
 def make_toolset(source: ToolsetSource) -> Toolset:
-    """Read models, gate and calibration.
+    """Read models and gate.
 
     Raises
     ------
@@ -151,7 +147,18 @@ def make_toolset(source: ToolsetSource) -> Toolset:
     # Without any model, load_model reports the first expected file.
     there = {action: file for action, file in files.items() if os.path.lexists(file)} or files
     models = {action: load_model(file, robot, domain.known_features) for action, file in there.items()}
-    return Toolset(domain, robot, models, gate_in(folder, source.action_set), load_calibration_if_any(folder))
+    return Toolset(domain, robot, models, gate_in(folder, source.action_set))
+
+
+def _model_digest(model: PerformanceModel) -> str:
+    """Return a short digest of what a performance model predicts durations with."""
+    tree = model.trees["duration"]
+    sha = hashlib.sha256(",".join(tree.names).encode())
+    parts = (tree.feature, tree.threshold, tree.children, tree.intercept, tree.coefficients)
+    for part in (*parts, tree.lower, tree.upper, tree.spread):
+        sha.update(np.ascontiguousarray(part, dtype=float).tobytes())
+    sha.update(repr(model.driving).encode())
+    return sha.hexdigest()[:16]
 
 
 def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 from ator_ros.execution.chain_executor import ChainExecutor
-from ator_ros.refinement.calibration import Calibration, chosen_headings
 from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
@@ -23,35 +22,19 @@ class Predictor:
         Action name to performance model; chains with other actions are not predicted.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        models: Mapping[str, PredictsPerformance],
-        calibration: Calibration | None = None,
-    ) -> None:
+    def __init__(self, robot: Robot, models: Mapping[str, PredictsPerformance]) -> None:
         self._robot = robot
         self._models = models
-        self._calibration = (calibration or Calibration()).matching(models)
 
-    def chain(
-        self, world: World, chain: TopChain, *, chosen: Sequence[bool] | None = None
-    ) -> ChainPrediction | None:
-        """Predict `chain` from the state `world`; None where an action has no model.
-
-        `chosen` is as for `Calibration.corrected`.
-        """
+    def chain(self, world: World, chain: TopChain) -> ChainPrediction | None:
+        """Predict `chain` from the state `world`; None where an action has no model."""
         if any(call.top.action not in self._models for call in chain.calls):
             return None
-        prediction = predict_chain(world, chain, self._models, self._robot)
-        return self._calibration.corrected(prediction, chain, world, self._models, self._robot, chosen=chosen)
+        return predict_chain(world, chain, self._models, self._robot)
 
     def action(self, world: World, chain: TopChain, step: int) -> Mapping[str, float] | None:
-        """Predict one step (from 0) of `chain` from the state `world`; None where it has no model.
-
-        The whole chain decides whether the step's heading is free: other steps may bind it.
-        """
-        chosen = chosen_headings(chain, self._models, self._robot)[step : step + 1]
-        predicted = self.chain(world, TopChain((chain.calls[step],)), chosen=chosen)
+        """Predict one step (from 0) of `chain` from the state `world`; None where it has no model."""
+        predicted = self.chain(world, TopChain((chain.calls[step],)))
         return None if predicted is None else predicted.actions[0]
 
 

@@ -33,12 +33,6 @@ from ator_ros.performance.model_file import (
 )
 from ator_ros.performance.observation import observed_driving
 from ator_ros.performance.tree.nodes import ModelTree
-from ator_ros.refinement.calibration import (
-    CALIBRATION,
-    Calibration,
-    load_calibration_if_any,
-    save_calibration,
-)
 from ator_ros.refinement.gate import GATE, ThresholdGate, save_gate
 from ator_ros.robot.description import Robot
 
@@ -246,9 +240,4 @@ def _make_set(
         save_model(folder / f"{action}.json", dataclasses.replace(model, metadata=metadata))
         if not (folder / GATE).exists():
             save_gate(folder / GATE, CAUTION, {"command": "learning"}, action_set)
-        # Trees fitted to executed chains have no bias: their corrections go.
-        calibration = load_calibration_if_any(folder)
-        if action in calibration.shortfalls:
-            others = {other: each for other, each in calibration.shortfalls.items() if other != action}
-            save_calibration(folder / CALIBRATION, Calibration(others), {"command": "learning"})
     return made

@@ -33,7 +33,6 @@ from ator_ros.performance.model_file import (
     model_path,
     models_folder,
 )
-from ator_ros.refinement.calibration import CALIBRATION, Calibration, load_calibration_if_any
 from ator_ros.refinement.gate import Gate, OpenGate, gate_in
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
@@ -58,15 +57,13 @@ class ModelSet:
     """The performance models of one action set, by action, with the digest of their files.
 
     `absent` is why there are none. `problem` is what is wrong: a damaged file, another robot. It is no
-    problem to have none. The `calibration` corrects predictions; it is empty where none was learned for these
-    models.
+    problem to have none.
     """
 
     models: Mapping[str, PerformanceModel] = field(default_factory=dict)
     absent: str = ""
     problem: str = ""
     digest: str = ""
-    calibration: Calibration = field(default_factory=Calibration)
 
 
 @dataclass(frozen=True)
@@ -99,32 +96,7 @@ def read_models(node: Node, robot: Robot, action_set: str, place: Path, domain: 
         problem += f" (and {len(caught) - 1} more models of this set)"
     if problem and action_set == DEFAULT_SET:
         warn(f"action set {action_set}: {problem}")
-    return ModelSet(
-        models,
-        problem=problem,
-        digest=digest,
-        calibration=_calibration(node, models_folder(place, action_set), action_set, models),
-    )
-
-
-def _calibration(
-    node: Node, folder: Path, action_set: str, models: Mapping[str, PerformanceModel]
-) -> Calibration:
-    """Read the calibration of models; without a usable one, log why and correct nothing."""
-    warn = node.get_logger().warning
-    try:
-        read = load_calibration_if_any(folder)
-    except (FileError, OSError) as error:
-        warn(f"action set {action_set}: predictions are not corrected: {error}")
-        return Calibration()
-    matching = read.matching(models)
-    others = sorted(models.keys() & read.shortfalls.keys() - matching.shortfalls.keys())
-    if others and action_set == DEFAULT_SET:
-        warn(
-            f"action set {action_set}: predictions of {', '.join(others)} are not corrected: "
-            f"{folder / CALIBRATION} is of other models; run `calibrate_predictions` to learn it again"
-        )
-    return matching
+    return ModelSet(models, problem=problem, digest=digest)
 
 
 class LearnedSets(Generic[User]):
@@ -257,7 +229,7 @@ def load_predictors(node: Node, domain: Domain, libraries: Libraries, place: Pat
     models, predictors = {}, {}
     for name, library in libraries.items():
         models[name] = read = read_models(node, library.robot, name, place, domain)
-        predictors[name] = Predictor(library.robot, read.models, read.calibration)
+        predictors[name] = Predictor(library.robot, read.models)
         warm_up_predictions(library, predictors[name])
     return Loaded(models, predictors)
 
@@ -290,7 +262,6 @@ def load_refiners(
                 read.models,
                 _gate(node, models_folder(place, name), name),
                 ranges=fence.narrowed(domain.ranges, library.robot),
-                calibration=read.calibration,
             )
             warm_up_refinement(library, refiners[name])
     return Loaded(models, refiners)

@@ -35,7 +35,7 @@ from ator_ros.nodes.plans import PlanService
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.refinement import RefinementError
-from ator_ros.refinement.gate import OpenGate, opened
+from ator_ros.refinement.gate import OpenGate
 from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.refinement.refiner import Refinement, Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
@@ -121,7 +121,7 @@ class RefinementNode(Node):
         """Return a refiner with the parameters `gate` and `failure_cost` as they are now."""
         refiner, cost = copy.copy(refiner), self._settings["failure_cost"]
         if not self._settings["gate"]:
-            refiner.gate = opened(refiner.gate)
+            refiner.gate = OpenGate()
         refiner.failure_cost = cost if cost >= 0.0 else self._domain.time_limit
         return refiner
 

@@ -21,7 +21,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.schema import OneOf, require
 
 KIND = "performance model"
-_BESIDE = {"gate", "calibration"}
+_BESIDE = {"gate"}
 """Names of other JSON files in a folder of models."""
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import os
 from collections.abc import Mapping
@@ -15,8 +14,7 @@ from ator_ros.files import FileError, load, save
 from ator_ros.geometry import wrap_angle
 from ator_ros.printable import quoted
 from ator_ros.refinement.chain_prediction import ChainPrediction
-from ator_ros.refinement.search import Widths
-from ator_ros.schema import OneOf, SchemaError, Within, structured
+from ator_ros.schema import OneOf, SchemaError, structured
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 
@@ -39,19 +37,13 @@ def gate_features(
     best: TopChain,
     before: ChainPrediction,
     after: ChainPrediction,
-    *,
-    averaged: float,
 ) -> dict[str, float]:
-    """Return the values of `FEATURES` for a chain and the best one found.
-
-    The gain is the difference of both predictions, or that of `averaged` costs, which are not corrected,
-    where it is less.
-    """
+    """Return the values of `FEATURES` for a chain and the best one found."""
     robot, first = world.robot.pose, chain.calls[0].goal.pose
     following = chain.calls[min(1, len(chain.calls) - 1)].goal.pose
     leg = math.atan2(first.y - robot.y, first.x - robot.x)
     next_leg = math.atan2(following.y - first.y, following.x - first.x)
-    gain = min(before.cost - after.cost, averaged)
+    gain = before.cost - after.cost
     turns = [
         abs(wrap_angle(new.goal.pose.yaw - old.goal.pose.yaw))
         for old, new in zip(chain.calls, best.calls, strict=True)
@@ -69,25 +61,10 @@ def gate_features(
     }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Gate:
-    """Decides from the values of `FEATURES` whether to refine.
+    """Decides from the values of `FEATURES` whether to refine."""
 
-    Attributes
-    ----------
-    widths : mapping
-        Widths of the kernel with which costs are averaged before a chain is chosen, see
-        `ator_ros.refinement.search.Averages`.
-    room : float
-        Multiple of the stopping distance that arrivals must leave free, see
-        `ator_ros.refinement.chain_prediction.with_room`.
-    corrected : bool
-        Whether it decides from corrected predictions, see `ator_ros.refinement.calibration`.
-    """
-
-    widths: Widths = field(default_factory=dict)
-    room: float = 0.0
-    corrected: bool = False
     kind: ClassVar[str]
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
@@ -207,44 +184,30 @@ class TreeGate(Gate):
         return rules
 
 
-def opened(gate: Gate) -> OpenGate:
-    """Return the open gate with the search settings of `gate`."""
-    return OpenGate(widths=gate.widths, room=gate.room, corrected=gate.corrected)
-
-
 # The file
 
 KIND = "gate"
 GATE = "gate.json"
 """Name of the file beside the models."""
-_SHARED = ("widths", "room", "corrected")
-"""What all kinds of gate have; a file states what is not as usual."""
 _KINDS: Mapping[str, type[Gate]] = {gate.kind: gate for gate in (OpenGate, ThresholdGate, TreeGate)}
 
 
 @dataclass(frozen=True)
 class _GateFile:
-    """The fields of a gate's file; gate: those of the gate of this kind, but what all kinds have."""
+    """The fields of a gate's file; gate: those of the gate of this kind."""
 
     action_set: str
     kind: Annotated[str, OneOf(tuple(_KINDS))]
     gate: dict[str, Any]
-    widths: dict[str, Annotated[float, Within(0.0, math.inf)]] = field(default_factory=dict)
-    # Multiple of the stopping distance: at 10 hardly any arrival at speed would be left.
-    room: Annotated[float, Within(0.0, 10.0)] = 0.0
-    corrected: bool = False
     training: dict[str, Any] = field(default_factory=dict)
 
 
 def save_gate(path: Path, gate: Gate, training: Mapping[str, Any], action_set: str = DEFAULT_SET) -> None:
     """Write a gate of an action set, with how it was trained, to `path`; atomic."""
-    fields = asdict(gate)
-    shared = {name: fields.pop(name) for name in _SHARED}
     data = {
         "action_set": action_set,
         "kind": gate.kind,
-        "gate": fields,
-        **{name: value for name, value in shared.items() if value},
+        "gate": asdict(gate),
         "training": dict(training),
     }
     save(path, KIND, data)
@@ -266,8 +229,7 @@ def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
                 f"action_set: expected {action_set!r}, got {quoted(file.action_set)}: "
                 "learn the gate of these actions with the tool gate"
             )
-        gate = structured(file.gate, _KINDS[file.kind], "gate")
-        return dataclasses.replace(gate, **{name: getattr(file, name) for name in _SHARED})
+        return structured(file.gate, _KINDS[file.kind], "gate")
     except SchemaError as error:
         raise FileError(f"{path}: {error}") from error
 

@@ -10,14 +10,7 @@ from dataclasses import dataclass, field
 from ator_ros.actions.goal_variables import direct_name, with_values
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement import RefinementError
-from ator_ros.refinement.calibration import Calibration
-from ator_ros.refinement.chain_prediction import (
-    ChainModel,
-    ChainPrediction,
-    Memory,
-    PredictsPerformance,
-    with_room,
-)
+from ator_ros.refinement.chain_prediction import ChainModel, ChainPrediction, PredictsPerformance
 from ator_ros.refinement.free_variables import (
     Analysis,
     FreeVariable,
@@ -32,7 +25,6 @@ from ator_ros.refinement.free_variables import (
 from ator_ros.refinement.gate import Gate, OpenGate, gate_features
 from ator_ros.refinement.objective import Objective, expected_time
 from ator_ros.refinement.search import (
-    Averages,
     Deadline,
     NoCandidateError,
     Optimum,
@@ -83,14 +75,14 @@ class Refinement:
         The chain compared with, which is the chain of the request with its placeholders filled in, and the
         best chain found.
     before, after : ChainPrediction
-        Predictions for `original` and for `best`, corrected by the calibration.
+        Predictions for `original` and for `best`.
     free, not_free
         The variables that were free, and those that the plan opens and that were not, with the reasons.
     without_model : tuple of int
         The steps (from 0) whose action has no performance model.
     features : mapping
-        The features that the gate decided from, see `ator_ros.refinement.gate.FEATURES`, of uncorrected
-        predictions unless `Gate.corrected`. Empty where nothing was free.
+        The features that the gate decided from, see `ator_ros.refinement.gate.FEATURES`. Empty where nothing
+        was free.
     complete : bool
         Whether the search was completed; otherwise `best` is the best found until the deadline.
     """
@@ -121,9 +113,6 @@ class Refiner:
         Decides from the predictions whether refinement pays; by default it always does.
     ranges : mapping, optional
         Goal variable to its range: those of a domain are `TopLibrary.ranges`; by default the usual ones.
-    calibration : Calibration, optional
-        Expected errors of the models' predictions. They are added to reported predictions, and to those that
-        a gate decides from if its file says so. The search does without.
     failure_cost : float
         Time in s that one failure costs where a request has no objective of its own, see `expected_time`.
     """
@@ -135,7 +124,6 @@ class Refiner:
         gate: Gate | None = None,
         *,
         ranges: Ranges = USUAL_RANGES,
-        calibration: Calibration | None = None,
         failure_cost: float = 0.0,
     ) -> None:
         self.robot = robot
@@ -143,7 +131,6 @@ class Refiner:
         self.models = models
         self.gate = gate if gate is not None else OpenGate()
         self._ranges = ranges
-        self._calibration = (calibration or Calibration()).matching(models)
 
     def refine(
         self,
@@ -175,38 +162,29 @@ class Refiner:
         """
         objective = objective if objective is not None else expected_time(self.failure_cost)
         analysis, regions = self.bounded(world, chain)
-        memory: Memory | None = {} if placeholders else None
-        if memory is not None:
-            chain = self._fastest_alone(world, chain, analysis.free, regions, memory, deadline)
+        if placeholders:
+            chain = self._fastest_alone(world, chain, analysis.free, regions, deadline)
         names = names_of(chain, analysis.free)
-        model = ChainModel(
-            world, chain, self.robot, models=self.models, names=names, objective=objective, memory=memory
-        )
+        model = ChainModel(world, chain, self.robot, models=self.models, names=names, objective=objective)
         if not analysis.free:
-            return self._left_alone(world, chain, analysis, model, objective)
+            return self._left_alone(chain, analysis, model)
         if deadline():
-            before = after = model.predict(model.given)
+            [before] = [after] = model.predict(model.given)
             optimum = unsearched(model.given, before.cost)
         else:
             axes = [
                 [variable.domain for variable in analysis.free if variable.subgoal == index]
                 for index in range(len(chain.calls))
             ]
-            widths = [[self.gate.widths.get(name, 0.0) for name in of_subgoal] for of_subgoal in names]
             optimum = search(
-                with_room(model.step_cost, chain, names, self.robot, self.gate.room),
-                axes,
-                model.given,
-                allowed=regions.allowing(),
-                averages=Averages(axes, widths) if any(map(any, widths)) else None,
-                deadline=deadline,
+                model.step_cost, axes, model.given, allowed=regions.allowing(), deadline=deadline
             )
-            before, after = model.predict(model.given), model.predict(optimum.values)
+            before, after = model.predict(model.given, optimum.values)
         if not math.isfinite(optimum.cost):
             raise RefinementError(
                 "expected a finite prediction for some candidate, got none: check the distances"
             )
-        return self._answer(world, chain, analysis, model, optimum, objective, (before, after))
+        return self._answer(world, chain, analysis, model, optimum, (before, after))
 
     def naive(self, world: World, chain: TopChain) -> TopChain:
         """Return the chain that the paper compares with: each subgoal suits the action leading to it alone.
@@ -221,7 +199,7 @@ class Refiner:
             As in `refine`.
         """
         analysis, regions = self.bounded(world, chain)
-        return self._fastest_alone(world, chain, analysis.free, regions, {}, no_deadline)
+        return self._fastest_alone(world, chain, analysis.free, regions, no_deadline)
 
     def _fastest_alone(
         self,
@@ -229,7 +207,6 @@ class Refiner:
         chain: TopChain,
         free: Sequence[FreeVariable],
         regions: Regions,
-        memory: Memory,
         deadline: Deadline,
     ) -> TopChain:
         """Return `chain` with naive values of its free variables, as far as the deadline allows."""
@@ -249,9 +226,7 @@ class Refiner:
             alone = [variable for variable in searched if variable.subgoal == index]
             part, objective = TopChain(chain.calls[: index + 1]), Objective()
             names = names_of(part, alone)
-            model = ChainModel(
-                world, part, self.robot, models=self.models, names=names, objective=objective, memory=memory
-            )
+            model = ChainModel(world, part, self.robot, models=self.models, names=names, objective=objective)
             cost = functools.partial(_cost_of_step, model, index)
             allowed = regions.of_subgoal(chain, index, names[index])
             try:
@@ -283,21 +258,6 @@ class Refiner:
         analysis = within_regions(analysis, regions, chain)
         return analysis, Regions(world, chain, self.robot, names_of(chain, analysis.free), self.models)
 
-    def _corrected(
-        self,
-        prediction: ChainPrediction,
-        chain: TopChain,
-        world: World,
-        free: Sequence[FreeVariable],
-        objective: Objective,
-    ) -> ChainPrediction:
-        """Return the prediction of a chain with its expected errors added."""
-        turned = {variable.subgoal for variable in free if variable.name == "yaw"}
-        chosen = [index in turned for index in range(len(chain.calls))]
-        return self._calibration.corrected(
-            prediction, chain, world, self.models, self.robot, objective, chosen=chosen
-        )
-
     def _answer(
         self,
         world: World,
@@ -305,7 +265,6 @@ class Refiner:
         analysis: Analysis,
         model: ChainModel,
         optimum: Optimum,
-        objective: Objective,
         predicted: tuple[ChainPrediction, ChainPrediction],
     ) -> Refinement:
         """Return the answer after a search: the gate decides."""
@@ -313,13 +272,8 @@ class Refiner:
         for index, names in enumerate(model.names):
             if names:
                 best = replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
-        corrected = [
-            self._corrected(prediction, each, world, analysis.free, objective)
-            for prediction, each in zip(predicted, (chain, best), strict=True)
-        ]
-        judged = corrected if self.gate.corrected else predicted
-        averaged = math.inf if optimum.given_cost is None else optimum.given_cost - optimum.cost
-        features = gate_features(world, chain, best, *judged, averaged=averaged)
+        before, after = predicted
+        features = gate_features(world, chain, best, before, after)
         pays, reason = self.gate.decide(features)
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []
@@ -336,8 +290,8 @@ class Refiner:
             reason + self._remarks(chain, analysis, analysis.not_free),
             original=chain,
             best=best,
-            before=corrected[0],
-            after=corrected[1],
+            before=before,
+            after=after,
             free=analysis.free,
             not_free=analysis.not_free,
             without_model=self._without_model(chain),
@@ -350,12 +304,9 @@ class Refiner:
             complete=optimum.complete,
         )
 
-    def _left_alone(
-        self, world: World, chain: TopChain, analysis: Analysis, model: ChainModel, objective: Objective
-    ) -> Refinement:
+    def _left_alone(self, chain: TopChain, analysis: Analysis, model: ChainModel) -> Refinement:
         """Return the answer where nothing is free."""
-        prediction = model.predict(model.given)
-        corrected = self._corrected(prediction, chain, world, (), objective)
+        [prediction] = model.predict(model.given)
         reason = "nothing is open: the plan commits to every goal variable"
         if any(call.open for call in chain.calls):
             reason = f"nothing is free: {_described(chain, analysis.not_free)}"
@@ -365,8 +316,8 @@ class Refiner:
             reason + self._remarks(chain, analysis, ()),
             original=chain,
             best=chain,
-            before=corrected,
-            after=corrected,
+            before=prediction,
+            after=prediction,
             not_free=analysis.not_free,
             without_model=self._without_model(chain),
         )

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from ator_ros.domains.domain import Domain, find_domain
-from ator_ros.evaluation.calibration_learning import StepExample, step_examples
 from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
 from ator_ros.evaluation.gate_learning import (
     LearnedGate,
@@ -19,17 +17,15 @@ from ator_ros.evaluation.gate_learning import (
     fit_to_drawn_errors,
     gate_examples,
     learn_gates,
-    with_corrected_gains,
 )
 from ator_ros.evaluation.policies import UNGATED
 from ator_ros.evaluation.running import run_situations
-from ator_ros.evaluation.situation import Record, Settings
-from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
+from ator_ros.evaluation.situation import Settings
+from ator_ros.evaluation.toolset import ToolsetSource, make_library
 from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.experience.parallel import EVERY_CORE, Workers
 from ator_ros.experience.table import join, read_experience
-from ator_ros.refinement.gate import GATE, Gate, OpenGate, opened, save_gate
-from ator_ros.tools.calibrate_predictions import save_learned
+from ator_ros.refinement.gate import GATE, save_gate
 from ator_ros.tools.command_line import (
     RESUMES,
     add_models,
@@ -41,9 +37,6 @@ from ator_ros.tools.command_line import (
     workers_of,
 )
 
-ROOM = 1.5
-"""Multiple of the stopping distance that `room` keeps free ahead of an arrival."""
-
 
 def learn_gate(
     source: ToolsetSource,
@@ -53,8 +46,6 @@ def learn_gate(
     command: str,
     situations: int = 400,
     seed: int = 301,
-    room: bool = False,
-    calibrate: bool = False,
     draw_errors: bool = False,
     workers: Workers = EVERY_CORE,
 ) -> None:
@@ -70,30 +61,15 @@ def learn_gate(
         The command line, for the file.
     situations, seed, workers
         As for `run_situations`.
-    room : bool
-        Choose no arrival at a speed at which the robot could not stop before a bay.
-    calibrate : bool
-        Also learn corrections of predictions; the gate then judges corrected predictions.
     draw_errors : bool
         Learn a threshold from errors drawn for each chain from those of similar ones.
     """
     source.require_executable(chain)
     source.digests(chain)  # a missing model is reported before anything is executed
-    gate, policies = tools_of(source)[0].gate, ("naive", *UNGATED)
-    if room:
-        gate = OpenGate(widths=gate.widths, room=ROOM)
-    settings = Settings(seed, chain, policies, source=source, room=ROOM if room else 0.0)
+    settings = Settings(seed, chain, ("naive", *UNGATED), source=source)
     records = run_situations(settings, situations=situations, folder=work, workers=workers)
-    steps: list[StepExample] = []
-    if calibrate:
-        steps, records = _corrected(records, source, seed, chain, gate)
-        gate = dataclasses.replace(opened(gate), corrected=bool(steps))
     learned = learn_gates(gate_examples(records), fit_to_drawn_errors if draw_errors else fit_threshold)
     better = learned.threshold if draw_errors else learned.better
-    better = dataclasses.replace(better, widths=gate.widths, room=gate.room, corrected=gate.corrected)
-    if steps:
-        chains = [{"seed": seed, "chain": chain, "situations": len(records)}]
-        save_learned(steps, source, {"command": command, "chains": chains})
     _save(better, learned, source, command=command, seed=seed, situations=situations)
 
 
@@ -106,22 +82,6 @@ def learn_gate_from_episodes(
     by_action = {str(action): part for action, part in rows.groupby("action", sort=False)}
     gate, learned = gate_of_episodes(domain, library, by_action, chain, seed=seed, situations=situations)
     _save(gate, learned, source, command=command, seed=seed, situations=situations)
-
-
-def _corrected(
-    records: list[Record], source: ToolsetSource, seed: int, chain: str, gate: Gate
-) -> tuple[list[StepExample], list[Record]]:
-    """Return examples for a calibration, if there are enough, and the records with corrected predictions."""
-    tools, library = tools_of(source)
-    tools = dataclasses.replace(tools, gate=dataclasses.replace(opened(gate), corrected=True))
-    steps = step_examples(records, seed=seed, chain=chain, tools=tools, library=library)
-    try:
-        return steps, with_corrected_gains(
-            records, steps, seed=seed, chain=chain, tools=tools, library=library
-        )
-    except EvaluationError as error:
-        print(f"without a calibration: {error}")
-        return [], records
 
 
 def _save(
@@ -165,17 +125,6 @@ def arguments() -> argparse.ArgumentParser:
         "of some hundred chains only a handful become slower",
     )
     parser.add_argument(
-        "--room",
-        action="store_true",
-        help="choose no arrival at a speed at which the robot could not stop before a bay",
-    )
-    parser.add_argument(
-        "--calibrate",
-        action="store_true",
-        help="also learn from the same chains what predictions miss, as calibrate_predictions does; "
-        "the gate then judges corrected predictions",
-    )
-    parser.add_argument(
         "--work",
         type=Path,
         default=Path("gate"),
@@ -189,17 +138,15 @@ def arguments() -> argparse.ArgumentParser:
 def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
     source, chain = source_of(options), options.chain
     sizes = {"situations": options.situations, "seed": options.seed}
-    of_executed = {name: getattr(options, name) for name in ("room", "calibrate", "draw_errors")}
     if not options.episodes:
         learn_gate(
-            source, chain, options.work, command=command, **sizes, **of_executed, workers=workers_of(options)
-        )
-        return
-    for name, given in of_executed.items():
-        if given:
-            option = name.replace("_", "-")
-            raise EvaluationError(f"--{option}: expected without --episodes, as it takes executed chains")
-    learn_gate_from_episodes(source, chain, options.episodes, command=command, **sizes)
+            source, chain, options.work, command=command, **sizes, draw_errors=options.draw_errors,
+            workers=workers_of(options),
+        )  # fmt: skip
+    elif options.draw_errors:
+        raise EvaluationError("--draw-errors: expected without --episodes, as it takes executed chains")
+    else:
+        learn_gate_from_episodes(source, chain, options.episodes, command=command, **sizes)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -13,10 +13,9 @@ from pathlib import Path
 
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
-from ator_ros.performance.model_file import load_models, model_path
+from ator_ros.performance.model_file import load_models
 from ator_ros.planning.goals import GoalStatement, PlanningError, statement_from
 from ator_ros.planning.planner import chains_for
-from ator_ros.refinement.gate import gate_in, opened
 from ator_ros.refinement.refiner import Judged, Refiner, choose
 from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import add_models, add_setting, number, run_tool
@@ -41,8 +40,7 @@ def plan(
         return
     folder = Path(models) if models else domain.shipped_models
     learned = load_models(robot, domain.known_features, action_set=action_set, folder=folder)
-    gate = gate_in(folder / model_path("gate", action_set).parent, action_set)
-    refiner = Refiner(robot, learned, opened(gate), ranges=library.ranges)
+    refiner = Refiner(robot, learned, ranges=library.ranges)
     judged = choose(refiner, world, chains, placeholders=True).judged
     for each, chain in sorted(zip(judged, chains, strict=True), key=lambda pair: pair[0].rank):
         print(_line(each, chain))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import shutil
 from pathlib import Path
 
@@ -36,7 +35,6 @@ def shipped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("shipped")
     save_model(folder / "goToPose.json", synthetic_model("goToPose", ROBOT))
     shutil.copy(SOCCER.shipped_models / "gate.json", folder)
-    shutil.copy(SOCCER.shipped_models / "calibration.json", folder)
     return folder
 
 
@@ -69,7 +67,6 @@ def test_a_slower_robot_gets_new_models_soon(tmp_path: Path, shipped: Path, befo
     model = load_model(place / "goToPose.json", ROBOT, SOCCER.known_features)
     assert np.mean(np.abs(predicted(model, rows) - rows["duration"])) < 0.25
     assert load_gate(place / "gate.json").kind == "threshold"
-    assert "goToPose" not in json.loads((place / "calibration.json").read_text())["shortfalls"]
 
 
 def stored_again(folder: Path) -> Path:

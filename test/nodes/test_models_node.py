@@ -63,7 +63,6 @@ def test_a_damaged_model_is_an_error(host: Host, client: Client, models: Path, n
     node = host(name, models=models)
     status = status_of(client, name)
     assert status.level == DiagnosticStatus.WARN
-    assert "predictions of shoot are not corrected" in node.output
     assert "action set bezier: " in status.message
     assert "goToPose.json: expected a readable JSON file" in status.message
     assert "[WARN]" in node.output

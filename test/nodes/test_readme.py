@@ -20,7 +20,6 @@ from ator_ros.nodes.messages import answer_of, chain_from
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.refinement import refine_request
 from ator_ros.performance.model_file import load_models, model_path
-from ator_ros.refinement.calibration import load_calibration_if_any
 from ator_ros.refinement.gate import load_gate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import load_robot
@@ -43,8 +42,7 @@ def printed(command: str) -> dict[str, Any]:
 def answered(request: RefineSubgoal.Request) -> RefineSubgoal.Response:
     models = load_models(ROBOT, SOCCER.known_features)
     gate = load_gate(ROOT / "models" / model_path("gate", "default"))
-    calibration = load_calibration_if_any(ROOT / "models")
-    refiner = Refiner(ROBOT, models, gate, ranges=SOCCER.ranges, calibration=calibration)
+    refiner = Refiner(ROBOT, models, gate, ranges=SOCCER.ranges)
     found = refine_request(request, refiner, LIBRARY, frame="odom")
     return answer_of(found, request, action_set="default", frame="odom")
 

@@ -11,7 +11,6 @@ import pytest
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.performance.model_file import is_model, load_model, save_model
-from ator_ros.refinement.calibration import load_calibration, save_calibration
 from ator_ros.refinement.gate import OpenGate, ThresholdGate, TreeGate, load_gate, save_gate
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import load_robot
@@ -79,8 +78,6 @@ def test_reading_and_writing_a_shipped_file_gives_the_same_bytes(file: Path, tmp
         gate = load_gate(file, data["action_set"])
         assert isinstance(gate, OpenGate | ThresholdGate | TreeGate)
         save_gate(copy, gate, data["training"], data["action_set"])
-    elif file.name == "calibration.json":
-        save_calibration(copy, load_calibration(file), data["training"])
     else:
         domain = domain_of(file)
         save_model(copy, load_model(file, domain.robot(), domain.known_features))

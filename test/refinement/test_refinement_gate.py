@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -50,16 +49,7 @@ def test_rules_list_every_leaf() -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    "gate",
-    [
-        OpenGate(),
-        ThresholdGate(0.15, 0.5),
-        TREE,
-        replace(TREE, widths={"yaw": 0.14, "speed": 0.06}),
-        ThresholdGate(0.05, room=1.5, corrected=True),
-    ],
-)
+@pytest.mark.parametrize("gate", [OpenGate(), ThresholdGate(0.15, 0.5), TREE])
 def test_a_file_restores_the_gate(gate: Any, tmp_path: Path) -> None:
     save_gate(tmp_path / "gate.json", gate, {"seed": 301})
     assert load_gate(tmp_path / "gate.json") == gate
@@ -71,7 +61,6 @@ def test_a_file_restores_the_gate(gate: Any, tmp_path: Path) -> None:
     [
         ({"action_set": "bezier"}, "action_set: expected 'default', got 'bezier'"),
         ({"kind": "shut"}, "kind: expected one of open, threshold, tree; got 'shut'"),
-        ({"widths": {"yaw": -0.1}}, r"widths\.yaw: expected a finite number of at least 0"),
         ({"gate": {"gain": "0.1", "spread_factor": 0.0}}, r"gate\.gain: expected a finite number"),
         (
             {

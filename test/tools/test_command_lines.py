@@ -34,7 +34,6 @@ REFUSED = [
     *(("view --attach --robots " + name, NAMESPACE) for name in ("a-b", "../x", "a" * 101)),
     ("view --attach --frame //odom", "expected the name of a frame"),
     *(("collect --out=" + place, NO_FILE.format("out")) for place in (".", "file/result", "file/a/result")),
-    ("calibrate_predictions --report=.", NO_FILE.format("report")),
     ("demo --out=file/result", NO_FILE.format("out")),
     *((f"{command} --domain=chess", NOT_INSTALLED) for command in ("collect", "evaluate", "gate", "train")),
     ("collect --domain=bare.yaml", NONE_THERE.format("actions")),

@@ -19,9 +19,7 @@ from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.files import FileError
 from ator_ros.performance.model_file import save_model
-from ator_ros.refinement.calibration import CALIBRATION, load_calibration_if_any
 from ator_ros.refinement.gate import GATE, ThresholdGate, load_gate, save_gate
-from ator_ros.tools.calibrate_predictions import main as calibrate_main
 from ator_ros.tools.evaluate import main
 from ator_ros.tools.gate import main as gate_main
 
@@ -119,19 +117,14 @@ def test_a_gate_is_learned(models: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_gate_has_room_to_stop_and_learns_a_calibration(tmp_path: Path) -> None:
+def test_with_drawn_errors_the_gate_is_a_threshold(tmp_path: Path) -> None:
     ours, work = tmp_path / "models", tmp_path / "work"
     ours.mkdir()
     for action in ("goToPose", "dribbleBall"):
         shutil.copy(SOCCER.shipped_models / f"{action}.json", ours)
     sizes = ["--situations", "24", "--seed", "306", "--jobs", "1", "--draw-errors"]
-    assert gate_main([*sizes, "--models", str(ours), "--work", str(work), "--room", "--calibrate"]) == 0
-    assert load_gate(ours / GATE).room > 1.0
+    assert gate_main([*sizes, "--models", str(ours), "--work", str(work)]) == 0
     assert load_gate(ours / GATE).kind == "threshold"
-    assert load_gate(ours / GATE).corrected
-    shipped = load_gate(SOCCER.shipped_models / GATE)
-    assert (shipped.room, shipped.corrected) == (0.0, False)
-    assert set(load_calibration_if_any(ours).shortfalls) == {"goToPose", "dribbleBall"}
 
 
 def test_action_durations_add_up_and_refined_chains_are_predicted(
@@ -147,25 +140,3 @@ def test_action_durations_add_up_and_refined_chains_are_predicted(
     for name in ("naive", "refined", "gated"):
         assert finished[1]["summary"][name]["prediction"]["chains"] > 0
     assert "predicted minus actual" in (finished[0] / "report.html").read_text()
-
-
-def test_prediction_errors_are_reported_and_too_few_are_not_learned(
-    finished: tuple[Path, dict[str, Any]],
-    models: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    out, data = finished
-    report = tmp_path / "predictions.md"
-    assert calibrate_main([str(out), "--models", str(models), "--report", str(report)]) == 0
-    row = data["summary"]["refined"]["prediction"]
-    page = report.read_text(encoding="utf-8")
-    assert f"| dribble | 405 | refined | {row['chains']} | {row['mean_error_s']:+.3f} |" in page
-    assert data["summary"]["command"] in page
-    assert calibrate_main([str(out), "--models", str(models)]) == 1
-    assert "expected chains of at least 20 situations" in capsys.readouterr().err
-    assert calibrate_main([str(out)]) == 1  # about the shipped models
-    error = capsys.readouterr().err
-    assert f"{out / 'evaluation.json'}: expected chains executed with the robot and the models of" in error
-    assert "got another goToPose, another dribbleBall: evaluate again" in error
-    assert not (models / CALIBRATION).exists()
