@@ -4,7 +4,7 @@
     ros2 run ator_ros collect --seed 211 --out fresh.parquet
     scripts/run python benchmarks/learners.py experience.parquet fresh.parquet
 
-Each learns the durations of all 10 Hz examples of one table and is measured on those of the other.
+Each learns the durations of the episodes of one table and is measured on those of the other.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from ator_ros.domains.domain import find_domain
 from ator_ros.experience.table import Experience, read_experience
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.features import PAPER_11, Feature, feature_table
+from ator_ros.performance.observation import observed_driving
 from ator_ros.performance.training import direct_of
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.robot.description import Robot
@@ -40,12 +41,13 @@ OTHERS: dict[str, Callable[[], Any]] = {
 
 def examples(
     experience: Experience, action: str, features: tuple[Feature, ...], robot: Robot
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return features, times to go (s) and episodes of all examples of an action that succeeded."""
+) -> tuple[FloatArray, FloatArray]:
+    """Return features and durations (s) of an action's episodes that succeeded."""
     frame = experience.of(action)
-    frame = frame[frame["success"]]
-    X = np.ascontiguousarray(feature_table(direct_of(frame), robot, features))
-    return X, frame["time_to_go"].to_numpy(dtype=float), frame["episode"].to_numpy()
+    driving = observed_driving(frame, robot)
+    frame = frame[frame["success"] & (frame["t"] == 0.0)]
+    X = np.ascontiguousarray(feature_table(direct_of(frame), robot, features, driving))
+    return X, frame["duration"].to_numpy(dtype=float)
 
 
 def _predicted(tree: ModelTreeRegressor, rows: FloatArray) -> FloatArray:
@@ -79,14 +81,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     experience, fresh = read_experience(options.experience), read_experience(options.fresh)
     for action in experience.frame["action"].unique():
         for features, kind in ((PAPER_11, "of the paper"), (domain.candidates(action), "shipped")):
-            X, y, episodes = examples(experience, action, features, robot)
-            test, test_y, _ = examples(fresh, action, features, robot)
-            print(f"\n{action}, {len(features)} features {kind}, {len(y)} rows, {len(test_y)} fresh ones\n")
+            X, y = examples(experience, action, features, robot)
+            test, test_y = examples(fresh, action, features, robot)
+            print(
+                f"\n{action}, {len(features)} features {kind}, {len(y)} episodes, {len(test_y)} fresh\n"
+            )
             print("| learner | fit (s) | predict 360 (ms) | RMSE (s) | MAE (s) |\n|---|---|---|---|---|")
             tree = ModelTreeRegressor()
-            # Rows of one episode stay together.
-            fit = partial(tree.fit, X, y, groups=episodes)
-            row = measured(tree, partial(_predicted, tree), fit, test, test_y)
+            row = measured(tree, partial(_predicted, tree), partial(tree.fit, X, y), test, test_y)
             print(f"| ator_ros | {row} |")
             for name, make in OTHERS.items():
                 other = make()

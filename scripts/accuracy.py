@@ -18,7 +18,7 @@ from ator_ros.domains.domain import Domain, find_domain, installed_domains
 from ator_ros.experience.table import read_experience
 from ator_ros.files import portable_command, write_text
 from ator_ros.performance.accuracy import accuracy
-from ator_ros.performance.features import PAPER_3, PAPER_11, PATHS, SIGNED, Feature
+from ator_ros.performance.features import PAPER_3, PAPER_11, SIGNED, Feature
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import is_model, load_model
 from ator_ros.performance.training import train
@@ -28,15 +28,12 @@ from ator_ros.world.state import AT_REST
 PAPER_ERRORS: Mapping[str, str] = {"goToPose": "0.31 / 0.75", "dribbleBall": "0.29 / 0.73"}
 """Mean absolute and root-mean-square error in s that the paper reports, by action."""
 Features = tuple[Feature, ...]
-_Row = tuple[Features, bool]
-ABLATION: dict[str, _Row] = {
-    "the paper's 3, all 10 Hz examples": (PAPER_3, True),
-    "the paper's 3, starts": (PAPER_3, False),
-    "the paper's 11, all 10 Hz examples": (PAPER_11, True),
-    "the paper's 11, starts": (PAPER_11, False),
-    "3, signed angles and velocities, starts": ((*PAPER_3, *SIGNED), False),
+ABLATION: dict[str, Features] = {
+    "the paper's 3": PAPER_3,
+    "the paper's 11": PAPER_11,
+    "3, signed angles and velocities": (*PAPER_3, *SIGNED),
 }
-"""First rows of the ablation: candidate features, and whether to learn from all examples."""
+"""First rows of the ablation: candidate features."""
 
 
 def accuracy_table(models: Iterable[PerformanceModel], published: Mapping[str, str]) -> Iterator[str]:
@@ -104,24 +101,15 @@ def ablation_table(
             continue
         starts = fresh[action]
         starts = starts[(starts["t"] == 0.0) & (starts["v"].abs() <= AT_REST.v)]
-        for label, (features, all_examples) in _rows(domain, action).items():
-            model = train(action, rows, robot, features=features, all_examples=all_examples)
+        chosen = domain.candidates(action)
+        for label, features in {**ABLATION, "shipped": chosen}.items():
+            model = train(action, rows, robot, features=features)
             result = accuracy(model, starts, seed=seed)
             used, leaves = model.used_features, model.trees["duration"].n_leaves
             yield (
                 f"| {action} | {label} | {leaves} | {len(used)}: {', '.join(used)} | "
                 f"{_interval(result, 'mae_s')} | {_interval(result, 'rmse_s')} |"
             )
-
-
-def _rows(domain: Domain, action: str) -> dict[str, _Row]:
-    chosen = domain.candidates(action)
-    return {
-        **ABLATION,
-        "shipped, but no path times, starts": (tuple(f for f in chosen if f not in PATHS), False),
-        "shipped, all 10 Hz examples": (chosen, True),
-        "shipped, starts": (chosen, False),
-    }
 
 
 def _interval(numbers: Mapping[str, Any], name: str) -> str:

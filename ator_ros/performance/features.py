@@ -29,8 +29,6 @@ class Feature:
         The direct variables that it is computed from (paper, section 4.2).
     compute : callable
         Returns its values, shape (n,), in SI units.
-    translation, rotation : bool
-        Whether it stays the same when the world is moved or turned.
     row : int or None
         The row of `Geometry.rows` that holds its values; None where only `compute` has them.
     """
@@ -39,8 +37,6 @@ class Feature:
     unit: str
     derives: frozenset[str]
     compute: Callable[[Geometry], FloatArray]
-    translation: bool = True
-    rotation: bool = True
     row: int | None = None
 
 
@@ -49,14 +45,14 @@ def variables(words: str) -> frozenset[str]:
     return frozenset(words.split())
 
 
-def _basic(name: str, unit: str, derives: str, *, translation: bool = True, rotation: bool = True) -> Feature:
+def _basic(name: str, unit: str, derives: str) -> Feature:
     """Return a feature that is one of the quantities that all share."""
     row = BASICS.index(name)
-    return Feature(name, unit, variables(derives), lambda g: g.rows[row], translation, rotation, row=row)
+    return Feature(name, unit, variables(derives), lambda g: g.rows[row], row=row)
 
 
 def _raw(name: str, unit: str) -> Feature:
-    return _basic(name, unit, name, translation=name in ("yaw", "yawg"), rotation=False)
+    return _basic(name, unit, name)
 
 
 _PLACES = "x y xg yg yawg hold"
@@ -69,8 +65,8 @@ PAPER_11 = (
     _raw("xg", "m"),
     _raw("yg", "m"),
     _raw("yawg", "rad"),
-    _basic("dx", "m", "x xg yawg hold", rotation=False),
-    _basic("dy", "m", "y yg yawg hold", rotation=False),
+    _basic("dx", "m", "x xg yawg hold"),
+    _basic("dy", "m", "y yg yawg hold"),
     _basic("dist", "m", _PLACES),
     _basic("angle_to_dest", "rad", _POSES),
     _basic("angle_at_dest", "rad", _PLACES),

@@ -59,7 +59,6 @@ def train(
     robot: Robot,
     *,
     features: Sequence[Feature] = CANDIDATES,
-    all_examples: bool = False,
 ) -> PerformanceModel:
     """Learn the performance model of `action`.
 
@@ -74,8 +73,6 @@ def train(
         The robot of the experience.
     features : sequence of Feature
         Candidate features.
-    all_examples : bool
-        Learn durations from all rows instead of the starts of episodes.
 
     Raises
     ------
@@ -90,7 +87,7 @@ def train(
                 f"{missing} of {len(rows)} have none"
             )
     starts = rows[rows["t"] == 0.0]
-    good, good_starts = rows[rows["success"]], starts[starts["success"]]
+    good_starts = starts[starts["success"]]
     if len(good_starts) < LEAST_EPISODES:
         raise ExperienceError(
             f"{action}: expected at least {LEAST_EPISODES} episodes that succeeded, "
@@ -98,9 +95,8 @@ def train(
         )
     driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
     table = partial(features_of, robot=robot, features=features, driving=driving)
-    examples = good if all_examples else good_starts
-    durations = examples["time_to_go"].to_numpy(dtype=float)
-    trees = {"duration": duration_tree(table(examples), durations, examples["episode"].to_numpy())}
+    durations = good_starts["duration"].to_numpy(dtype=float)
+    trees = {"duration": duration_tree(table(good_starts), durations)}
     trees["success"] = _success_tree(starts["success"].to_numpy(dtype=float), table(starts))
     for measure in ("accuracy", "heading"):
         values = good_starts[OUTCOMES[measure]].to_numpy(dtype=float)
@@ -119,16 +115,16 @@ def features_of(
     return pd.DataFrame(table, columns=list(names_of(features)))
 
 
-def duration_tree(table: pd.DataFrame, durations: FloatArray, groups: np.ndarray | None = None) -> ModelTree:
-    """Learn durations (n,) in s from features; `groups` as in `ModelTreeRegressor`.
+def duration_tree(table: pd.DataFrame, durations: FloatArray) -> ModelTree:
+    """Learn durations (n,) in s from features.
 
     Where the time of the path is among them, the tree is learned of what drives take longer: linear models of
     whole durations undercut the time of the path where there is hardly room, which is where a search looks.
     """
     base = table[_BASE].to_numpy() if _BASE in table else np.zeros(len(table))
     late = durations - base
-    learner = ModelTreeRegressor(smoothing=_best_smoothing(table, late, groups))
-    tree: ModelTree = learner.fit(table, late, groups=groups).tree_
+    learner = ModelTreeRegressor(smoothing=_best_smoothing(table, late))
+    tree: ModelTree = learner.fit(table, late).tree_
     leaves = tree.apply(np.ascontiguousarray(table.to_numpy()))
     coefficients, lower, upper = tree.coefficients.copy(), tree.lower.copy(), tree.upper.copy()
     if _BASE in table:
@@ -139,15 +135,15 @@ def duration_tree(table: pd.DataFrame, durations: FloatArray, groups: np.ndarray
     return narrowed(dataclasses.replace(tree, coefficients=coefficients, lower=lower, upper=upper))
 
 
-def _best_smoothing(table: pd.DataFrame, values: FloatArray, groups: np.ndarray | None) -> float:
-    """Return which of `_SMOOTHINGS` predicts rows of other groups best."""
-    labels = np.arange(len(values)) if groups is None else np.unique(groups, return_inverse=True)[1]
+def _best_smoothing(table: pd.DataFrame, values: FloatArray) -> float:
+    """Return which of `_SMOOTHINGS` predicts other rows best."""
+    fold = np.arange(len(values)) % _FEW_FOLDS
     errors = []
     for smoothing in _SMOOTHINGS:
         learner, missed = ModelTreeRegressor(smoothing=smoothing), 0.0
-        for fold in range(_FEW_FOLDS):
-            held = labels % _FEW_FOLDS == fold
-            learner.fit(table[~held], values[~held], groups=labels[~held])
+        for number in range(_FEW_FOLDS):
+            held = fold == number
+            learner.fit(table[~held], values[~held])
             missed += float(np.abs(learner.predict(table[held]) - values[held]).sum())
         errors.append(missed)
     return _SMOOTHINGS[int(np.argmin(errors))]

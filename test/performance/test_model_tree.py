@@ -23,20 +23,6 @@ def kinked(n: int, seed: int, *, noise: float = 0.02, n_idle: int = 3) -> tuple[
     return np.column_stack([dist, angle, idle]), driving + turning + rng.normal(0.0, noise, n)
 
 
-def episodes(n_episodes: int, seed: int, *, rows: int = 40) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Rows along motions: an episode has two constant irrelevant features and a constant error."""
-    rng = np.random.default_rng(seed)
-    groups = np.repeat(np.arange(n_episodes), rows)
-    start, idle, error = (
-        rng.uniform(1, 4, n_episodes),
-        rng.normal(size=(n_episodes, 2)),
-        rng.normal(size=n_episodes),
-    )
-    dist = start[groups] * np.tile(np.linspace(1.0, 0.02, rows), n_episodes)
-    y = np.where(dist < 1.25, 2 * np.sqrt(dist / 0.8), dist + 1.25) + 0.2 * error[groups]
-    return np.column_stack([dist, idle[groups]]), y, groups
-
-
 def rmse(actual: Array, predicted: Array) -> float:
     return float(np.sqrt(np.mean((actual - predicted) ** 2)))
 
@@ -55,15 +41,6 @@ def test_finds_the_kinks_better_than_a_tree_of_constants():
     assert rmse(fresh_y, tree.predict(fresh_X)) < 0.03
     assert rmse(fresh_y, tree.predict(fresh_X)) < 0.5 * rmse(fresh_y, constants.predict(fresh_X))
     assert tree.tree_.n_leaves < constants.get_n_leaves() / 2
-
-
-def test_groups_prevent_memorizing_episodes():
-    X, y, groups = episodes(150, 12)
-    fresh_X, fresh_y, _ = episodes(150, 13)
-    aware, unaware = ModelTreeRegressor().fit(X, y, groups=groups), ModelTreeRegressor().fit(X, y)
-    assert rmse(fresh_y, aware.predict(fresh_X)) < 0.8 * rmse(fresh_y, unaware.predict(fresh_X))
-    assert aware.tree_.n_leaves < unaware.tree_.n_leaves
-    assert aware.tree_.samples[0] == 150
 
 
 def test_extrapolation_stays_near_the_training_targets():

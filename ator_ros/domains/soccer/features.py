@@ -13,10 +13,7 @@ _TO_MOUTH = variables("x y yaw xg yg")
 SHOT = (
     Feature("hold_dist", "m", _TO_MOUTH, hold_dist),
     Feature("hold_angle", "rad", _TO_MOUTH, lambda g: np.abs(g.once(hold_angle))),
-    Feature("hold_off_axis", "rad", _TO_MOUTH, lambda g: np.abs(g.once(hold_bearing)), rotation=False),
-    Feature(
-        "heading_off_axis", "rad", variables("yaw"), lambda g: np.abs(wrap_angles(g.direct["yaw"])),
-        rotation=False,
-    ),
-)  # fmt: skip
+    Feature("hold_off_axis", "rad", _TO_MOUTH, lambda g: np.abs(g.once(hold_bearing))),
+    Feature("heading_off_axis", "rad", variables("yaw"), lambda g: np.abs(wrap_angles(g.direct["yaw"]))),
+)
 """Of a ball that is held and a goal whose heading does not matter, on the field's x axis."""

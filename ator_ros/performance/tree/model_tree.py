@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, RegressorMixin
-from sklearn.utils.validation import check_consistent_length, check_is_fitted, column_or_1d
+from sklearn.utils.validation import check_is_fitted
 
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.performance.tree.linear_models import (
@@ -119,17 +119,15 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     Learning follows M5' (Quinlan 1992; Wang and Witten 1997): splits by standard-deviation reduction, a
     linear model at every node with greedy term removal, bottom-up pruning by the corrected error
-    RMSE × (n + v) / (n − v), and smoothing. It differs from M5' in two measured points. The deviation that a
-    split reduces is that around linear models, not around means (see `partition`). And n counts groups of
-    rows where groups are given: the rows logged during one episode are not independent, and counting them as
-    if they were lets the tree memorize episodes.
+    RMSE × (n + v) / (n − v), and smoothing. It differs from M5' in one measured point: the deviation that a
+    split reduces is that around linear models, not around means (see `partition`).
 
     Nothing is random: the same rows give the same tree.
 
     Parameters
     ----------
     min_samples_leaf : float, default=25
-        Least number of groups at a leaf, estimated from the mean number of rows per group at the node above.
+        Least number of rows at a leaf.
     max_leaves : int, default=500
         How far to grow before pruning, best split first.
     smoothing : float, default=15.0
@@ -159,26 +157,19 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.smoothing = smoothing
         self.extrapolation = extrapolation
 
-    def fit(self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None) -> Self:
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Learn the tree.
 
         Parameters
         ----------
         X : array of float, shape (n, n_features)
         y : array of float, shape (n,)
-        groups : array, shape (n,), optional
-            Label of the group of each row, for instance its episode; by default each row is one.
         """
         self._check_parameters()
         checked = validate_data(self, X, y, dtype=np.float64, y_numeric=True, order="C")
         features, target = (np.asarray(part, dtype=np.float64) for part in checked)
-        labels = np.arange(len(features)) if groups is None else column_or_1d(groups)
-        check_consistent_length(features, labels)
-        codes: IntArray = np.unique(labels, return_inverse=True)[1]
         standard = Standardized.from_rows(features, target)
-        nodes = Partition(
-            features, standard.rows, codes, float(self.min_samples_leaf), self.max_leaves
-        ).grow()
+        nodes = Partition(features, standard.rows, float(self.min_samples_leaf), self.max_leaves).grow()
         names = getattr(self, "feature_names_in_", [f"x{column}" for column in range(features.shape[1])])
         self.tree_ = self._finish(nodes, standard, tuple(str(name) for name in names))
         return self
@@ -204,9 +195,8 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     def _finish(self, nodes: list[GrownNode], standard: Standardized, names: tuple[str, ...]) -> ModelTree:
         """Fit the linear models, prune, smooth, and lay out what is left as flat arrays in preorder."""
         children = [node.children for node in nodes]
-        samples = np.array([node.samples for node in nodes], dtype=np.float64)
         moments = np.stack([node.moments for node in nodes])
-        weight = moments[:, 0, 0]
+        weight = samples = moments[:, 0, 0]
         fitted, error = fit_node_models(moments, samples)
         is_leaf = prune(children, error, weight)
         smoothed = smooth(children, fitted, samples, smoothing=self.smoothing)

@@ -39,7 +39,7 @@ class ModelTree:
     spread : array of float, shape (n_nodes,)
         Standard deviation to expect of actual minus predicted at a leaf, in the target's unit.
     samples : array of float, shape (n_nodes,)
-        How many independent samples (groups of rows, if there were groups) a node was learned from.
+        How many rows a node was learned from.
     """
 
     names: tuple[str, ...]

@@ -34,15 +34,12 @@ class GrownNode:
         The node's rows, sorted by each feature.
     moments : array of float, shape (n_features + 2, n_features + 2)
         Normal equations of the node's rows.
-    samples : float
-        Groups among the rows.
     target_range : tuple of float
         Least and greatest standardized target.
     """
 
     order: IntArray
     moments: FloatArray
-    samples: float
     target_range: tuple[float, float]
     feature: int = 0
     threshold: float = 0.0
@@ -68,15 +65,12 @@ class Partition:
         Features in their own units, from which thresholds are taken.
     rows : array of float, shape (n, n_features + 2)
         Standardized rows: constant, features, target.
-    groups : array of int, shape (n,)
-        Group of each row, as consecutive codes from 0.
     nodes : list of GrownNode
         What has grown; a node comes before all nodes below it.
     """
 
     X: FloatArray
     rows: FloatArray
-    groups: IntArray
     min_samples_leaf: float
     max_leaves: int
     nodes: list[GrownNode] = field(default_factory=list)
@@ -107,7 +101,6 @@ class Partition:
         node = GrownNode(
             order=order,
             moments=table.T @ table,
-            samples=float(np.count_nonzero(np.bincount(self.groups[rows]))),
             target_range=(float(target.min()), float(target.max())),
         )
         self.nodes.append(node)
@@ -134,7 +127,7 @@ class Partition:
     def _best_split(self, node: GrownNode, table: FloatArray) -> _Split | None:
         """Return the split with the greatest standard-deviation reduction of the node's rows, if any."""
         total = node.moments[0, 0]
-        minimum = self.min_samples_leaf * (total / node.samples)
+        minimum = self.min_samples_leaf
         if total < 2 * minimum:
             return None
         residual = table[:, -1] - table[:, :-1] @ solve(node.moments)
@@ -151,7 +144,7 @@ class Partition:
         before = np.sqrt(total * squared)
         after = np.full(is_split.shape, np.inf)
         sides = np.stack([left[is_split], right[is_split]])
-        after[is_split] = self._deviation(sides, total / node.samples).sum(axis=0)
+        after[is_split] = _deviation(sides).sum(axis=0)
         # Rounding errors shall not choose between equal splits: the first wins, in any order of the rows.
         best = np.round(after / before, 6).argmin()
         feature, candidate = np.unravel_index(int(best), after.shape)
@@ -183,14 +176,14 @@ class Partition:
                     begin = end
         return moments.cumsum(axis=1, out=moments)
 
-    def _deviation(self, moments: FloatArray, rows_per_sample: float) -> FloatArray:
-        """Return rows × corrected deviation around the linear models of sides, given by their moments."""
-        weight = moments[..., 0, 0]
-        terms = np.full(weight.shape, moments.shape[-1] - 1.0)
-        samples = weight / rows_per_sample
-        error = corrected_error(residual_squares(moments), weight, samples, terms)
-        deviation: FloatArray = weight * np.where(np.isfinite(error), error, _WORST)
-        return deviation
+
+def _deviation(moments: FloatArray) -> FloatArray:
+    """Return rows × corrected deviation around the linear models of sides, given by their moments."""
+    weight = moments[..., 0, 0]
+    terms = np.full(weight.shape, moments.shape[-1] - 1.0)
+    error = corrected_error(residual_squares(moments), weight, weight, terms)
+    deviation: FloatArray = weight * np.where(np.isfinite(error), error, _WORST)
+    return deviation
 
 
 def _value_codes(X: FloatArray, order: IntArray) -> IntArray:
