@@ -83,9 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for features, kind in ((PAPER_11, "of the paper"), (domain.candidates(action), "shipped")):
             X, y = examples(experience, action, features, robot)
             test, test_y = examples(fresh, action, features, robot)
-            print(
-                f"\n{action}, {len(features)} features {kind}, {len(y)} episodes, {len(test_y)} fresh\n"
-            )
+            print(f"\n{action}, {len(features)} features {kind}, {len(y)} episodes, {len(test_y)} fresh\n")
             print("| learner | fit (s) | predict 360 (ms) | RMSE (s) | MAE (s) |\n|---|---|---|---|---|")
             tree = ModelTreeRegressor()
             row = measured(tree, partial(_predicted, tree), partial(tree.fit, X, y), test, test_y)

@@ -459,7 +459,7 @@ _MOTIONS, _SEED = 2000, 5
 _LATE = 3.0  # multiple of the least time, if no chosen kind leads to the destination
 
 
-def needed_kinds(grid: Family, *, hold: float) -> list[int]:
+def needed_kinds(grid: Family, ends: FloatArray, *, hold: float) -> list[int]:
     """Return the indices of the kinds of a family that are needed, the most useful first.
 
     It takes a second for a thousand kinds.
@@ -468,15 +468,16 @@ def needed_kinds(grid: Family, *, hold: float) -> list[int]:
     ----------
     grid : Family
         With all kinds to choose from.
+    ends : ndarray, shape (5, 1, n)
+        Motions that they are needed for, see `fastest_motions`.
     hold : float
         Distance in m from the destination to the object in front of it.
     """
-    ends = drawn_ends(grid.limits, _MOTIONS, np.random.default_rng(_SEED))
-    times = np.empty((len(grid.kinds), _MOTIONS))
+    count = ends.shape[2]
+    times, result = np.empty((len(grid.kinds), count)), np.empty((2, count))
     for kind in range(len(grid.kinds)):
-        result = np.empty((2, _MOTIONS))
         row = grid.rows[kind : kind + 1]
-        search_fastest(ends, row, grid.tables, grid.rules(hold), (np.inf, 0.0), result, 0, _MOTIONS)
+        search_fastest(ends, row, grid.tables, grid.rules(hold), (np.inf, 0.0), result, 0, count)
         times[kind] = result[0]
     return _chosen(times) or [0]  # no kind of the grid reaches a destination
 

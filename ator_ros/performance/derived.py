@@ -248,36 +248,30 @@ class Geometry:
         """
         return self.rows[OPENING : OPENING + 4]
 
-    def fastest_to(
-        self, family: Family, x: FloatArray, y: FloatArray, heading: FloatArray, speed: FloatArray
-    ) -> Motions:
-        """Return the fastest motions of a family to one of m destinations, whichever is reached first.
-
-        Parameters
-        ----------
-        family : Family
-            The motions to choose from; before them the rotation of the start is lost.
-        x, y, heading, speed : ndarray, shape (n,) or (m, n)
-            Where the axle shall come (m), and heading (rad) and speed (m/s) there.
-        """
-        to_x, to_y, headings, arrivals = (
-            column if column.ndim == 2 else column[None, :] for column in (x, y, heading, speed)
+    @cached_property
+    def ends(self) -> FloatArray:
+        """Both ends of the motion after the opening, see `ator_ros.motion.families.fastest_motions`."""
+        table, rows = self._table, self.rows
+        ends = np.empty((5, 1, table.shape[1]))
+        x, y, headings, arrivals = (
+            row[None, :] for row in (rows[TO_X], rows[TO_Y], table[YAWG], table[SPEEDG])
         )
-        ends = np.empty((5, *to_x.shape))
-        write_relative_ends(self.openings, self._table[V], to_x, to_y, headings, arrivals, ends)
-        return fastest_motions(ends, family, hold=self.robot.hold).after(self.openings[3])
+        write_relative_ends(self.openings, table[V], x, y, headings, arrivals, ends)
+        return ends
+
+    def _fastest(self, paths: Family) -> Motions:
+        return fastest_motions(self.ends, paths, hold=self.robot.hold).after(self.openings[3])
 
     @cached_property
     def path(self) -> Motions:
         """The fastest turn-straight-turn path as the action was observed to drive."""
-        driving, speeds = self.driving, (self.direct["yawg"], self.direct["speedg"])
-        holding = self.direct["hold"] > 0.5
+        driving, holding = self.driving, self.direct["hold"] > 0.5
         if not holding.any():
-            found = self.fastest_to(driving.drive_paths, *self.destination, *speeds)
+            found = self._fastest(driving.drive_paths)
         else:
-            found = self.fastest_to(driving.approach_paths, *self.destination, *speeds)
+            found = self._fastest(driving.approach_paths)
             if driving.approaches and not holding.all():
-                free = self.fastest_to(driving.drive_paths, *self.destination, *speeds)
+                free = self._fastest(driving.drive_paths)
                 found = Motions(
                     np.where(holding, found.time, free.time), np.where(holding, found.turn, free.turn)
                 )

@@ -9,7 +9,10 @@ from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache
 from typing import Annotated
 
-from ator_ros.motion.families import Family, Kind, TurnProfile, needed_kinds
+import numpy as np
+
+from ator_ros.geometry import FloatArray
+from ator_ros.motion.families import Family, Kind, TurnProfile, drawn_ends, needed_kinds
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.schema import Within, require
 
@@ -109,6 +112,7 @@ _LEAST = (0.0, 0.25, 0.5, 0.75)  # speeds at start or goal that decide how fast 
 _SLOWEST = 0.1  # share of the turn rate below which no turn is tried
 _MOST = 24
 """Kinds of paths; the time of a prediction grows with their number."""
+_DRAWN, _SEED = 1000, 5
 
 TurnRates = Callable[[float, float], float]
 """Returns the greatest turn rate (0: no turn) at a speed and a change of speed; all are shares of limits."""
@@ -164,13 +168,20 @@ def forward_kinds(limits: Limits, first_rate: TurnRates, last_rate: TurnRates) -
     ]
 
 
-def chosen_kinds(paths: Family, *, hold: float) -> tuple[StoredKind, ...]:
-    """Return the kinds of `paths` that bring its times nearest to those of all, the most useful first."""
-    return tuple(stored_kind(paths.kinds[index]) for index in needed_kinds(paths, hold=hold)[:_MOST])
+def chosen_kinds(paths: Family, ends: FloatArray, *, hold: float) -> tuple[StoredKind, ...]:
+    """Return the kinds of `paths` that bring its times nearest to those of all, the most useful first.
+
+    `ends` are motions that they are needed for, see `ator_ros.motion.families.needed_kinds`; those of any
+    other motion count besides.
+    """
+    drawn = drawn_ends(paths.limits, _DRAWN, np.random.default_rng(_SEED))
+    needed = needed_kinds(paths, np.concatenate((ends, drawn), axis=2), hold=hold)
+    return tuple(stored_kind(paths.kinds[index]) for index in needed[:_MOST])
 
 
 @lru_cache(maxsize=8)
 def plain_driving(robot: Robot) -> DrivingStyle:
     """Return the assumption for an action that was not observed: all that the base can do."""
     limits = ObservedLimits(**asdict(robot.limits))
-    return DrivingStyle(limits, chosen_kinds(Family(limits, tuple(free_kinds(limits))), hold=0.0))
+    paths, none = Family(limits, tuple(free_kinds(limits))), np.empty((5, 1, 0))
+    return DrivingStyle(limits, chosen_kinds(paths, none, hold=0.0))

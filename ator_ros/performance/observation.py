@@ -53,16 +53,22 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
         Its limits hold where too little was observed.
     """
     limits = observed_limits(rows, robot)
+    starts = rows[(rows["t"] == 0.0) & rows["success"]]
+    holding = starts["hold"] > 0.5
     if np.mean(rows["v"] < _BACKWARD[0]) <= _BACKWARD[1]:
         turns = _turns(rows, limits)
-        kinds = forward_kinds(
-            limits, _rates(turns.start, turns.gain, turns), _rates(turns.end, turns.loss, turns)
-        )
-        paths = Family(limits, tuple(kinds), run=None, forward=True)
-        return DrivingStyle(limits, chosen_kinds(paths, hold=robot.hold), forward=True)
-    driving = DrivingStyle(limits, chosen_kinds(Family(limits, tuple(free_kinds(limits))), hold=0.0))
-    starts = rows[(rows["t"] == 0.0) & rows["success"] & (rows["hold"] > 0.5)]
-    return _best_approach(driving, starts, robot) if len(starts) else driving
+        first, last = _rates(turns.start, turns.gain, turns), _rates(turns.end, turns.loss, turns)
+        paths = Family(limits, tuple(forward_kinds(limits, first, last)), run=None, forward=True)
+        ends = _geometry(starts, robot).ends
+        return DrivingStyle(limits, chosen_kinds(paths, ends, hold=robot.hold), forward=True)
+    paths = Family(limits, tuple(free_kinds(limits)))
+    driving = DrivingStyle(limits, chosen_kinds(paths, _geometry(starts[~holding], robot).ends, hold=0.0))
+    return _best_approach(driving, starts[holding], robot) if holding.any() else driving
+
+
+def _geometry(starts: pd.DataFrame, robot: Robot, driving: DrivingStyle | None = None) -> Geometry:
+    direct = {name: starts[name].to_numpy(dtype=float) for name in DIRECT_VARIABLES}
+    return Geometry(direct, robot, driving)
 
 
 def observed_limits(rows: pd.DataFrame, robot: Robot) -> ObservedLimits:
@@ -158,11 +164,11 @@ def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:
 
 def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> DrivingStyle:
     """Choose run and passing with which the times of paths predict durations best."""
-    kinds = tuple(free_kinds(driving.limits, RUNS))
+    kinds, ends = tuple(free_kinds(driving.limits, RUNS)), _geometry(starts, robot).ends
 
     def approaching(run: float) -> DrivingStyle:
         paths = Family(driving.limits, kinds, run=run)
-        return dataclasses.replace(driving, run=run, approaches=chosen_kinds(paths, hold=robot.hold))
+        return dataclasses.replace(driving, run=run, approaches=chosen_kinds(paths, ends, hold=robot.hold))
 
     best = approaching(_RUN_LENGTHS[len(_RUN_LENGTHS) // 2])
     least = np.inf
@@ -179,8 +185,7 @@ def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) ->
 
 def _error(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> float:
     """Return the mean error in s of the durations as a linear function of the times of paths."""
-    direct = {name: starts[name].to_numpy(dtype=float) for name in DIRECT_VARIABLES}
-    times = Geometry(direct, robot, driving).path.time
+    times = _geometry(starts, robot, driving).path.time
     table = np.column_stack([np.ones(len(times)), times])
     durations = starts["duration"].to_numpy(dtype=float)
     weights = np.linalg.lstsq(table, durations, rcond=None)[0]

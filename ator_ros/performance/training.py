@@ -37,6 +37,9 @@ _SMOOTHINGS = (5.0, 60.0)
 the jumps between them: much smoothing is better, unless an action changes its behavior at thresholds."""
 _FOLDS, _FEW_FOLDS = 10, 3
 _BASE = "path_time"
+_EARLIEST = 4.5
+"""Median deviations below the median of what drives take longer than their path, at which it is cut off: a drive
+that is faster shows that its kind of path is not among the chosen ones, and would pull its neighbors down."""
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
 LEAST_EPISODES = 20
@@ -123,6 +126,9 @@ def duration_tree(table: pd.DataFrame, durations: FloatArray) -> ModelTree:
     """
     base = table[_BASE].to_numpy() if _BASE in table else np.zeros(len(table))
     late = durations - base
+    if _BASE in table:
+        usual = float(np.median(late))
+        late = np.maximum(late, usual - _EARLIEST * float(np.median(np.abs(late - usual))))
     learner = ModelTreeRegressor(smoothing=_best_smoothing(table, late))
     tree: ModelTree = learner.fit(table, late).tree_
     leaves = tree.apply(np.ascontiguousarray(table.to_numpy()))

@@ -17,7 +17,7 @@ from ator_ros.robot.description import Robot
 def test_chosen_paths_are_nearly_as_fast_as_all_of_the_grid(robot: Robot) -> None:
     limits = ObservedLimits(**asdict(robot.limits))
     grid = Family(limits, tuple(free_kinds(limits)))
-    chosen = Family(limits, tuple(map(restored_kind, chosen_kinds(grid, hold=0.0))))
+    chosen = Family(limits, tuple(map(restored_kind, chosen_kinds(grid, np.empty((5, 1, 0)), hold=0.0))))
     drawn = drawn_ends(limits, 150, np.random.default_rng(1))
     mine, best = (fastest_motions(drawn, some, hold=robot.hold).time for some in (chosen, grid))
     assert np.isfinite(mine).all()
