@@ -47,7 +47,7 @@ _ROUNDS = 3  # most rounds: more variables need more moves
 _ON_GRID = 2  # free variables up to which the first candidates form a grid, which has the ends of ranges
 _LEAST_STEPS = 3  # of a grid in each direction
 _BEST = 2  # candidates that have windows: the valley of the best first one need not be the deepest
-_GAIN = 1e-3  # least share of the cost that counts as a gain: 10 ms of 10 s, below the models' errors
+_GAIN = 2e-3  # least gain of a round that counts, as a share of the mean cost of a step: 10 ms of 5 s
 _SHRINKS = 0.5  # least factor by which a window shrinks in a round
 _REACH = 2.0  # least half width of a window in multiples of the last move: windows follow a bent valley
 _TRIES = 40  # points tested for each wanted candidate in a region, of _POINTS
@@ -157,7 +157,7 @@ def search(
         path = least_path(step_cost, candidates, centers, deadline)
         for window, start, end in zip(windows, centers, path.values, strict=True):
             window.shrink(start, end, number)
-        without_gain = 0 if cost - path.cost > _GAIN * abs(cost) else without_gain + 1
+        without_gain = 0 if cost - path.cost > _GAIN * abs(cost) / len(axes) else without_gain + 1
     return dataclasses.replace(path, curves=curves)
 
 
