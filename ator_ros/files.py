@@ -13,7 +13,7 @@ import os
 import resource
 import shlex
 import tempfile
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -29,8 +29,7 @@ T = TypeVar("T")
 VERSION = 1
 """Version of all formats."""
 _FORMAT, _VERSION = "format", "schema_version"
-LARGEST_JSON = 20_000_000
-"""Bytes of a JSON file; the largest model that ships has 40 kB."""
+_LARGEST_JSON = 20_000_000  # bytes; the largest model that ships has 40 kB
 _LONGEST_NAME = 100  # characters; a file's name may have 255 bytes
 
 
@@ -138,35 +137,16 @@ def header(kind: str) -> dict[str, Any]:
     return {_FORMAT: f"ator_ros {kind}", _VERSION: VERSION}
 
 
-def save(
-    path: Path | str,
-    kind: str,
-    content: DataclassInstance | Mapping[str, Any],
-    *,
-    compact: Collection[str] = (),
-) -> None:
-    """Write a file of this kind, atomically; fields named in `compact` take one line each.
+def save(path: Path | str, kind: str, content: DataclassInstance | Mapping[str, Any]) -> None:
+    """Write a file of this kind, atomically.
 
     Fields of a dataclass whose value and default are None are left out.
     """
     fields = content if isinstance(content, Mapping) else unstructured(content)
-    lines = []
-    for name, value in {**header(kind), **fields}.items():
-        if name in compact:
-            text = json.dumps(value, separators=(",", ":"))
-        else:
-            text = json.dumps(value, indent=1, allow_nan=False).replace("\n", "\n ")
-        lines.append(f" {json.dumps(name)}: {text}")
-    write_text(path, "{\n" + ",\n".join(lines) + "\n}\n")
+    write_text(path, json.dumps({**header(kind), **fields}, indent=1, allow_nan=False) + "\n")
 
 
-def load(
-    path: Path | str,
-    kind: str,
-    schema: type[T],
-    *,
-    largest: int = LARGEST_JSON,
-) -> T:
+def load(path: Path | str, kind: str, schema: type[T]) -> T:
     """Read a file of this kind.
 
     Parameters
@@ -176,15 +156,13 @@ def load(
         As in `save`.
     schema : type
         A dataclass; other fields of the file are ignored.
-    largest : int
-        Bytes that the file may have.
 
     Raises
     ------
     FileError
         The file cannot be read, or is of another kind; the message names file and field.
     """
-    data = read_json(Path(path), largest=largest)
+    data = read_json(Path(path))
     try:
         return structured(content_of(data, kind), schema)
     except SchemaError as error:
@@ -236,16 +214,16 @@ def read_text(path: Path, largest: int) -> str:
     return data.decode("utf-8")
 
 
-def read_json(path: Path, *, largest: int = LARGEST_JSON) -> Any:
+def read_json(path: Path) -> Any:
     """Read a JSON file.
 
     Raises
     ------
     FileError
-        The file cannot be read, has more than `largest` bytes, is not JSON, or is nested too deeply.
+        The file cannot be read, is larger than 20 MB, is not JSON, or is nested too deeply.
     """
     try:
-        return json.loads(read_text(path, largest))
+        return json.loads(read_text(path, _LARGEST_JSON))
     except FileNotFoundError:
         raise FileError(f"{path}: expected a JSON file, there is none") from None
     except (OSError, RecursionError, ValueError) as error:

@@ -19,10 +19,10 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.evaluation.statistics import mean_interval
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, open_places, open_speeds, random_trial
 from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.performance.accuracy import mean_ci95
 from ator_ros.refinement.chain_prediction import ChainModel, predict_chain
 from ator_ros.refinement.free_variables import names_of
 from ator_ros.refinement.objective import expected_time
@@ -172,7 +172,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         rows = [compared(tools, library, case, options.seed, index) for index in range(options.situations)]
         cost, taken, least, least_taken = np.array(rows).T
         above, later = cost / least - 1.0, taken - least_taken
-        low, high = mean_interval(later)
+        low, high = mean_ci95(later)
         print(
             f"| {name} | {'global optimizer' if case.degrees is None else 'brute force'} "
             f"| {100.0 * (above <= NEAR).mean():.1f} % | {100.0 * above.mean():.3f} % "

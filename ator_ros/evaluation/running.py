@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,56 +13,13 @@ from ator_ros.evaluation.statistics import prediction_errors, summarize
 from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.parallel import HERE, Workers, progress, run_tasks
 from ator_ros.experience.table import library_versions
-from ator_ros.files import load, save
+from ator_ros.files import save
 
 PARTIAL = "situations.jsonl"
+RUNS = "runs.jsonl"
+"""A finished file of partial results: settings, then the record of each situation, one a line."""
 RESULT = "evaluation.json"
 KIND = "evaluation"
-_LARGEST = 1_000_000_000
-"""Bytes of a file of results: a situation takes about 2 kB."""
-
-
-def to_columns(records: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
-    """Turn records into columns: each key to the list of its values, mappings key by key."""
-    names = dict.fromkeys(name for record in records if record is not None for name in record)
-    columns: dict[str, Any] = {}
-    for name in names:
-        values = [None if record is None else record.get(name) for record in records]
-        nested = any(isinstance(value, Mapping) for value in values)
-        columns[name] = to_columns(values) if nested else values
-    return columns
-
-
-def to_records(columns: Mapping[str, Any], count: int) -> list[Record]:
-    """Turn columns that `to_columns` made back into records; what is missing is left out."""
-    records: list[Record] = [{} for _ in range(count)]
-    for name, values in columns.items():
-        rows = to_records(values, count) if isinstance(values, Mapping) else values
-        for record, value in zip(records, rows, strict=True):
-            if value is not None and value != {}:
-                record[name] = value
-    return records
-
-
-@dataclass(frozen=True)
-class Result:
-    """The fields of `evaluation.json` that are used again; runs: records by columns."""
-
-    summary: dict[str, Any]
-    settings: dict[str, Any]
-    runs: dict[str, Any]
-    digests: dict[str, str] = field(default_factory=dict)
-
-
-def read_result(folder: Path) -> Result:
-    """Read `evaluation.json`.
-
-    Raises
-    ------
-    FileError
-        The file cannot be read, or is no finished evaluation.
-    """
-    return load(folder / RESULT, KIND, Result, largest=_LARGEST)
 
 
 def run_situations(
@@ -98,7 +55,7 @@ def run_situations(
 
 
 def write_result(folder: Path, settings: Settings, records: Sequence[Record], command: str) -> dict[str, Any]:
-    """Write `evaluation.json`, with all runs by columns in one line; return its contents."""
+    """Write `evaluation.json`; return its contents."""
     summary: dict[str, Any] = {
         "situations": len(records),
         "seed": settings.seed,
@@ -115,10 +72,8 @@ def write_result(folder: Path, settings: Settings, records: Sequence[Record], co
         "settings": asdict(replace(settings, source=portable)),
         "executed": sum(record["executed"] for record in records),
         "digest": source.digest(),
-        "digests": source.digests(settings.chain),
         "versions": library_versions(),
         "machine": platform.platform(),
-        "runs": to_columns(records),
     }
-    save(folder / RESULT, KIND, result, compact=("runs",))
+    save(folder / RESULT, KIND, result)
     return result

@@ -21,13 +21,12 @@ from ator_ros.evaluation.chain_run import ChainKey, ChainRun, key_of, run_chain
 from ator_ros.evaluation.policies import POLICIES, UNGATED, Choice, naive
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
-from ator_ros.geometry import BoolArray, FloatArray, wrap_angle, wrap_angles
+from ator_ros.geometry import FloatArray, wrap_angle
 from ator_ros.refinement.chain_prediction import ChainModel, predict_chain
-from ator_ros.refinement.free_variables import FreeVariable, names_of
 from ator_ros.refinement.objective import Objective
+from ator_ros.refinement.search import least_path
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.ranges import USUAL_RANGES
 from ator_ros.world.state import RobotState, World
 
 Record = dict[str, Any]
@@ -170,12 +169,10 @@ def _joint_oracle(
     settings: Settings, tools: Toolset, trial: Trial, execute: Executions, chosen: Sequence[TopChain]
 ) -> dict[str, Record]:
     """Execute the chain with the best headings by executed legs; the policies' own chains count too."""
-    runs = [execute(each) for each in chosen]
-    tried = [(each, run.actions if run.success else ()) for each, run in zip(chosen, runs, strict=True)]
     chain, legs = best_headings(
-        tools, trial, tried, execute.leg, count=settings.oracle, margin=settings.oracle_margin
+        tools, trial, chosen, execute.leg, count=settings.oracle, margin=settings.oracle_margin
     )
-    best = min([execute(chain), *runs], key=lambda run: run.duration)
+    best = min([execute(each) for each in (chain, *chosen)], key=lambda run: run.duration)
     headings = [round(call.goal.pose.yaw, 3) for call in chain.calls]
     return {"oracle": {"headings": headings, "durations": [None], **_best(best), "legs": legs}}
 
@@ -224,6 +221,7 @@ def _executed(
 Drive = Callable[[World, TopChain], float]
 """Executes a chain of one action from rest; returns its duration in s, infinite where it fails."""
 _SAME = 1e-3  # rad
+_ROUNDING = 1e-9  # s
 
 
 def candidates(trial: Trial, chains: Sequence[TopChain], count: int) -> list[FloatArray]:
@@ -250,44 +248,10 @@ def candidates(trial: Trial, chains: Sequence[TopChain], count: int) -> list[Flo
     return offered
 
 
-def predicted_legs(tools: Toolset, trial: Trial, offered: Sequence[FloatArray]) -> list[FloatArray]:
-    """Return the predicted duration in s of each leg, shape (headings before, headings after)."""
-    calls = trial.chain.calls
-    free = [
-        FreeVariable(index, "yaw", USUAL_RANGES["yaw"](tools.robot, call.goal))
-        for index, call in enumerate(calls)
-    ]
-    names = names_of(trial.chain, free)
-    model = ChainModel(
-        trial.world, trial.chain, tools.robot, models=tools.models, names=names, objective=Objective()
-    )
-    legs = []
-    for index, after in enumerate(offered):
-        before = offered[index - 1] if index else np.zeros(1)
-        pairs = np.stack(np.meshgrid(before, after, indexing="ij"), axis=-1).reshape(-1, 2)
-        start = pairs[:, :1] if index else np.zeros((len(pairs), 0))
-        cost = model.step_cost(index, start, pairs[:, 1:])
-        legs.append(np.broadcast_to(cost, len(pairs)).reshape(len(before), len(after)))
-    return legs
-
-
-def promising(legs: Sequence[FloatArray], margin: float | None) -> list[BoolArray]:
-    """Return the pairs of each leg on chains predicted at most `margin` s above the best; None: all pairs."""
-    forward = [np.zeros(1)]
-    for leg in legs:
-        forward.append(np.min(forward[-1][:, None] + leg, axis=0))
-    backward = [np.zeros(legs[-1].shape[1])]
-    for leg in reversed(legs):
-        backward.insert(0, np.min(leg + backward[0][None, :], axis=1))
-    bound = math.inf if margin is None else float(np.min(forward[-1])) + margin + 1e-9
-    parts = zip(forward, legs, backward[1:], strict=False)
-    return [before[:, None] + leg + after[None, :] <= bound for before, leg, after in parts]
-
-
 def best_headings(
     tools: Toolset,
     trial: Trial,
-    tried: Sequence[tuple[TopChain, tuple[float, ...]]],
+    chosen: Sequence[TopChain],
     drive: Drive,
     *,
     count: int,
@@ -298,53 +262,40 @@ def best_headings(
     Parameters
     ----------
     tools : Toolset
-        Learned models, which exclude slow legs.
+        Learned models, which exclude slow headings.
     trial : Trial
         The situation.
-    tried : sequence of (TopChain, tuple of float)
-        Executed choices of policies, with the durations in s of their actions, fewer where they failed: their
-        headings are tried, and their legs are not executed again.
+    chosen : sequence of TopChain
+        Choices of policies, whose headings are tried too.
     drive : callable
         Executes a leg.
-    count, margin
-        Number of headings at each open step, and the margin of `promising`.
+    count : int
+        Number of evenly spaced headings at each open step.
+    margin : float or None
+        Headings are left out if all chains through them are predicted to take this much longer than the best
+        (s); None: all are tried.
     """
-    offered = candidates(trial, [chain for chain, _ in tried], count)
-    wanted = promising(predicted_legs(tools, trial, offered), margin)
-    poses = [trial.world.robot.pose, *(call.goal.pose for call in trial.chain.calls)]
-    legs, executed = [], 0
-    for index, (here, call) in enumerate(zip(poses, trial.chain.calls, strict=False)):
-        before = offered[index - 1] if index else np.array([here.yaw])
-        times = np.full((len(before), len(offered[index])), math.nan)
-        for chain, actions in tried:
-            if len(actions) == len(trial.chain.calls):
-                row = _nearest(before, chain.calls[index - 1].goal.pose.yaw) if index else 0
-                column = _nearest(offered[index], chain.calls[index].goal.pose.yaw)
-                times[row, column] = actions[index]
-        for row, column in np.argwhere(wanted[index] & np.isnan(times)):
-            start = RobotState(here._replace(yaw=float(before[row])))
-            leg = with_headings(TopChain((call,)), {0: float(offered[index][column])})
-            times[row, column] = drive(World(0.0, start, trial.world.objects), leg)
-            executed += 1
-        legs.append(np.where(np.isnan(times), math.inf, times))
-    path = _least(legs)
-    opened = {i: float(offered[i][n]) for i, n in enumerate(path) if "yaw" in trial.chain.calls[i].open}
+    calls, names = trial.chain.calls, [("yaw",)] * len(trial.chain)
+    model = ChainModel(
+        trial.world, trial.chain, tools.robot, models=tools.models, names=names, objective=Objective()
+    )
+    offered = [headings[:, None] for headings in candidates(trial, chosen, count)]
+    predicted = least_path(model.step_cost, offered, ())
+    bound = math.inf if margin is None else predicted.cost + margin + _ROUNDING
+    promising = [curve.values[curve.totals <= bound] for curve in predicted.curves]
+    poses = [trial.world.robot.pose, *(call.goal.pose for call in calls)]
+    executed = 0
+
+    def duration(index: int, before: FloatArray, after: FloatArray) -> FloatArray:
+        nonlocal executed
+        from_headings = before[:, 0] if index else np.array([poses[0].yaw])
+        pairs = np.array(np.broadcast_arrays(from_headings, after[:, 0])).T.tolist()
+        executed += len(pairs)
+        starts = [RobotState(poses[index]._replace(yaw=yaw)) for yaw, _ in pairs]
+        legs = [with_headings(TopChain((calls[index],)), {0: yaw}) for _, yaw in pairs]
+        worlds = [World(0.0, start, trial.world.objects) for start in starts]
+        return np.array([drive(world, leg) for world, leg in zip(worlds, legs, strict=True)])
+
+    values = least_path(duration, promising, ()).values
+    opened = {i: float(yaw[0]) for i, yaw in enumerate(values) if "yaw" in calls[i].open}
     return with_headings(trial.chain, opened), executed
-
-
-def _least(legs: Sequence[FloatArray]) -> list[int]:
-    """Return the indices of the headings, one for each step, of the fastest chain."""
-    sums, origins = np.zeros(1), []
-    for leg in legs:
-        totals = sums[:, None] + leg
-        origins.append(np.argmin(totals, axis=0))
-        sums = totals.min(axis=0)
-    path = [int(np.argmin(sums))]
-    for origin in reversed(origins[1:]):
-        path.insert(0, int(origin[path[0]]))
-    return path
-
-
-def _nearest(headings: FloatArray, yaw: float) -> int:
-    """Return the index of the heading `yaw`."""
-    return int(np.argmin(np.abs(wrap_angles(headings - yaw))))

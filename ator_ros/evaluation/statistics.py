@@ -36,9 +36,9 @@ def summarize(records: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]
     -------
     dict
         By policy, and for the oracle: mean_duration_s, improvement_percent (of the sums, against naive),
-        improvement_ci95, mean_ratio_improvement_percent (mean of the runs' own percentages) and its interval,
+        improvement_ci95, mean_ratio_improvement_percent (mean of the runs' own percentages),
         higher, equal, lower (runs), mean_gain_higher_percent, mean_loss_lower_percent,
-        oracle_captured_percent and its interval, failures, worst_loss_percent.
+        oracle_captured_percent, failures, worst_loss_percent.
     """
     runs = {name: [record["policies"][name] for record in records] for name in records[0]["policies"]}
     oracles = [name for name in ("oracle", "oracle_speed") if name in records[0]]
@@ -70,7 +70,6 @@ def _policy_summary(
         "improvement_percent": _rounded(100.0 * (1.0 - duration.sum() / reference.sum())),
         "improvement_ci95": _interval(100.0 * (1.0 - resampled[name] / resampled["naive"])),
         "mean_ratio_improvement_percent": _rounded(ratio.mean()),
-        "mean_ratio_improvement_ci95": mean_interval(ratio),
         "higher": len(higher),
         "equal": int(np.sum(label == "Equal")),
         "lower": len(lower),
@@ -78,16 +77,12 @@ def _policy_summary(
         "mean_loss_lower_percent": _rounded(-lower.mean()) if len(lower) else 0.0,
         "worst_loss_percent": _rounded(max(0.0, -ratio.min())),
         "oracle_captured_percent": None,
-        "oracle_captured_ci95": None,
     }
     best = durations.get("oracle", reference)
     possible = reference.sum() - best.sum()
     if possible > _WORTH_SHARING * reference.sum():
         captured = (reference.sum() - duration.sum()) / possible
         summary["oracle_captured_percent"] = _rounded(100.0 * captured)
-        with np.errstate(invalid="ignore", divide="ignore"):  # a resample may have nothing to gain
-            shares = (resampled["naive"] - resampled[name]) / (resampled["naive"] - resampled["oracle"])
-        summary["oracle_captured_ci95"] = _interval(100.0 * shares)
     return summary
 
 
@@ -96,15 +91,7 @@ def _rounded(value: Any) -> float:
 
 
 def _interval(values: FloatArray) -> list[float]:
-    finite = values[np.isfinite(values)]
-    if not len(finite):
-        return [0.0, 0.0]
-    return [_rounded(bound) for bound in np.percentile(finite, [2.5, 97.5])]
-
-
-def mean_interval(values: FloatArray) -> list[float]:
-    """Return the 95 % bootstrap interval of the mean of `values`, shape (n,)."""
-    return [_rounded(bound) for bound in mean_ci95(values)]
+    return [_rounded(bound) for bound in np.percentile(values, [2.5, 97.5])]
 
 
 def prediction_errors(records: Sequence[Mapping[str, Any]], policy: str) -> dict[str, Any]:
@@ -124,7 +111,7 @@ def prediction_errors(records: Sequence[Mapping[str, Any]], policy: str) -> dict
     return {
         "chains": len(errors),
         "mean_error_s": _rounded(errors.mean()),
-        "mean_error_ci95": mean_interval(errors),
+        "mean_error_ci95": [_rounded(bound) for bound in mean_ci95(errors)],
         "mae_s": _rounded(np.abs(errors).mean()),
         "rmse_s": _rounded(np.sqrt((errors**2).mean())),
     }

@@ -1,10 +1,10 @@
-"""The results of `study` and their page: actions, models, and the gain of each open variable."""
+"""What `study` reports: the gain of each open variable, and the page of all results."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections import Counter, defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -98,142 +98,51 @@ def _summary(step: int, top: str, name: str, results: list[Refinement]) -> OpenV
     return OpenVariable(step, top, name, round(share, 3), round(gain, 3), explanation)
 
 
-KIND = "study"
-SETTINGS = "study settings"
-
-
-@dataclass(frozen=True)
-class StudySettings:
-    """What the files of a study depend on.
-
-    Attributes
-    ----------
-    description_digest, domain, action_set : str
-        Digest of robot and scene, and names of domain and action set.
-    episodes : int
-        Of each action.
-    situations : int
-        Number of situations of the gate, and of others of the evaluation.
-    seed : int
-        Seed of the episodes; fresh episodes, gate and evaluation use the three seeds after it.
-    chain : str or None
-        The chain of the evaluation, if the robot can execute it.
-    oracle : int
-        Number of headings of the first subgoal that the oracle executes.
-    """
-
-    description_digest: str
-    domain: str
-    action_set: str
-    episodes: int
-    situations: int
-    seed: int
-    chain: str | None
-    oracle: int
-
-
-@dataclass(frozen=True)
-class MeasuredAction:
-    """Performance of an action over all its episodes, and accuracy of its model.
-
-    Attributes
-    ----------
-    episodes : int
-        Number of episodes.
-    success : float
-        Share that succeeded.
-    mean_duration_s : float or None
-        Of the successes; None without any.
-    accuracy : dict
-        As in the file of its model; empty without one.
-    failures : dict
-        Reasons of failures and their numbers.
-    """
-
-    episodes: int
-    success: float
-    mean_duration_s: float | None
-    accuracy: dict[str, Any]
-    failures: dict[str, int]
-
-
-@dataclass(frozen=True)
-class StudyResult:
-    """The content of the file that `study` writes.
-
-    Attributes
-    ----------
-    command : str
-        The command that wrote it.
-    robot, robot_digest : str
-        Name and digest of the robot's description.
-    domain, action_set : str
-        Domain and action set.
-    actions : mapping of str to MeasuredAction
-        The actions that the robot can execute, by name.
-    left_out : mapping of str to str
-        The other actions, with the reason.
-    chain : str or None
-        The chain that was evaluated; None without one.
-    evaluation : mapping or None
-        Summary of its evaluation, as in `evaluation.json`.
-    variables : tuple of OpenVariable
-        The open variables of the chain, with their gains.
-    """
-
-    command: str
-    robot: str
-    robot_digest: str
-    domain: str
-    action_set: str
-    actions: dict[str, MeasuredAction]
-    left_out: dict[str, str]
-    chain: str | None
-    evaluation: dict[str, Any] | None
-    variables: tuple[OpenVariable, ...] = ()
-
-
-def study_page(result: StudyResult) -> str:
-    """Return the HTML page of a study."""
+def study_page(result: Mapping[str, Any]) -> str:
+    """Return the HTML page of a study, from the contents of `study.json`."""
     parts: list[Part] = [
-        ("p", f"Domain {result.domain}, action set {result.action_set}."),
+        ("p", f"Domain {result['domain']}, action set {result['action_set']}."),
         ("h2", "Actions"),
         pd.DataFrame(
             {
                 "action": name,
-                "episodes": row.episodes,
-                "success": f"{100 * row.success:.2f} %",
-                "mean duration, s": "-" if row.mean_duration_s is None else f"{row.mean_duration_s:.2f}",
-                "model's MAE, s": f"{row.accuracy['mae_s']:.3f}" if "mae_s" in row.accuracy else "-",
-                "RMSE, s": f"{row.accuracy['rmse_s']:.3f}" if "rmse_s" in row.accuracy else "-",
+                "episodes": row["episodes"],
+                "success": f"{100 * row['success']:.2f} %",
+                "mean duration, s": _seconds(row["mean_duration_s"], 2),
+                "model's MAE, s": _seconds(row["accuracy"].get("mae_s")),
+                "RMSE, s": _seconds(row["accuracy"].get("rmse_s")),
             }
-            for name, row in result.actions.items()
+            for name, row in result["actions"].items()
         ),
     ]
-    if result.left_out:
+    if result["left_out"]:
         parts += [
             ("h2", "What this robot cannot do"),
-            pd.DataFrame(result.left_out.items(), columns=["action", "why"]),
+            pd.DataFrame(result["left_out"].items(), columns=["action", "why"]),
         ]
-    if result.evaluation is None:
+    if result["evaluation"] is None:
         parts.append(("p", "No chain of the domain can be executed by this robot."))
     else:
         parts += [
-            ("h2", f"Refinement of the chain {result.chain}"),
-            policy_table(result.evaluation),
+            ("h2", f"Refinement of the chain {result['chain']}"),
+            policy_table(result["evaluation"]),
             ("p", "The evaluation in full: evaluation/report.html"),
         ]
-    if result.variables:
+    if result["variables"]:
         variables = pd.DataFrame(
             {
-                "step": f"{each.step} ({each.top})",
-                "open variable": each.name,
-                "free in": f"{100 * each.free:.0f} %",
-                "predicted gain alone, s": f"{each.gain_s:.2f}",
-                "explanation": each.explanation,
+                "step": f"{each['step']} ({each['top']})",
+                "open variable": each["name"],
+                "free in": f"{100 * each['free']:.0f} %",
+                "predicted gain alone, s": f"{each['gain_s']:.2f}",
+                "explanation": each["explanation"],
             }
-            for each in result.variables
+            for each in result["variables"]
         )
         parts += [("h2", "Open variables"), variables]
-    parts += [("h2", "To repeat this"), ("pre", result.command)]
-    return page(f"{result.robot}: actions and their refinement", parts)
+    parts += [("h2", "To repeat this"), ("pre", result["command"])]
+    return page(f"{result['robot']}: actions and their refinement", parts)
+
+
+def _seconds(value: float | None, digits: int = 3) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"

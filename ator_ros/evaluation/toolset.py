@@ -9,13 +9,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
-
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains import DEFAULT
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.trials import EvaluationError, random_trial
-from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, models_folder
 from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain
 from ator_ros.refinement.gate import Gate, OpenGate, gate_in
@@ -102,31 +99,22 @@ class ToolsetSource:
             sha.update(file.name.encode() + file.read_bytes())
         return sha.hexdigest()[:16]
 
-    def digests(self, chain: str) -> dict[str, str]:
-        """Return the digests of the robot and of the learned models of a chain's actions.
+    def require_executable(self, chain: str) -> None:
+        """Check the actions of a chain, and their models, before anything is executed.
 
         Raises
         ------
+        EvaluationError
+            The simulator cannot execute an action.
         FileError
             A model cannot be used.
         """
-        robot, features = self.described(), find_domain(self.domain).known_features
-        files = {action: self.folder() / f"{action}.json" for action in self.actions_of(chain, robot)}
-        models = {action: _model_digest(load_model(file, robot, features)) for action, file in files.items()}
-        return {"robot": robot.digest(), **models}
-
-    def require_executable(self, chain: str) -> None:
-        """Raise EvaluationError where the simulator cannot execute an action of a chain."""
-        specs = find_domain(self.domain).actions(self.action_set)
-        reasons = (specs[action].over_ros_only for action in self.actions_of(chain, self.described()))
-        why = next((reason for reason in reasons if reason is not None), None)
-        if why is not None:
-            raise EvaluationError(f"chain {chain}: {why}")
-
-    def actions_of(self, chain: str, robot: Robot) -> list[str]:
-        """Return the action of each step of a chain."""
-        trial = random_trial(find_domain(self.domain), chain, make_library(robot, self), seed=0, index=0)
-        return [call.top.action for call in trial.chain.calls]
+        domain, robot = find_domain(self.domain), self.described()
+        trial = random_trial(domain, chain, make_library(robot, self), seed=0, index=0)
+        for action in dict.fromkeys(call.top.action for call in trial.chain.calls):
+            if why := domain.actions(self.action_set)[action].over_ros_only:
+                raise EvaluationError(f"chain {chain}: {why}")
+            load_model(self.folder() / f"{action}.json", robot, domain.known_features)
 
 
 def make_library(robot: Robot, source: ToolsetSource) -> TopLibrary:
@@ -148,17 +136,6 @@ def make_toolset(source: ToolsetSource) -> Toolset:
     there = {action: file for action, file in files.items() if os.path.lexists(file)} or files
     models = {action: load_model(file, robot, domain.known_features) for action, file in there.items()}
     return Toolset(domain, robot, models, gate_in(folder, source.action_set))
-
-
-def _model_digest(model: PerformanceModel) -> str:
-    """Return a short digest of what a performance model predicts durations with."""
-    tree = model.trees["duration"]
-    sha = hashlib.sha256(",".join(tree.names).encode())
-    parts = (tree.feature, tree.threshold, tree.children, tree.intercept, tree.coefficients)
-    for part in (*parts, tree.lower, tree.upper, tree.spread):
-        sha.update(np.ascontiguousarray(part, dtype=float).tobytes())
-    sha.update(repr(model.driving).encode())
-    return sha.hexdigest()[:16]
 
 
 def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:

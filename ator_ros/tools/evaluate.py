@@ -10,7 +10,7 @@ from pathlib import Path
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.policies import POLICIES, unavailable
 from ator_ros.evaluation.report import policy_table, prediction_table, write_report
-from ator_ros.evaluation.running import PARTIAL, RESULT, run_situations, write_result
+from ator_ros.evaluation.running import PARTIAL, RESULT, RUNS, run_situations, write_result
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import make_toolset
 from ator_ros.evaluation.trials import EvaluationError
@@ -47,7 +47,7 @@ def evaluate(
         if len(table):
             print(table.to_string(index=False), end="\n\n")
     report = write_report(out, result)
-    (out / PARTIAL).unlink(missing_ok=True)
+    (out / PARTIAL).replace(out / RUNS)
     print(f"wrote {out / RESULT} and {report}")
 
 
@@ -104,7 +104,6 @@ def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
     _check_oracle_options(options)
     source = source_of(options)
     source.require_executable(options.chain)
-    source.digests(options.chain)  # a missing model is reported before a missing gate
     missing = unavailable(source)
     for name, why in missing.items():
         if options.policies is None:

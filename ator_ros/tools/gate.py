@@ -65,7 +65,6 @@ def learn_gate(
         Learn a threshold from errors drawn for each chain from those of similar ones.
     """
     source.require_executable(chain)
-    source.digests(chain)  # a missing model is reported before anything is executed
     settings = Settings(seed, chain, ("naive", *UNGATED), source=source)
     records = run_situations(settings, situations=situations, folder=work, workers=workers)
     learned = learn_gates(gate_examples(records), fit_to_drawn_errors if draw_errors else fit_threshold)

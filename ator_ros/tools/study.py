@@ -6,26 +6,18 @@ The same command resumes where it was interrupted.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ator_ros.domains.domain import Domain, find_domain
-from ator_ros.evaluation.running import RESULT, read_result
+from ator_ros.evaluation.running import KIND as EVALUATION
+from ator_ros.evaluation.running import RESULT
 from ator_ros.evaluation.situation import Settings
-from ator_ros.evaluation.study import (
-    KIND,
-    SETTINGS,
-    MeasuredAction,
-    OpenVariable,
-    StudyResult,
-    StudySettings,
-    open_variables,
-    study_page,
-)
+from ator_ros.evaluation.study import open_variables, study_page
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
 from ator_ros.evaluation.trials import EvaluationError, possible_actions, possible_chain, random_trial
 from ator_ros.experience.parallel import EVERY_CORE, Workers
@@ -40,11 +32,37 @@ from ator_ros.tools.evaluate import evaluate
 from ator_ros.tools.gate import learn_gate
 from ator_ros.tools.train import train
 
+KIND = "study"
 POLICIES = ("naive", "refined", "gated", "refined_speed", "gated_speed")
 EXPLAINED = 50
 """Situations in which open variables are explained, at most."""
 MARGIN = 1.0
 """Time in s: headings predicted to take this much longer than the best are not executed by the oracle."""
+
+
+@dataclass(frozen=True)
+class StudySettings:
+    """Sizes of a study.
+
+    Attributes
+    ----------
+    episodes : int
+        Of each action.
+    situations : int
+        Number of situations of the gate, and of others of the evaluation.
+    seed : int
+        Seed of the episodes; fresh episodes, gate and evaluation use the three seeds after it.
+    chain : str or None
+        The chain of the evaluation, if the robot can execute it.
+    oracle : int
+        Number of headings of the first subgoal that the oracle executes.
+    """
+
+    episodes: int
+    situations: int
+    seed: int
+    chain: str | None
+    oracle: int
 
 
 def study(
@@ -60,7 +78,7 @@ def study(
         raise EvaluationError("; ".join(dict.fromkeys(left_out.values())) or f"{of_domain.name}: no actions")
     for name, reason in left_out.items():
         print(f"study: without {name}: {reason}", file=sys.stderr)
-    _begin(out, settings)
+    _begin(out, source, settings)
     tables = [
         _collected(out / kind, source, settings, settings.seed + after, actions, workers)
         for after, kind in enumerate(("experience", "fresh"))
@@ -79,40 +97,42 @@ def study(
     learned = [name for name in actions if (source.folder() / f"{name}.json").exists()]
     possible = possible_chain(of_domain, make_library(described, source), settings.chain, learned)
     evaluation: dict[str, Any] | None = None
-    variables: tuple[OpenVariable, ...] = ()
+    variables: list[dict[str, Any]] = []
     if possible is None:
         print(f"study: without an evaluation: no chain of {of_domain.name} has only {', '.join(learned)}")
     else:
         evaluation = _evaluated(out, source, settings, possible, workers)
         variables = _variables(source, settings, possible)
-    result = StudyResult(
-        command=command,
-        robot=described.name,
-        robot_digest=described.digest(),
-        domain=of_domain.name,
-        action_set=action_set,
-        actions={name: _measured(out, name, source, described) for name in actions},
-        left_out=left_out,
-        chain=possible,
-        evaluation=evaluation,
-        variables=variables,
-    )
+    result = {
+        "command": command,
+        "robot": described.name,
+        "robot_digest": described.digest(),
+        "domain": of_domain.name,
+        "action_set": action_set,
+        "actions": {name: _measured(out, name, source, described) for name in actions},
+        "left_out": left_out,
+        "chain": possible,
+        "evaluation": evaluation,
+        "variables": variables,
+    }
     save(out / "study.json", KIND, result)
     write_text(out / "study.html", study_page(result))
     print(f"wrote {out / 'study.json'} and {out / 'study.html'}")
 
 
-def _begin(out: Path, ours: StudySettings) -> None:
+def _begin(out: Path, source: ToolsetSource, settings: StudySettings) -> None:
     """Check that the folder is empty or belongs to the same study."""
     file = out / "settings.json"
     if out.exists() and not out.is_dir():
         raise EvaluationError(f"--out {out}: expected a folder, got a file")
+    robot = source.described().description_digest()
+    ours = {"robot": robot, "domain": source.domain, "action_set": source.action_set, **asdict(settings)}
     if not os.path.lexists(file):
-        save(file, SETTINGS, ours)
+        save(file, "study settings", ours)
         return
-    theirs = load(file, SETTINGS, StudySettings)
-    for name, value in vars(ours).items():
-        if (found := getattr(theirs, name)) != value:
+    theirs = load(file, "study settings", dict[str, Any])
+    for name, value in ours.items():
+        if (found := theirs.get(name)) != value:
             raise EvaluationError(
                 f"{file}: {name}: expected {found!r} as in the folder's study, got {value!r}: "
                 "choose another --out"
@@ -141,7 +161,7 @@ def _collected(
 
 def _evaluated(
     out: Path, source: ToolsetSource, settings: StudySettings, chain: str, workers: Workers
-) -> dict[str, Any]:
+) -> Any:
     """Learn the gate and evaluate, unless this is done already; return the summary."""
     if not (source.folder() / GATE).exists():
         print("study: gate", flush=True)
@@ -159,10 +179,10 @@ def _evaluated(
         evaluate(
             evaluated, folder, command="evaluate of study", situations=settings.situations, workers=workers
         )
-    return read_result(folder).summary
+    return load(folder / RESULT, EVALUATION, dict[str, Any])["summary"]
 
 
-def _variables(source: ToolsetSource, settings: StudySettings, chain: str) -> tuple[OpenVariable, ...]:
+def _variables(source: ToolsetSource, settings: StudySettings, chain: str) -> list[dict[str, Any]]:
     """Explain the gain of each open variable of the chain, in situations of the evaluation."""
     tools, library = tools_of(source)
     trials = [
@@ -172,22 +192,23 @@ def _variables(source: ToolsetSource, settings: StudySettings, chain: str) -> tu
     found = open_variables(tools, trials)
     for each in found:
         print(f"study: step {each.step} ({each.top}), {each.name}: {each.explanation}")
-    return found
+    return [asdict(each) for each in found]
 
 
-def _measured(out: Path, action: str, source: ToolsetSource, robot: Robot) -> MeasuredAction:
+def _measured(out: Path, action: str, source: ToolsetSource, robot: Robot) -> dict[str, Any]:
+    """Return the performance of an action over all its episodes, and the accuracy of its model."""
     tables = [read_experience(out / kind / f"{action}.parquet").frame for kind in ("experience", "fresh")]
     ends = join(table.drop_duplicates("episode", keep="last") for table in tables)
     done = ends[ends["success"]]
     file, features = source.folder() / f"{action}.json", find_domain(source.domain).known_features
     failures = ends.loc[~ends["success"], "reason"].value_counts()
-    return MeasuredAction(
-        episodes=len(ends),
-        success=round(len(done) / len(ends), 5),
-        mean_duration_s=round(float(done["duration"].mean()), 3) if len(done) else None,
-        accuracy=load_model(file, robot, features).metadata["accuracy"] if file.exists() else {},
-        failures={str(why): int(count) for why, count in failures.items()},
-    )
+    return {
+        "episodes": len(ends),
+        "success": round(len(done) / len(ends), 5),
+        "mean_duration_s": round(float(done["duration"].mean()), 3) if len(done) else None,
+        "accuracy": load_model(file, robot, features).metadata["accuracy"] if file.exists() else {},
+        "failures": {str(why): int(count) for why, count in failures.items()},
+    }
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -218,10 +239,9 @@ def arguments() -> argparse.ArgumentParser:
 
 
 def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
-    source = dataclasses.replace(source_of(options), models=str(options.out / "models"))
-    sizes = (options.episodes, options.situations, options.seed, options.chain, options.oracle)
+    source = replace(source_of(options), models=str(options.out / "models"))
     settings = StudySettings(
-        source.described().description_digest(), source.domain, source.action_set, *sizes
+        options.episodes, options.situations, options.seed, options.chain, options.oracle
     )
     study(options.out, source, settings, command=command, workers=Workers(options.jobs))
 

@@ -12,7 +12,6 @@ from refinement_fakes import LIBRARY
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
 from ator_ros.evaluation.gate_learning import GateExamples, compare_gates, fit_threshold
-from ator_ros.evaluation.running import to_columns, to_records
 from ator_ros.evaluation.statistics import labels, summarize
 from ator_ros.experience.columns import ExperienceError
 from ator_ros.geometry import FloatArray
@@ -104,10 +103,6 @@ def test_threshold_keeps_nearly_all_of_the_gain_of_both_kinds() -> None:
     gate = fit_threshold(synthetic(features, actual))
     angle = (kind == 0) & (gain > gate.gain + gate.spread_factor * 0.1)
     assert actual[angle].sum() >= 0.97 * actual[kind == 0].sum()
-
-
-def test_records_by_columns_restore_the_records() -> None:
-    assert to_records(to_columns(RECORDS), 3) == RECORDS
 
 
 def test_too_few_episodes_for_cross_validation_are_rejected() -> None:

@@ -62,7 +62,7 @@ def total(trial: Trial, chain: TopChain) -> float:
 def test_the_oracle_matches_an_exhaustive_search(index: int) -> None:
     drawn = trial(index)
     offered = candidates(drawn, [drawn.chain], 6)
-    chain, _ = best_headings(TOOLS, drawn, [(drawn.chain, ())], drive, count=6, margin=None)
+    chain, _ = best_headings(TOOLS, drawn, [drawn.chain], drive, count=6, margin=None)
     every = [
         with_headings(drawn.chain, dict(enumerate(map(float, headings))))
         for headings in itertools.product(*offered)
