@@ -38,8 +38,8 @@ the jumps between them: much smoothing is better, unless an action changes its b
 _FOLDS, _FEW_FOLDS = 10, 3
 _BASE = "path_time"
 _EARLIEST = 4.5
-"""Median deviations below the median of what drives take longer than their path, at which it is cut off: a drive
-that is faster shows that its kind of path is not among the chosen ones, and would pull its neighbors down."""
+"""Median deviations below the median of what drives take longer than their path, at which it is cut off. A
+drive that is faster shows that its kind of path is not among the chosen ones; it would pull others down."""
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
 LEAST_EPISODES = 20
