@@ -73,31 +73,36 @@ class Thresholds:
 
 
 class Fault(enum.Enum):
-    """How an axis does not follow its commands."""
+    """How the base does not follow its commands, in words."""
 
-    STILL = "shows less than a quarter of the expected speed, or the wrong direction"
-    EXCESS = "is faster than every recent command, or does not slow down"
-    CONSTANT = "does not change its speed as commanded"
-    REVERSING = "reverses again and again, faster than it can"
-    LOSING = "goes on losing speed although it is commanded to keep it"
+    STILL = (
+        "does not {move} as commanded: {shown}: blocked wheels, an obstacle, motors off, or odometry that is "
+        "frozen or shows too little"
+    )
+    REVERSED = "{move}s in the wrong direction: {shown}: motors or odometry with the wrong sign"
+    EXCESS = "{move}s although it was not commanded to: {shown}"
+    CONSTANT = (
+        "does not follow its commands: {shown}, constantly: another program may steer it, or it cannot reach "
+        "the described {limit:.2f} {unit} (see calibrate)"
+    )
 
 
 class Debounce:
     """How long a condition has held without a break, by the stamps and in real time."""
 
     def __init__(self) -> None:
-        self.seconds, self._since = 0.0, math.inf
+        self._seconds, self._since = 0.0, math.inf
 
     def update(self, holds: bool, gap: Gap, needed: float = _PERSISTS) -> bool:
         """Add the gap before a message if the condition `holds`, else reset; return whether it persists."""
         if not holds:
-            self.seconds, self._since = 0.0, math.inf
+            self._seconds, self._since = 0.0, math.inf
             return False
         self._since = min(self._since, gap.began)
         # One message shows little of the gap before it, unless the gap is very long.
-        self.seconds += gap.elapsed if gap.elapsed >= _WINDOW - _ROUNDING else min(gap.elapsed, 0.1)
+        self._seconds += gap.elapsed if gap.elapsed >= _WINDOW - _ROUNDING else min(gap.elapsed, 0.1)
         in_real_time = gap.ended - self._since >= _LEAST_REAL_TIME - _ROUNDING
-        return self.seconds >= needed - _ROUNDING and in_real_time
+        return self._seconds >= needed - _ROUNDING and in_real_time
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,11 +145,6 @@ class Axis:
         """The last speed, averaged."""
         return self._smooth[-1][1]
 
-    @property
-    def seconds(self) -> float:
-        """For how long in s there has been a fault."""
-        return self._fault.seconds
-
     def update(self, time: float, speed: float, commands: Commands, gap: Gap) -> Fault | None:
         """Take the speed at `time` (s); return the fault that persists."""
         reverses = self._reverses(time, speed, gap)
@@ -169,8 +169,8 @@ class Axis:
         loses = not stood and self._loses(speed, min(recent), max(recent), gap)
         self._observe_share(speed, recent, gap.elapsed)
         if reverses:
-            return Fault.REVERSING
-        return fault if persists else Fault.LOSING if loses else None
+            return Fault.REVERSED
+        return fault if persists else Fault.STILL if loses else None
 
     def _judge(
         self, time: float, speed: float, recent: Sequence[float], commands: Commands, gap: Gap
@@ -500,43 +500,18 @@ class MotionWatch:
 
     def _message(self, robot: RobotState, faults: Sequence[Fault | None]) -> str | None:
         """Return in words that the first axis with a fault has this fault."""
-        found = next((number for number, fault in enumerate(faults) if fault is not None), None)
-        if found is None:
-            return None
-        fault, axis = faults[found], (self._v, self._w)[found]
-        command, speed = (self._last.v, self._last.w)[found], axis.speed
-        shows = f"odometry shows {robot.v:.2f} m/s and {robot.w:.2f} rad/s"
-        shown = f"commanded to {self._last.v:.2f} m/s and {self._last.w:.2f} rad/s, {shows}"
-        move, moves, unit = (("move", "moves", "m/s"), ("turn", "turns", "rad/s"))[found]
-        if fault is Fault.REVERSING:
-            return f"the base {moves} in the wrong direction: {shown}: motors or odometry with the wrong sign"
-        if fault is Fault.EXCESS:
-            return (
-                f"the base {moves} although it was not commanded to: {shows}, the last command was "
-                f"{self._last.v:.2f} m/s and {self._last.w:.2f} rad/s"
-            )
-        if fault is Fault.LOSING and speed * command < _QUARTER * command * command:
-            fault = Fault.STILL
-        if fault is Fault.STILL and speed * command <= -axis.thresholds.tolerance * abs(command):
-            return f"the base {moves} in the wrong direction: {shown}: motors or odometry with the wrong sign"
-        if fault is Fault.STILL and abs(speed) < max(axis.thresholds.tolerance, 0.1 * abs(command)):
-            return (
-                f"the base does not {move}: {shown} for {axis.seconds:.2f} s: blocked wheels, motors off, or "
-                "frozen odometry"
-            )
-        if fault is Fault.STILL:
-            return (
-                f"the base hardly {moves}: {shown}, less than a quarter of that, for {axis.seconds:.2f} s: "
-                "slipping wheels, or odometry that shows too little"
-            )
-        if fault is Fault.LOSING:
-            return (
-                f"the base loses speed although it was not commanded to: {shown}: obstacle, or failing motors"
-            )
-        return (
-            f"the base does not follow its commands: {shown}, constantly: another program may steer it, or "
-            f"it cannot reach the described {axis.thresholds.limit:.2f} {unit} (see calibrate)"
+        shown = (
+            f"commanded to {self._last.v:.2f} m/s and {self._last.w:.2f} rad/s, "
+            f"odometry shows {robot.v:.2f} m/s and {robot.w:.2f} rad/s"
         )
+        axes = ((self._v, self._last.v, "move", "m/s"), (self._w, self._last.w, "turn", "rad/s"))
+        for fault, (axis, command, move, unit) in zip(faults, axes, strict=True):
+            if fault is not None:
+                against = axis.speed * command <= -axis.thresholds.tolerance * abs(command)
+                fault = Fault.REVERSED if fault is Fault.STILL and against and command else fault
+                limit = axis.thresholds.limit
+                return f"the base {fault.value.format(move=move, shown=shown, limit=limit, unit=unit)}"
+        return None
 
 
 def _steps(seconds: float) -> tuple[int, float]:

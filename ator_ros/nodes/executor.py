@@ -306,9 +306,7 @@ class ExecutorNode(Node):
         self._goals += 1
         try:
             models = self._sets.present.by_set
-            run = GoalRun(
-                handle, self._libraries, models, self._refinement, self._settings, self._fence
-            )
+            run = GoalRun(handle, self._libraries, models, self._refinement, self._settings, self._fence)
         except MessageError as error:  # the running goal continues
             return self._refused(handle, str(error))
         self._driving.begin(self._settings["latency"], preempts=self._run is not None)

@@ -20,7 +20,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.warm_up import warm_up_actions, warm_up_predictions, warm_up_refinement
+from ator_ros.execution.warm_up import warm_up_actions, warm_up_refinement
 from ator_ros.files import FileError
 from ator_ros.learning.sets import Manifest, current_set, read_manifest
 from ator_ros.nodes.diagnostics import STEADY
@@ -230,7 +230,6 @@ def load_predictors(node: Node, domain: Domain, libraries: Libraries, place: Pat
     for name, library in libraries.items():
         models[name] = read = read_models(node, library.robot, name, place, domain)
         predictors[name] = Predictor(library.robot, read.models)
-        warm_up_predictions(library, predictors[name])
     return Loaded(models, predictors)
 
 
