@@ -8,8 +8,7 @@ import numpy as np
 from turning_action import TurnDriveTurn
 
 from ator_ros.actions.base import Goal
-from ator_ros.actions.situation import Situation
-from ator_ros.actions.specification import ActionSpec
+from ator_ros.actions.situation import ActionSpec, Situation
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot

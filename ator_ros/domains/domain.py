@@ -24,8 +24,7 @@ from ator_ros.actions.goal_variables import (
     direct_name,
 )
 from ator_ros.actions.remote import UnreachableAction
-from ator_ros.actions.situation import Situation
-from ator_ros.actions.specification import ActionFactory, ActionSpec, Sampler
+from ator_ros.actions.situation import ActionFactory, ActionSpec, Sampler, Situation
 from ator_ros.domains import DEFAULT, DRIVE
 from ator_ros.domains.declared import (
     STATE_VARIABLES,

@@ -9,8 +9,7 @@ import numpy as np
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
-from ator_ros.actions.situation import SHORT, Situation
-from ator_ros.actions.specification import ActionSpec
+from ator_ros.actions.situation import SHORT, ActionSpec, Situation
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer import chains, situations
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose

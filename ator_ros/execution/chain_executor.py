@@ -25,7 +25,6 @@ from ator_ros.tops.objects import (
     kept,
     object_fetched_by,
 )
-from ator_ros.tops.outcome import failure, may_settle, unmet
 from ator_ros.world.state import STOP, World
 
 STOPPING = "stopping, to go on from there"
@@ -364,15 +363,15 @@ class StepRun:
         if step.status is not Status.SUCCEEDED:
             return step
         top = self.call.top
-        lacks = unmet(top, world, self.call.goal, self._library.robot)
+        lacks = top.unmet(world, self.call.goal, self._library.robot)
         if not lacks:
             return step
         self._settling = min(self._settling, world.time)
-        if may_settle(top, world) and world.time - self._settling < top.settles:
+        if top.may_settle(world) and world.time - self._settling < top.settles:
             self.end(step.message)
             self.stage = Stage.SETTLING
             return Step(STOP, Status.RUNNING, f"{top.name} settles: {'; '.join(lacks)}")
-        return Step(STOP, Status.FAILED, failure(top, lacks))
+        return Step(STOP, Status.FAILED, top.failure(lacks))
 
     def end(self, reason: str) -> None:
         """End the step, and its action if that runs; see `Action.end`."""

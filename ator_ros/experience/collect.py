@@ -11,7 +11,7 @@ import pandas as pd
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.goal_variables import wrong_values
-from ator_ros.actions.specification import ActionSpec
+from ator_ros.actions.situation import ActionSpec
 from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.episode import run_episode
 from ator_ros.experience.parallel import HERE, Workers, run_tasks
@@ -19,7 +19,7 @@ from ator_ros.experience.table import episode_frame
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import Top
-from ator_ros.tops.outcome import NoTopError, top_of
+from ator_ros.tops.library import NoTopError, top_of
 
 
 def episode_generator(action: str, seed: int, episode: int) -> np.random.Generator:

@@ -19,8 +19,7 @@ from rclpy.node import Node
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain
 from ator_ros.execution.fence import Fence
-from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.warm_up import warm_up_actions, warm_up_refinement
+from ator_ros.execution.predictions import Predictor, warm_up_actions, warm_up_refinement
 from ator_ros.files import FileError
 from ator_ros.learning.sets import Manifest, current_set, read_manifest
 from ator_ros.nodes.diagnostics import STEADY

@@ -20,7 +20,7 @@ from rclpy.task import Future
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.actions.remote import RemoteCall, UnreachableAction, failure_in
-from ator_ros.actions.specification import ActionFactory
+from ator_ros.actions.situation import ActionFactory
 from ator_ros.domains.domain import Domain
 from ator_ros.nodes.remote_messages import RemoteError, interface_of
 from ator_ros.robot.description import Robot

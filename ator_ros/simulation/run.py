@@ -12,7 +12,6 @@ from ator_ros.actions.base import Action, Goal, Point, Status, Step
 from ator_ros.geometry import wrap_angle
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import Top
-from ator_ros.tops.outcome import failure, may_settle, shortfall, unmet
 from ator_ros.world.state import STOP, World
 
 
@@ -56,7 +55,7 @@ def settle(simulation: Simulation, top: Top, goal: Goal) -> World:
     """
     world = simulation.world()
     for _ in range(round(top.settles * CONTROL_RATE)):
-        if not may_settle(top, world) or not unmet(top, world, goal, simulation.robot):
+        if not top.may_settle(world) or not top.unmet(world, goal, simulation.robot):
             break
         simulation.command(STOP)
         simulation.tick()
@@ -100,9 +99,9 @@ def judge(simulation: Simulation, top: Top, goal: Goal, status: Status, message:
     """
     robot, ended_well = simulation.robot, status is Status.SUCCEEDED
     world = simulation.world() if status is Status.RUNNING else settle(simulation, top, goal)
-    lacks = unmet(top, world, goal, robot)
-    reason = f"{message}; but {failure(top, lacks)}" if lacks and ended_well else message
-    error, heading_error = shortfall(top, world, goal, robot), math.nan
+    lacks = top.unmet(world, goal, robot)
+    reason = f"{message}; but {top.failure(lacks)}" if lacks and ended_well else message
+    error, heading_error = top.shortfall(world, goal, robot), math.nan
     if top.arrives:
         pose = world.robot.pose
         point = robot.hold_point(pose) if goal.point is Point.HOLD else pose

@@ -9,8 +9,14 @@ from types import TracebackType
 
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
-from ator_ros.simulation.bodies import GRAVITY, make_bay, make_floor, make_object, set_object_dynamics
-from ator_ros.simulation.physics import BulletClient
+from ator_ros.simulation.bodies import (
+    GRAVITY,
+    BulletClient,
+    make_bay,
+    make_floor,
+    make_object,
+    set_object_dynamics,
+)
 from ator_ros.simulation.simulated_base import SimulatedBase
 from ator_ros.world.state import CONTROL_PERIOD, Command, ObjectState, World
 

@@ -41,7 +41,7 @@ from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.nodes.remote_messages import RemoteError, interface_of
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.outcome import top_of
+from ator_ros.tops.library import top_of
 from ator_ros.view.backend import NodesError
 from ator_ros.world.messages import MessageError, robot_from
 from ator_ros.world.state import World

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ator_ros.actions.base import Goal, Point
@@ -63,6 +64,23 @@ class Top:
     def arrives(self) -> bool:
         """Whether the robot ends at the goal: the post-condition places its axle or its hold."""
         return any(term.variable in ("robot.x", "hold.x") for term in self.post.terms)
+
+    def unmet(self, world: World, goal: Goal, robot: Robot) -> list[str]:
+        """Return why the post-condition does not hold in `world`; empty if it holds."""
+        return self.post.violations(state_of(world, robot), goal_values(goal))
+
+    def failure(self, violations: Iterable[str]) -> str:
+        """Return the reason of a failure from the violations of the post-condition."""
+        return f"post-condition of {self.name}: {'; '.join(violations)}"
+
+    def shortfall(self, world: World, goal: Goal, robot: Robot) -> float:
+        """Return how far `world` is from the post-condition, in the unit of the worst variable."""
+        return self.post.shortfall(state_of(world, robot), goal_values(goal))
+
+    def may_settle(self, world: World) -> bool:
+        """Return whether an object of the post-condition still moves."""
+        objects = (world.objects.get(name) for name in self.post.objects())
+        return any(there is not None and not there.is_resting for there in objects)
 
 
 # Chains

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 
 from ator_ros.actions.base import Action, Goal
-from ator_ros.actions.goal_variables import GoalVariable
+from ator_ros.actions.goal_variables import GoalVariable, goal_values
+from ator_ros.actions.situation import Situation
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.tops.chain import Top
-from ator_ros.tops.conditions import Condition
+from ator_ros.tops.conditions import Condition, state_of
+from ator_ros.tops.objects import objects_in
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges
+from ator_ros.world.state import World
 
 
 class LeftOutError(ConfigError, KeyError):
@@ -102,6 +105,39 @@ class TopLibrary(Mapping[str, Top]):
         """Return a goal of `top` at rest, with the usual values of the variables that its action declares."""
         values = {variable.name: variable.usual for variable in self.goal_variables(top)}
         return Goal(pose, 0.0, top.point, values)
+
+
+class NoTopError(ValueError):
+    """A situation that fits no TOP."""
+
+
+def top_of(situation: Situation, tops: Sequence[Top], robot: Robot) -> Top:
+    """Return the TOP that fits a situation.
+
+    It has the same action and the same point of the robot, and names no object that the situation lacks.
+    Among several, it is the first with the fewest violations of its pre-condition.
+
+    Raises
+    ------
+    NoTopError
+        There is none.
+    """
+    world = World(0.0, situation.robot, situation.objects)
+    state, goal = state_of(world, robot), goal_values(situation.goal)
+    suited = [
+        top
+        for top in tops
+        if top.action == situation.action
+        and top.point is situation.goal.point
+        and set(objects_in(top)) <= set(situation.objects)
+    ]
+    if not suited:
+        raise NoTopError(
+            f"situation of {situation.action}: expected a TOP with this action, a goal for the "
+            f"{situation.goal.point.value} and no objects but {sorted(situation.objects)}, got none of "
+            f"{[top.name for top in tops]}"
+        )
+    return min(suited, key=lambda top: len(top.pre.violations(state, goal)))
 
 
 def driving_top(library: TopLibrary) -> Top | None:

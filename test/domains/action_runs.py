@@ -17,7 +17,7 @@ from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.run import judge, place, run_action
 from ator_ros.simulation.simulation import Simulation
-from ator_ros.tops.outcome import top_of
+from ator_ros.tops.library import top_of
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 ACTIONS = {"pose": "goToPose", "approach": "goToPose", "dribble": "dribbleBall", "shoot": "shoot"}

@@ -16,7 +16,6 @@ from ator_ros.geometry import Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.motion.trajectory import Trajectory
 from ator_ros.robot.description import load_robot
-from ator_ros.tops.outcome import unmet
 from ator_ros.world.state import ObjectState, RobotState, World
 
 ROBOT = load_robot()
@@ -88,7 +87,7 @@ def test_the_post_condition_of_shoot_agrees_with_the_goal_geometry(side: int) ->
         for y in np.linspace(-1.5, 1.5, 31):
             ball = ObjectState(mouth.x + side * deep, float(y))
             assert behind_line(ball, mouth, field) == pytest.approx(deep)
-            scored = not unmet(SHOOT, World(0.0, robot, {BALL: ball}), Goal(mouth), ROBOT)
+            scored = not SHOOT.unmet(World(0.0, robot, {BALL: ball}), Goal(mouth), ROBOT)
             on_an_edge = abs(deep) < 1e-9 or abs(abs(y) - field.goal_width / 2) < 1e-9
             assert on_an_edge or is_in_goal(ball, mouth, field, 0.0) == scored
             inside += scored

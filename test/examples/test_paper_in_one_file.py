@@ -23,7 +23,7 @@ from ator_ros.performance.features import PAPER_11
 from ator_ros.performance.training import train
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.simulation.simulation import Simulation
-from ator_ros.tops.outcome import top_of
+from ator_ros.tops.library import top_of
 from ator_ros.world.state import World
 
 ROBOT = SOCCER.robot()

@@ -12,8 +12,7 @@ from parcels import PARCELS
 from ator_ros.actions.base import Action, Goal, Status, Step
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.warm_up import warm_up_actions, warm_up_refinement
+from ator_ros.execution.predictions import Predictor, warm_up_actions, warm_up_refinement
 from ator_ros.refinement.refiner import Refinement, Refiner
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.tops.chain import Top

@@ -15,8 +15,7 @@ from selection import few
 from turning_action import TurnDriveTurn
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point
-from ator_ros.actions.situation import Situation
-from ator_ros.actions.specification import ActionSpec
+from ator_ros.actions.situation import ActionSpec, Situation
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of
 from ator_ros.domains.soccer.planned.planner import ball_distances

@@ -11,8 +11,7 @@ import numpy as np
 
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
 from ator_ros.actions.goal_variables import GoalVariable
-from ator_ros.actions.situation import Situation
-from ator_ros.actions.specification import ActionSpec
+from ator_ros.actions.situation import ActionSpec, Situation
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.performance.derived import Geometry

@@ -21,8 +21,7 @@ from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region
-from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.outcome import shortfall, top_of, unmet
+from ator_ros.tops.library import TopLibrary, top_of
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 ROBOT = load_robot()
@@ -60,15 +59,15 @@ class TestShot:
     @pytest.mark.parametrize("side", [1.0, -1.0])
     def test_the_ball_must_be_beyond_the_line_and_between_the_posts(self, side: float) -> None:
         goal = Goal(Pose(4.0 * side, 0.0, 0.0), 0.0, Point.HOLD)
-        assert unmet(SHOOT, with_ball(4.05 * side, 0.9), goal, ROBOT) == []
-        assert unmet(SHOOT, with_ball(3.95 * side), goal, ROBOT)
-        assert unmet(SHOOT, with_ball(4.05 * side, 1.1), goal, ROBOT)
+        assert SHOOT.unmet(with_ball(4.05 * side, 0.9), goal, ROBOT) == []
+        assert SHOOT.unmet(with_ball(3.95 * side), goal, ROBOT)
+        assert SHOOT.unmet(with_ball(4.05 * side, 1.1), goal, ROBOT)
 
     def test_the_shortfall_is_how_far_the_ball_is_from_the_goal(self) -> None:
-        assert shortfall(SHOOT, with_ball(3.5), MOUTH, ROBOT) == 0.5
-        assert shortfall(SHOOT, with_ball(3.5, 1.75), MOUTH, ROBOT) == 0.75
-        assert shortfall(SHOOT, with_ball(4.1), MOUTH, ROBOT) == 0.0
-        assert shortfall(SHOOT, World(0.0, HERE), MOUTH, ROBOT) == math.inf
+        assert SHOOT.shortfall(with_ball(3.5), MOUTH, ROBOT) == 0.5
+        assert SHOOT.shortfall(with_ball(3.5, 1.75), MOUTH, ROBOT) == 0.75
+        assert SHOOT.shortfall(with_ball(4.1), MOUTH, ROBOT) == 0.0
+        assert SHOOT.shortfall(World(0.0, HERE), MOUTH, ROBOT) == math.inf
 
 
 class TestFittedTops:
@@ -76,8 +75,8 @@ class TestFittedTops:
         bays = tuple(dataclasses.replace(bay, width=1.0, depth=1.2) for bay in ROBOT.scene.bays)
         robot = dataclasses.replace(ROBOT, scene=dataclasses.replace(ROBOT.scene, bays=bays))
         shot = SOCCER.library(robot)["shoot"]
-        assert unmet(shot, with_ball(5.0, 0.4), MOUTH, robot) == []
-        assert unmet(shot, with_ball(4.05, 0.6), MOUTH, robot)
+        assert shot.unmet(with_ball(5.0, 0.4), MOUTH, robot) == []
+        assert shot.unmet(with_ball(4.05, 0.6), MOUTH, robot)
 
 
 class TestWhichTop:

@@ -6,22 +6,35 @@ import dataclasses
 from collections.abc import Mapping
 from types import MappingProxyType
 
+import numpy as np
+
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.actions.specification import ActionSpec
+from ator_ros.actions.situation import ActionSpec
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer import situations
-from ator_ros.domains.soccer.bezier.actions import BezierDribbleBall, BezierGoToPose, BezierShoot
+from ator_ros.domains.soccer.bezier import BezierDribbleBall, BezierGoToPose, BezierShoot
 from ator_ros.domains.soccer.chains import CHAINS
-from ator_ros.domains.soccer.features import SHOT
 from ator_ros.domains.soccer.field import BALL, field_in, field_lines, field_of
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.holding import DribbleBall
 from ator_ros.domains.soccer.planned.shoot import Shoot
 from ator_ros.domains.soccer.thresholds import RANGES
 from ator_ros.domains.soccer.tops import TOPS, tops_for
-from ator_ros.performance.features import PAPER_11, PATHS, names_of
+from ator_ros.geometry import wrap_angles
+from ator_ros.performance.derived import hold_angle, hold_bearing, hold_dist
+from ator_ros.performance.features import PAPER_11, PATHS, Feature, names_of, variables
 from ator_ros.robot.description import Robot
 from ator_ros.tops.conditions import Condition
+
+_TO_MOUTH = variables("x y yaw xg yg")
+
+SHOT = (
+    Feature("hold_dist", "m", _TO_MOUTH, hold_dist),
+    Feature("hold_angle", "rad", _TO_MOUTH, lambda g: np.abs(g.once(hold_angle))),
+    Feature("hold_off_axis", "rad", _TO_MOUTH, lambda g: np.abs(g.once(hold_bearing))),
+    Feature("heading_off_axis", "rad", variables("yaw"), lambda g: np.abs(wrap_angles(g.direct["yaw"]))),
+)
+"""Of a ball that is held and a goal whose heading does not matter, on the field's x axis."""
 
 _SHOOTING = (*names_of(SHOT), "v", *names_of(PATHS))
 _PAPER = names_of(PAPER_11)
