@@ -6,9 +6,10 @@ import math
 from dataclasses import dataclass
 
 from ator_ros.actions import TIME_LIMIT
-from ator_ros.actions.base import Status
+from ator_ros.actions.base import Status, Step
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
+from ator_ros.execution.rolling import Rolling
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.run import judge, place, run
@@ -86,13 +87,19 @@ def run_chain(
     executor : ChainExecutor, optional
         Executes the chain; by default a new one.
     """
+    rolling = Rolling(library.robot)
     if executor is None:
-        executor = ChainExecutor(library, chain, time_limit=time_limit)
+        executor = ChainExecutor(library, chain, time_limit=time_limit, rolling=rolling)
+
+    def steered(world: World) -> Step:
+        rolling.observe(world)
+        return executor.step(world)
+
     with Simulation(robot) as simulation:
         place(simulation, start)
         ticks, message = round(time_limit * CONTROL_RATE) + 1, "broken off"
         try:
-            done = run(simulation, executor.step, ticks=ticks)
+            done = run(simulation, steered, ticks=ticks)
             status = Status.RUNNING if done is None else done.status
             message = f"not done after {time_limit:g} s" if done is None else done.message
             ended, ended_actions, last = simulation.time, tuple(executor.records), chain.calls[-1]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step
 from ator_ros.actions.goal_variables import goal_values
+from ator_ros.execution.rolling import Rolling
 from ator_ros.geometry import FloatArray
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import state_of
@@ -133,6 +134,8 @@ class ChainExecutor:
     fetches : int
         Number of times that a lost object may be fetched again; the chain then goes on from the latest step
         that fetches it.
+    rolling : Rolling, optional
+        Observed deceleration of rolling objects, updated by the caller; a step that begins standing uses it.
     """
 
     def __init__(
@@ -142,8 +145,11 @@ class ChainExecutor:
         *,
         time_limit: float = TIME_LIMIT,
         fetches: int = 0,
+        rolling: Rolling | None = None,
     ) -> None:
-        self._library, self.chain = library, chain
+        self._described, self._rolling = library, rolling
+        self._library = library if rolling is None else rolling.library(library)
+        self.chain = chain
         self._time_limit, self._fetches = time_limit, fetches
         self._began: float | None = None
         self._planned = -math.inf  # when a step was last planned while another was driven, s
@@ -193,6 +199,8 @@ class ChainExecutor:
             if following is None:
                 return Step(STOP, step.status, step.message)
             self.index, standing_first = following
+            if standing_first and self._rolling is not None:
+                self._library = self._rolling.library(self._described)
             self._run = self._new_run(self.chain, standing_first=standing_first)
             if standing_first:
                 step = Step(STOP, Status.RUNNING, STOPPING)

@@ -13,6 +13,7 @@ from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.execution.fence import Fence, FenceWatch
 from ator_ros.execution.predictions import Forecast, Predictor
 from ator_ros.execution.refining import AGAIN_AFTER, Question, Refining
+from ator_ros.execution.rolling import Rolling
 from ator_ros.geometry import FloatArray
 from ator_ros.tops.chain import Top, TopChain
 from ator_ros.tops.library import TopLibrary
@@ -105,6 +106,8 @@ class Supervisor:
     alternatives : sequence of TopChain
         Other chains for the same end: refinement may choose one of them, and without it the first valid
         plan is executed.
+    rolling : Rolling, optional
+        As for `ChainExecutor`.
     """
 
     def __init__(
@@ -120,13 +123,16 @@ class Supervisor:
         again_after: float = AGAIN_AFTER,
         fetches: int = 0,
         alternatives: Sequence[TopChain] = (),
+        rolling: Rolling | None = None,
     ) -> None:
         self.phase = Phase.WAITING
         self.ending: Ending | None = None
         self.reason = Phase.WAITING.value
         self.start: World | None = None
         self.slowdown = 1.0
-        self.executor = ChainExecutor(library, chain, time_limit=deadlines.action, fetches=fetches)
+        self.executor = ChainExecutor(
+            library, chain, time_limit=deadlines.action, fetches=fetches, rolling=rolling
+        )
         plans = (chain, *alternatives)
         self.refining = Refining(self.executor, library, plans, wanted=refine, again_after=again_after)
         self.forecast = Forecast(predictor, self.executor)

@@ -18,6 +18,7 @@ from ator_ros.actions.remote import LONGEST
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.motion_watch import Driving
 from ator_ros.execution.refining import AGAIN_AFTER
+from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.supervisor import (
     GREATEST_STOP_SLOWDOWN,
     LONGEST_STOP_TIME,
@@ -164,6 +165,8 @@ class ExecutorNode(Node):
         self._inputs = inputs_of(self._settings, domain.objects)
         self._driving = Driving(robot, self._settings["latency"])
         self._fence = fence_of(self._settings, robot)
+        noises = (self._settings[f"{name}_velocity_noise"] for name in domain.objects)
+        self._rolling = Rolling(robot, slowest=3.0 * max(noises, default=0.0))
         self._world: World | None = None
         self._run: GoalRun | None = None
         self._odom_at, self._shutting_down = 0.0, False
@@ -234,6 +237,7 @@ class ExecutorNode(Node):
         fault = None if run is None else self._driving.fault(world, now)
         world = self._driving.ahead(world)
         self._world, self._odom_at = world, now
+        self._rolling.observe(world)  # also between goals, when the robot has lost an object
         self._ticks.record(now)
         if run is not None:
             self._answer(run, world, fault, now)
@@ -306,7 +310,15 @@ class ExecutorNode(Node):
         self._goals += 1
         try:
             models = self._sets.present.by_set
-            run = GoalRun(handle, self._libraries, models, self._refinement, self._settings, self._fence)
+            run = GoalRun(
+                handle,
+                self._libraries,
+                models,
+                self._refinement,
+                self._settings,
+                self._fence,
+                self._rolling,
+            )
         except MessageError as error:  # the running goal continues
             return self._refused(handle, str(error))
         self._driving.begin(self._settings["latency"], preempts=self._run is not None)
@@ -417,6 +429,7 @@ class ExecutorNode(Node):
         values: dict[str, object] = {
             "odom": "none yet" if silence is None else f"{1000.0 * silence:.0f} ms ago",
             **self._objects.diagnostics(known, self._inputs.overdue),
+            **self._rolling.diagnostics(),
             **self._ticks.diagnostics(),
             "goal": "none" if self._run is None else self._run.supervisor.phase.value,
             "goals": self._goals,

@@ -20,6 +20,7 @@ from ator_ros.execution.chain_executor import ActionRecord, Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Question
+from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.supervisor import Deadlines, Phase, Supervisor
 from ator_ros.nodes.messages import (
     action_set_from,
@@ -65,6 +66,7 @@ class GoalRun:
         refinement: Client,
         settings: Mapping[str, Any],
         fence: Fence,
+        rolling: Rolling,
     ) -> None:
         goal, frame = handle.request, settings["frame"]
         action_set = action_set_from(goal.chain, allowed=libraries)
@@ -89,6 +91,7 @@ class GoalRun:
             again_after=settings["refine_again_after"],
             fetches=goal.fetches,
             alternatives=[each for each in others if isinstance(each, TopChain)],
+            rolling=rolling,
         )
         self._library, self._refinement, self._frame, self._fence = library, refinement, frame, fence
         self._id = id_of(handle)

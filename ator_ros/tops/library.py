@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 
@@ -64,6 +65,12 @@ class TopLibrary(Mapping[str, Top]):
             for name, top in every.items()
             if name not in self._tops
         }
+
+    def with_robot(self, robot: Robot) -> TopLibrary:
+        """Return the same TOPs and actions for a robot of the same type in another scene."""
+        library = copy.copy(self)
+        library.robot, library._set_up = robot, set()
+        return library
 
     def __getitem__(self, name: str) -> Top:
         try:
