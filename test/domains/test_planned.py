@@ -6,7 +6,6 @@ import math
 
 import pytest
 from action_runs import KINDS, Task, execute, execute_situation
-from ator_ros.motion.planning import SLICE, Planning
 
 from ator_ros.actions.base import ActionError, Goal, Point, Status
 from ator_ros.actions.situation import Situation
@@ -14,10 +13,8 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.holding import DribbleBall
-from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
-from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.tops.chain import TopCall, TopChain
@@ -159,24 +156,6 @@ def test_a_plan_does_not_wait_forever_for_a_robot_that_does_not_start() -> None:
             simulation.tick()
         assert step.status is Status.FAILED
         assert "gave up after 20 new plans" in step.message
-
-
-def test_a_long_search_continues_in_the_next_ticks() -> None:
-    class LongPlanning(PlannedAction):
-        name, verb = "long", "driving"
-
-        def plan(self, world: World) -> Planning[Manoeuvre]:
-            for points in (SLICE, 1, SLICE // 2, SLICE // 2, SLICE):
-                yield points
-                batches.append(points)
-            raise ActionError(f"no way at {world.time:g} s")
-
-    action, batches = LongPlanning(ROBOT, ROBOT.limits), list[int]()
-    action.start(AT_ORIGIN, Goal(Pose(1.0, 0.0, 0.0)))
-    for tick, done in enumerate((1, 3, 4), start=1):
-        assert len(batches) == done
-        step = action.step(World(tick * TICK, AT_ORIGIN.robot))
-    assert (len(batches), step.message) == (5, "no way at 0 s")
 
 
 def test_at_most_one_action_starts_per_tick() -> None:
