@@ -18,7 +18,7 @@ from ator_ros.world.state import CONTROL_PERIOD, RobotState
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """The rotation of the start is lost at constant speed.
+    """The rotation of the start is lost, at constant speed or while the robot stops.
 
     Attributes
     ----------
@@ -33,17 +33,21 @@ class Opening:
     duration: float
 
 
-def opening_of(start: RobotState, aw: float) -> Opening:
-    """Return the opening from `start` with the turn acceleration `aw` (rad/s^2)."""
-    duration = abs(start.w) / aw
+def opening_of(start: RobotState, limits: Limits, *, stops: bool = False) -> Opening:
+    """Return the opening from `start`, which is as short as `limits` allow, with or without a stop."""
+    after = 0.0 if stops else start.v
+    duration = max(abs(start.w) / limits.aw, abs(start.v - after) / limits.brake)
     x, y, yaw = start.pose
     turned = start.w * duration
     # Simpson's rule over the headings at the beginning, in the middle and at the end: exact to 0.1 mm.
-    headings = ((yaw, 1.0), (yaw + 0.375 * turned, 4.0), (yaw + 0.5 * turned, 1.0))
-    step = start.v * duration / 6.0
-    x += step * sum(weight * math.cos(heading) for heading, weight in headings)
-    y += step * sum(weight * math.sin(heading) for heading, weight in headings)
-    return Opening(start, RobotState(Pose(x, y, yaw + 0.5 * turned), start.v), duration)
+    for heading, speed in (
+        (yaw, start.v),
+        (yaw + 0.375 * turned, 2.0 * (start.v + after)),
+        (yaw + 0.5 * turned, after),
+    ):
+        x += speed * duration / 6.0 * math.cos(heading)
+        y += speed * duration / 6.0 * math.sin(heading)
+    return Opening(start, RobotState(Pose(x, y, yaw + 0.5 * turned), after), duration)
 
 
 _HALVINGS = 20
@@ -167,7 +171,7 @@ def write_states(
             middle = yaw + 0.5 * turned
             if middle != heading:
                 c, s, heading = math.cos(middle), math.sin(middle), middle
-            way = 0.5 * (v + next_v) * step
+            way = 0.5 * (v + next_v) * step * (1.0 - turned * turned * (1.0 / 24.0))  # of a chord
             x, y, yaw, v, w = x + way * c, y + way * s, yaw + turned, next_v, next_w
         states[index] = x, y, yaw, v, w
     span = max(duration, interval)
@@ -195,8 +199,9 @@ class Trajectory:
 
     Parameters
     ----------
-    manoeuvre : Manoeuvre
-        A closed manoeuvre; what integration still leaves at the goal is spread over the motion.
+    manoeuvre : Manoeuvre or None
+        A closed manoeuvre; what integration still leaves at the goal is spread over the motion. None: the
+        opening is all.
     opening : Opening, optional
         Ends where the manoeuvre starts.
 
@@ -206,14 +211,18 @@ class Trajectory:
         Time from start to goal in s.
     """
 
-    def __init__(self, manoeuvre: Manoeuvre, opening: Opening | None = None) -> None:
-        speeds, turns, self.duration = manoeuvre.pieces()
-        start, goal = manoeuvre.start, manoeuvre.goal
+    def __init__(self, manoeuvre: Manoeuvre | None, opening: Opening | None = None) -> None:
+        pieces, poses = list[tuple[FloatArray, FloatArray]](), list[Pose]()
         if opening is not None:
-            before, start = opening.start, opening.start.pose
-            speeds = np.vstack(((opening.duration, before.v, before.v), speeds))
-            turns = np.vstack(((opening.duration, before.w, 0.0), turns))
-            self.duration = sum(speeds[:, 0].tolist())
+            time, first, last = opening.duration, opening.start, opening.end
+            pieces.append((np.array([[time, first.v, last.v]]), np.array([[time, first.w, 0.0]])))
+            poses += [first.pose, last.pose]
+        if manoeuvre is not None:
+            pieces.append(manoeuvre.pieces()[:2])
+            poses += [manoeuvre.start, manoeuvre.goal]
+        speeds, turns = map(np.concatenate, zip(*pieces, strict=True))
+        start, goal = poses[0], poses[-1]
+        self.duration: float = sum(speeds[:, 0].tolist())
         states = np.empty((most_states(self.duration, DT), 5))
         states = states[: write_states(states, speeds, turns, self.duration, start, goal, DT)]
         self._times = np.minimum(DT * np.arange(len(states)), self.duration)

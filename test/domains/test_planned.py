@@ -15,6 +15,7 @@ from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.holding import DribbleBall
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
+from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.tops.chain import TopCall, TopChain
@@ -156,6 +157,40 @@ def test_a_plan_does_not_wait_forever_for_a_robot_that_does_not_start() -> None:
             simulation.tick()
         assert step.status is Status.FAILED
         assert "gave up after 20 new plans" in step.message
+
+
+class Hesitant(GoToPose):
+    """Finds no path in motion, nor at first from rest after a disturbance."""
+
+    refusals = 0
+
+    def plan(self, world: World) -> Manoeuvre:
+        if not world.robot.is_still or self.refusals > 0:
+            self.refusals -= world.robot.is_still
+            raise ActionError("no path")
+        return super().plan(world)
+
+
+@pytest.mark.parametrize("refusals", [0, 1])
+def test_a_robot_without_a_path_in_motion_stops_first(refusals: int) -> None:
+    action, messages = Hesitant(ROBOT), list[str]()
+    with Simulation(ROBOT) as simulation:
+        simulation.place_robot(Pose(-2.0, 0.0, 0.0), v=0.5)
+        action.start(simulation.world(), Goal(Pose(1.0, 0.5, 1.0)))
+        for tick in range(400):
+            if tick == 60:
+                pose = simulation.world().robot.pose
+                simulation.place_robot(pose.compose(Pose(0.0, 0.3, 0.0)), v=0.5)
+                action.refusals = refusals
+            step = action.step(simulation.world())
+            messages.append(step.message)
+            if step.status is not Status.RUNNING:
+                break
+            simulation.command(step.command)
+            simulation.tick()
+    assert step.status is Status.SUCCEEDED, step.message
+    assert any("planned again" in message for message in messages)
+    assert any("stopping" in message for message in messages) == bool(refusals)
 
 
 def test_at_most_one_action_starts_per_tick() -> None:

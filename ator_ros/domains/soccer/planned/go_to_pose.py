@@ -9,6 +9,7 @@ from ator_ros.actions.base import ActionError, Goal, Point
 from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.planned.planner import (
+    TRIES,
     Obstacles,
     distance_to_clear,
     fastest,
@@ -32,6 +33,8 @@ _TURNS_WITHIN = 0.04
 """Distance in m from the goal within which a standing robot only turns: less than what counts as arrived."""
 _LEAVING = (0.0, 0.3)
 """Speeds at the end of the straight drive away from a ball, as shares of the limit."""
+_TRIES_AT_SPEED, _TRIES_LEAVING = 1500, 500
+"""Paths that are checked to arrive at a speed, and from where a ball was left: a tick has room for no more."""
 _SLOWER = (1.0, 0.75, 0.5)  # of the goal's speed; where there is no way to arrive so fast, the next, and rest
 
 
@@ -86,16 +89,31 @@ class GoToPose(PlannedAction):
         obstacles = Obstacles(rest, _BALL_MARGIN, run)
         start, goal = world.robot, self.target()
         away = distance_to_clear(start.pose, goal, obstacles, self.robot)
-        near = start.is_still and speed == 0.0 and not run and start.pose.distance(goal) < _TURNS_WITHIN
-        if near and away == 0.0:
-            found = turn_on_spot(self.robot, start.pose, goal.yaw, limits, obstacles)
-        elif away == 0.0:
-            entries = free_entries(limits, start.v)
-            found = fastest(self.robot, start.pose, goal, entries, exits, limits, obstacles)
-        else:
+        found = None
+        if away == 0.0:
+            try:
+                found = self._direct(start, goal, speed, exits, obstacles)
+            except ActionError:  # the last bit to a ball may not be enough room to come to it
+                away = distance_to_clear(
+                    start.pose, goal, dataclasses.replace(obstacles, run=0.0), self.robot
+                )
+                if away == 0.0:
+                    raise
+        if found is None:
             found = self._leaving_ball(start, goal, exits, obstacles, away)
         self._arrival_speed = speed
         return found
+
+    def _direct(
+        self, start: RobotState, goal: Pose, speed: float, exits: Ends, obstacles: Obstacles
+    ) -> Manoeuvre:
+        """Plan to arrive at `speed` (m/s) from a start that is clear of the ball."""
+        limits, pose = self.plan_limits, start.pose
+        stays = start.is_still and speed == 0.0 and not self._approach
+        if stays and pose.distance(goal) < _TURNS_WITHIN:
+            return turn_on_spot(self.robot, pose, goal.yaw, limits, obstacles)
+        entries, tries = free_entries(limits, start.v), TRIES if speed == 0.0 else _TRIES_AT_SPEED
+        return fastest(self.robot, pose, goal, entries, exits, limits, obstacles, tries=tries)
 
     def _leaving_ball(
         self, start: RobotState, goal: Pose, exits: Ends, obstacles: Obstacles, away: float
@@ -110,7 +128,9 @@ class GoToPose(PlannedAction):
                 continue
             entries = free_entries(limits, speed)
             try:
-                found = fastest(self.robot, clear, goal, entries, exits, limits, obstacles)
+                found = fastest(
+                    self.robot, clear, goal, entries, exits, limits, obstacles, tries=_TRIES_LEAVING
+                )
             except ActionError as error:
                 failure = error
                 continue

@@ -54,8 +54,8 @@ class PlannedAction(Action):
         self._replans = 0
         self._strength = StrengthEstimator(self.robot, self.plan_limits)
         self._tracker: Tracker | None = None
-        self._at_goal = world.robot.is_still and goal.speed == 0.0 and self.missed(world) is None
-        if not self._at_goal:
+        self._stopping = False  # since there is no way to the goal from a state in motion
+        if not self.is_done(world):
             self._tracker = self._planned(world, waits=True)
 
     def path(self) -> FloatArray | None:
@@ -65,6 +65,10 @@ class PlannedAction(Action):
     @abstractmethod
     def plan(self, world: World) -> Manoeuvre:
         """Plan from the state `world`, in which the robot does not turn; ActionError where impossible."""
+
+    def is_done(self, world: World) -> bool:
+        """Return whether nothing is left to do at the start."""
+        return world.robot.is_still and self.goal.speed == 0.0 and self.missed(world) is None
 
     def check(self, world: World) -> str | None:  # noqa: ARG002
         """Return why the action has failed at this tick, None if it has not."""
@@ -120,7 +124,7 @@ class PlannedAction(Action):
         if self.outdated(world):
             return self.replan(world, "the goal has moved", counts=self.counts_moved_goals)
         if over:
-            return self.arrive(world)
+            return PlannedAction.arrive(self, world) if self._stopping else self.arrive(world)
         return Step(tracker.command(world), Status.RUNNING, f"{self.verb}, {tracker.left(world):.1f} s to go")
 
     def replan(self, world: World, why: str, *, counts: bool = True) -> Step:
@@ -132,16 +136,25 @@ class PlannedAction(Action):
         try:
             self._tracker = self._planned(world)
         except ActionError as error:
-            if self._tracker.left(world) <= 0.0 or self._tracker.disturbed(world):
+            if self._tracker.left(world) > 0.0 and not self._tracker.disturbed(world):
+                # A noisy position of the ball may block every way for a moment.
+                return self._following(world, f"{why}; keeping to the plan: {error}")
+            if world.robot.is_still:
                 return finished(Status.FAILED, f"{why}; {error}")
-            # A noisy position of the ball may block every way for a moment.
-            return self._following(world, f"{why}; keeping to the plan: {error}")
+            self._stopping = True
+            stop = Trajectory(None, opening_of(world.robot, self.plan_limits, stops=True))
+            self._tracker = self._follower(world, stop)
+            return self._following(world, f"{why}; stopping: {error}")
         return self._following(world, f"{why}: planned again")
 
     def _planned(self, world: World, *, waits: bool = False) -> Tracker:
         """Plan from the state `world`; return what follows the plan."""
-        opening = opening_of(world.robot, self.plan_limits.aw)
-        trajectory = Trajectory(self.plan(dataclasses.replace(world, robot=opening.end)), opening)
+        opening = opening_of(world.robot, self.plan_limits)
+        manoeuvre = self.plan(dataclasses.replace(world, robot=opening.end))
+        self._stopping = False
+        return self._follower(world, Trajectory(manoeuvre, opening), waits=waits)
+
+    def _follower(self, world: World, trajectory: Trajectory, *, waits: bool = False) -> Tracker:
         return Tracker(self.robot, trajectory, world.time, self._strength, waits=waits, reserve=self.reserve)
 
     def _following(self, world: World, message: str) -> Step:
