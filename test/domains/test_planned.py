@@ -159,29 +159,24 @@ def test_a_plan_does_not_wait_forever_for_a_robot_that_does_not_start() -> None:
         assert "gave up after 20 new plans" in step.message
 
 
-class Hesitant(GoToPose):
-    """Finds no path in motion, nor at first from rest after a disturbance."""
-
-    refusals = 0
+class OnlyFromRest(GoToPose):
+    """Finds no path in motion."""
 
     def plan(self, world: World) -> Manoeuvre:
-        if not world.robot.is_still or self.refusals > 0:
-            self.refusals -= world.robot.is_still
-            raise ActionError("no path")
+        if not world.robot.is_still:
+            raise ActionError("no path in motion")
         return super().plan(world)
 
 
-@pytest.mark.parametrize("refusals", [0, 1])
-def test_a_robot_without_a_path_in_motion_stops_first(refusals: int) -> None:
-    action, messages = Hesitant(ROBOT), list[str]()
+def test_a_disturbed_robot_without_a_path_in_motion_stops_and_plans_again() -> None:
+    action, messages = OnlyFromRest(ROBOT), list[str]()
     with Simulation(ROBOT) as simulation:
-        simulation.place_robot(Pose(-2.0, 0.0, 0.0), v=0.5)
+        simulation.place_robot(Pose(-2.0, 0.0, 0.0))
         action.start(simulation.world(), Goal(Pose(1.0, 0.5, 1.0)))
         for tick in range(400):
-            if tick == 60:
+            if tick == 40:
                 pose = simulation.world().robot.pose
                 simulation.place_robot(pose.compose(Pose(0.0, 0.3, 0.0)), v=0.5)
-                action.refusals = refusals
             step = action.step(simulation.world())
             messages.append(step.message)
             if step.status is not Status.RUNNING:
@@ -189,8 +184,12 @@ def test_a_robot_without_a_path_in_motion_stops_first(refusals: int) -> None:
             simulation.command(step.command)
             simulation.tick()
     assert step.status is Status.SUCCEEDED, step.message
-    assert any("planned again" in message for message in messages)
-    assert any("stopping" in message for message in messages) == bool(refusals)
+    stops, plans = (
+        [tick for tick, message in enumerate(messages) if word in message]
+        for word in ("stopping", "planned again")
+    )
+    assert stops[0] == 40
+    assert plans[0] > stops[0]
 
 
 def test_at_most_one_action_starts_per_tick() -> None:

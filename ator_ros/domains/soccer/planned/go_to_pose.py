@@ -34,7 +34,7 @@ _TURNS_WITHIN = 0.04
 _LEAVING = (0.0, 0.3)
 """Speeds at the end of the straight drive away from a ball, as shares of the limit."""
 _TRIES_AT_SPEED, _TRIES_LEAVING = 1500, 500
-"""Paths that are checked to arrive at a speed, and from where a ball was left: a tick has room for no more."""
+"""Paths that are checked to arrive at a speed, and after leaving a ball: a tick has room for no more."""
 _SLOWER = (1.0, 0.75, 0.5)  # of the goal's speed; where there is no way to arrive so fast, the next, and rest
 
 
