@@ -246,10 +246,10 @@ def run_exits(limits: Limits, speed: float, length: float) -> Ends:
 
 
 @lru_cache(maxsize=16)
-def free_entries(limits: Limits, speed: float) -> Ends:
-    """Return the ways to begin at `speed` (m/s): turn at once, or where the robot moves, after a stop."""
+def free_entries(limits: Limits, speed: float, *, stops: bool = True) -> Ends:
+    """Return the ways to begin at `speed` (m/s): turn at once, or if it `stops`, after a stop as well."""
     sides = _free_sides(limits, speed)
-    if speed != 0.0:
+    if stops and speed != 0.0:
         stop = math.copysign(0.5 * speed * speed / limits.brake, speed)
         sides += [side._replace(length=stop, outer_speed=speed) for side in _free_sides(limits, 0.0)]
     return entries_of(sides, limits)
