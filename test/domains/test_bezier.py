@@ -46,12 +46,6 @@ def test_ball_must_be_held_at_the_start(robot: Robot, name: str) -> None:
         SOCCER.actions("bezier")[name].factory(robot).start(world, goal)
 
 
-def test_impossible_arrival_speed_is_rejected(robot: Robot) -> None:
-    world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)))
-    with pytest.raises(ActionError, match="expected an arrival speed"):
-        SOCCER.actions("bezier")["goToPose"].factory(robot).start(world, Goal(Pose(1.0, 0.0, 0.0), speed=9.0))
-
-
 def test_shot_at_a_place_without_a_goal_is_rejected(robot: Robot) -> None:
     world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(robot.hold, 0.0)})
     with pytest.raises(ActionError, match="goal's mouth"):

@@ -7,16 +7,7 @@ from collections.abc import Callable
 import pytest
 from carried import CALL, ROBOT, ActionLog, DrivenGoal, started_goal
 
-from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step, finished
-from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.field import BALL, field_of
-from ator_ros.domains.soccer.planned.holding import (
-    dribble_entries,
-    dribble_exits,
-    release_exits,
-    run_up_entries,
-)
-from ator_ros.domains.soccer.planned.planner import free_entries, free_exits, run_exits
+from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.execution.motion_watch import Driving
 from ator_ros.execution.supervisor import Phase
@@ -199,22 +190,3 @@ def test_after_a_gap_the_robot_stops_before_the_goal_times_out() -> None:
     assert goal.execution.odometry_is_late(goal.now + 0.8)  # five times half of 0.3 s
     goal.execution.watch(goal.now + 1.2)
     assert goal.execution.phase is Phase.EXECUTING
-
-
-@pytest.mark.parametrize("name", ["goToPose", "dribbleBall", "shoot"])
-def test_tables_of_the_first_search_from_rest_are_cached(name: str) -> None:
-    action = SOCCER.actions()[name].factory(ROBOT)
-    action.setup()
-    caches = (
-        *(free_entries, free_exits, run_exits),
-        *(dribble_entries, dribble_exits, run_up_entries, release_exits),
-    )
-    before = [cache.cache_info().misses for cache in caches]
-    assert sum(cache.cache_info().currsize for cache in caches) > 0
-    ball = ROBOT.hold_point(Pose(0.0, 0.0, 0.0))
-    objects = {} if name == "goToPose" else {BALL: ObjectState(ball.x, ball.y)}
-    world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), objects)
-    mouth = Pose(*field_of(ROBOT).goal_center(), 0.0)
-    action.start(world, Goal(mouth if name == "shoot" else Pose(1.0, 0.5, 0.0), 0.0, Point.HOLD))
-    action.end("planned")
-    assert [cache.cache_info().misses for cache in caches] == before

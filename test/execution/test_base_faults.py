@@ -127,19 +127,6 @@ def test_a_base_that_keeps_driving_is_stopped_although_plans_start_at_its_speed(
     assert done.ended - since <= 0.5
 
 
-@pytest.mark.parametrize("moment", [0.15, 0.25, 0.4])
-def test_a_base_that_keeps_its_current_speed_is_stopped(moment: float) -> None:
-    library, chain = SOCCER.library(PIONEER), go(PIONEER, Pose(3.0, 1.0, 0.0))
-    plain = execute(library, chain, KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0)))
-    assert plain.ended is not None
-    time, state = min(plain.states, key=lambda each: abs(each[0] - moment * (plain.ended or 0.0)))
-    failure = Failure("constant", "v", time, "motion", state.v)
-    base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), failure=failure)
-    done = execute(library, chain, base, longest=time + 4.0, until_stood=False)
-    assert done.ending is Ending.BASE_FAULT
-    assert done.late <= 0.5
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("name", ROBOTS)
 def test_each_failure_is_detected_at_each_moment(name: str) -> None:

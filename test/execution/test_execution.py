@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import pytest
 from executions import FORWARD, FORWARD_LEFT, ROBOT, chain, execution, world
@@ -32,19 +31,6 @@ def test_an_execution_accepts_once_then_drives_and_stops_before_it_ends() -> Non
     run.tick(world(1.15), 100.2)
     assert run.phase is Phase.ENDED
     assert run.ending is Ending.CANCELED
-
-
-def test_the_planned_path_leads_from_robot_to_goal_during_execution() -> None:
-    run = execution(FORWARD_LEFT)
-    assert run.path() is None
-    run.tick(world(), 100.0)
-    run.tick(world(1.05), 100.05)
-    way = run.path()
-    assert way is not None
-    assert way[0] == pytest.approx((0.0, 0.0, 0.0), abs=0.01)
-    assert way[-1] == pytest.approx((1.0, 1.0, 0.0), abs=0.01)
-    run.end(Ending.CANCELED, "canceled by the client")
-    assert run.path() is None
 
 
 def test_a_new_goal_does_not_stop_a_moving_robot() -> None:
@@ -169,18 +155,6 @@ def test_the_original_chain_is_executed_if_the_refined_one_has_no_path() -> None
     assert [record.ending for record in run.executor.records] == [Ending.FAILED]
 
 
-@pytest.mark.parametrize("refined", [False, True])
-def test_an_action_without_a_path_to_the_original_goal_fails(refined: bool) -> None:
-    in_a_post = chain(("goToPose", Pose(4.0, 1.0, 0.0)), opened=frozenset({"x", "y"}))
-    run = execution(in_a_post, refine=True)
-    run.tick(world(), 100.0)
-    run.refined_to(chain(("goToPose", Pose(4.0, -1.0, 0.0))) if refined else in_a_post, refined, "answered")
-    for tick in range(1, 100):
-        run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick)
-    assert run.ending is Ending.FAILED
-    assert len(run.executor.records) == 1 + refined
-
-
 def test_open_variables_are_filled_in_without_refinement() -> None:
     steps = ("goToBall", Pose(1.0, 0.0, 0.0)), ("dribbleBall", Pose(2.5, 0.0, 0.0))
     sent = chain(*steps, opened=frozenset({"yaw"}))
@@ -192,13 +166,6 @@ def test_open_variables_are_filled_in_without_refinement() -> None:
     run.tick(dataclasses.replace(state, time=1.05), 100.1)
     assert run.executor.chain == filled
     assert (run.refining.refined, run.refining.reason) == (False, "the gate is closed")
-
-
-def test_without_models_nothing_is_predicted() -> None:
-    run = execution(FORWARD)
-    run.tick(world(), 100.0)
-    assert run.forecast.whole is None
-    assert math.isnan(run.predicted_remaining(1.0))
 
 
 def test_the_remaining_time_is_predicted_while_waiting_for_refinement() -> None:

@@ -11,8 +11,7 @@ from executions import LIBRARY, ROBOT, chain
 
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.execution.chain_executor import Ending
-from ator_ros.execution.fence import Fence, FenceWatch
-from ator_ros.execution.supervisor import Deadlines
+from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
@@ -24,12 +23,6 @@ def test_the_fence_is_the_field_and_its_margin() -> None:
     assert Fence(-5.0, -3.5, 5.0, 3.5) == FENCE
     assert FENCE.outside(4.9, -3.4) == 0.0
     assert FENCE.outside(8.0, 7.5) == pytest.approx(5.0)
-
-
-@pytest.mark.parametrize("edges", [[1.0, 2.0, 3.0], [2.0, 0.0, 1.0, 1.0], [0.0, 0.0, math.inf, 1.0]])
-def test_invalid_edges_are_rejected(edges: list[float]) -> None:
-    with pytest.raises(ValueError, match="expected"):
-        Fence.of(edges)
 
 
 @pytest.mark.parametrize(
@@ -78,19 +71,6 @@ def test_accepted_goals_beside_the_edge_succeed(speed: float) -> None:
     for y in (-1.0, 0.0, 1.0, 2.5):
         done = drive(LIBRARY, World(0.0, RobotState(Pose(-2.0, y, 0.0))), plan(x), fence=small)
         assert done.ending is Ending.SUCCEEDED, done.reason
-
-
-def test_the_reaction_time_grows_with_the_odometry_period() -> None:
-    """At 6 Hz a command takes longer to reach the robot than at 20 Hz."""
-    faults = []
-    for period in (0.05, 0.17):
-        watch = FenceWatch(FENCE, ROBOT, Deadlines().longest_gap)
-        call = chain(("goToPose", Pose(4.9, 0.0, 0.0))).calls[0]
-        x = 5.0 - (0.8**2 / (2.0 * ROBOT.limits.brake) + 0.8 * (0.15 + ROBOT.motor_time_constant))
-        for time, at in ((0.0, 0.0), (period, x)):
-            fault = watch.fault(World(time, RobotState(Pose(at, 0.0, 0.0), 0.8)), call)
-        faults.append(fault is not None)
-    assert faults == [False, True]
 
 
 @pytest.mark.parametrize("velocity", [(1.5, 0.0), (40.0, 0.0)])

@@ -9,13 +9,11 @@ import pytest
 from ator_ros.actions.base import Goal, Status, Step
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of
-from ator_ros.execution.chain_executor import ChainExecutor, Ending, StepRun
+from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.objects import followed, held_first, kept, object_fetched_by, objects_in
-from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 ROBOT = load_robot()
 LIBRARY = SOCCER.library(ROBOT)
@@ -85,16 +83,6 @@ def away(simulation: Simulation) -> None:
     simulation.place_object(BALL, ball.x, ball.y + (1.0 if ball.y < 0.5 else -1.0))
 
 
-def test_the_use_of_the_ball_follows_from_the_conditions_of_a_top() -> None:
-    def matching(predicate: Callable[[object], bool]) -> set[str]:
-        return {name for name in LIBRARY if predicate(LIBRARY[name])}
-
-    assert matching(objects_in) == {"goToBall", "dribbleBall", "shoot"}
-    assert matching(held_first) == {"dribbleBall", "shoot"}
-    assert matching(kept) == {"dribbleBall"}
-    assert matching(followed) == matching(object_fetched_by) == {"goToBall"}
-
-
 def test_a_displaced_ball_is_followed_without_a_stop() -> None:
     drive = Drive(APPROACH, once(0, 1.0, lambda simulation: simulation.place_object(BALL, 0.3, 0.5)))
     assert drive.status is Status.SUCCEEDED
@@ -153,17 +141,6 @@ def test_an_approach_that_follows_the_ball_has_one_time_limit() -> None:
     assert [record.ending for record in executor.records[:2]] == [Ending.PREEMPTED] * 2
 
 
-def test_a_robot_that_never_stops_does_not_block_its_step_forever() -> None:
-    goal = Pose(0.0, 0.0, 0.0)
-    moving = [World(0.05 * tick, RobotState(goal, 0.5), {BALL: ObjectState(1.0, 0.0)}) for tick in range(60)]
-    run = StepRun(LIBRARY, APPROACH, 0, 2.0, standing_first=True)
-    steps = [run.step(world) for world in moving]
-    failed = next(tick for tick, step in enumerate(steps) if step.status is Status.FAILED)
-    assert failed == 41
-    assert not run.begun
-    assert (steps[failed].command, steps[failed].message) == (STOP, "goToBall took longer than 2 s")
-
-
 def test_a_lost_ball_is_fetched_again() -> None:
     drive = Drive(DRIBBLE, once(1, 1.0, away), fetches=1)
     assert drive.status is Status.SUCCEEDED
@@ -179,28 +156,8 @@ def test_a_lost_ball_is_fetched_again() -> None:
     assert drive.executor.records[3].position_error < 0.06
 
 
-def test_a_ball_is_fetched_as_often_as_allowed() -> None:
-    drive = Drive(DRIBBLE, once(1, 1.0, away, times=2), fetches=1)
-    assert drive.status is Status.FAILED
-    assert [record.index for record in drive.executor.records] == [0, 1, 0, 1]
-    assert drive.executor.records[-1].lost
-
-
 def test_a_chain_without_a_fetching_step_does_not_fetch() -> None:
     start = call("goToPose", -ROBOT.hold, 0.0)
     chain = TopChain((start, call("dribbleBall", 2.0, 0.5, 0.3)))
     drive = Drive(chain, once(1, 1.0, away), fetches=3)
     assert (drive.status, drive.executor.fetch_count) == (Status.FAILED, 0)
-
-
-def test_a_failed_shot_is_not_a_lost_ball() -> None:
-    chain = TopChain((*APPROACH.calls, call("shoot", 4.0, 0.0)))
-
-    def stop_it(simulation: Simulation, _: ChainExecutor, step: Step) -> bool:
-        if "released" in step.message:
-            simulation.place_object(BALL, 2.0, 1.5)
-        return False
-
-    drive = Drive(chain, stop_it)
-    assert drive.status is Status.FAILED
-    assert not drive.executor.records[-1].lost

@@ -13,7 +13,7 @@ from executions import LIBRARY, ROBOT, execution
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import with_values
-from ator_ros.domains.soccer.field import BALL, ball_of
+from ator_ros.domains.soccer.field import BALL
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Question, continuations, refined_chain, with_followed
@@ -165,20 +165,6 @@ def test_another_plan_is_executed_without_a_stop(simulation: Simulation) -> None
     ]
 
 
-def test_a_plan_with_more_steps_is_predicted_to_its_end(simulation: Simulation) -> None:
-    drive = Drive(simulation, HERE, ANYWHERE)
-    question = drive.moved_ball_question()
-    drive.run.refined_to(question.others[0][1], False, "better", chosen=1)
-    predicted_steps = set()
-    while drive.run.ending is None:
-        predicted_steps.add(
-            (drive.run.executor.index, math.isfinite(drive.run.predicted_remaining(drive.simulation.time)))
-        )
-        drive.tick()
-    assert drive.run.ending is Ending.SUCCEEDED, drive.run.reason
-    assert predicted_steps == {(0, True), (1, True), (2, True)}
-
-
 def test_an_invalid_choice_is_ignored(
     simulation: Simulation,
 ) -> None:
@@ -311,34 +297,6 @@ def test_an_answer_that_changes_bound_variables_is_ignored(
     assert f"m from the forecast: the answer cannot be used: {reason}" in drive.run.refining.reason
     assert drive.to_the_end() is Ending.SUCCEEDED
     assert drive.run.refining.refined_again == 0
-
-
-def test_a_long_refusal_is_abbreviated(drive: Drive) -> None:
-    moved_ball_question(drive)
-    drive.run.unrefined("no valid plan: " + 50 * "it is too far; ")
-    assert "m from the forecast: no valid plan: it is too far; " in drive.run.refining.reason
-    assert len(drive.run.refining.reason) < 250
-
-
-def test_a_question_is_a_valid_plan_while_the_ball_rolls(drive: Drive) -> None:
-    drive.tick(20)
-    drive.simulation.place_object(BALL, 0.3, 0.4, vx=0.5)
-    drive.tick()
-    question = drive.run.question
-    assert question is not None
-    assert ball_of(question.world) is not None
-    assert ball_of(question.world).x > 0.4
-    assert question.chain.violations(question.world, ROBOT) == []
-
-
-def test_a_small_displacement_causes_no_question(drive: Drive) -> None:
-    drive.tick(20)
-    drive.simulation.place_object(BALL, 0.0, 0.14)
-    drive.tick()
-    assert drive.run.question is None
-    drive.simulation.place_object(BALL, 0.0, 0.16)
-    drive.tick()
-    assert drive.run.question is not None
 
 
 @pytest.mark.parametrize("options", [{"refine": False}, {"again_after": 0.0}])

@@ -9,18 +9,11 @@ import pytest
 from experience_rows import synthetic_model
 from parcels import PARCELS
 
-from ator_ros.actions.base import Action, Goal, Status, Step
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.execution.predictions import Predictor, warm_up_actions, warm_up_refinement
+from ator_ros.execution.predictions import warm_up_refinement
 from ator_ros.refinement.refiner import Refinement, Refiner
 from ator_ros.robot.description import Robot, load_robot
-from ator_ros.tops.chain import Top
-from ator_ros.tops.conditions import Condition, Term
-from ator_ros.tops.library import TopLibrary
-from ator_ros.world.state import STOP, World
-
-PIONEER = load_robot()
 
 
 @pytest.mark.parametrize(
@@ -49,23 +42,3 @@ def test_each_usable_top_is_refined_once(domain: Domain, robot: Robot) -> None:
     assert ended[0].curves
     refined = {call.top.name for refinement in ended for call in refinement.original.calls}
     assert refined == {top.name for top in library.usable()}
-
-
-class Lift(Action):
-    """Requires the cube of its TOP's pre-condition."""
-
-    name = "lift"
-
-    def start(self, world: World, goal: Goal) -> None:
-        assert world.objects["cube"]
-
-    def step(self, world: World) -> Step:
-        return Step(STOP, Status.SUCCEEDED, "lifted")
-
-
-@pytest.mark.parametrize("other", ["goal", "hold"])
-def test_objects_of_other_domains_are_in_the_warm_up(other: str) -> None:
-    near = Condition(tuple(Term(f"{other}.{axis}", f"cube.{axis}", 0.1) for axis in "xy"))
-    robot = load_robot()
-    library = TopLibrary(robot, "own", tops=(Top("lift", "lift", near, near),), actions={"lift": Lift})
-    warm_up_actions(library, Predictor(robot, {}))

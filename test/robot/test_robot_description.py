@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +10,14 @@ import pytest
 import yaml
 from robots import loaded
 
-from ator_ros.actions.base import Goal, Status
+from ator_ros.actions.base import Goal
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, NoHolderError, Robot, load_robot
-from ator_ros.robot.response import ramped, stopping_distance
-from ator_ros.simulation.simulation import Simulation
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
+from ator_ros.world.state import RobotState, World
 
 ROBOT = load_robot()
 # The digest of the shipped models and gates; a change requires new ones.
@@ -112,24 +108,6 @@ def test_missing_holder_is_reported(plain: Robot) -> None:
     assert reason == "dribbleBall needs a holder; robot plain has none"
 
 
-def test_a_robot_without_a_holder_drives_around_the_ball(plain: Robot) -> None:
-    goal = Goal(Pose(2.0, 0.5, 1.0))
-    action = GoToPose(plain)
-    with Simulation(plain) as simulation:
-        simulation.place_objects({"ball": ObjectState(1.0, 0.1)})
-        action.start(simulation.world(), goal)
-        for _ in range(400):
-            step = action.step(simulation.world())
-            if step.status is not Status.RUNNING:
-                break
-            simulation.command(step.command)
-            simulation.tick()
-        end = simulation.world()
-    assert step.status is Status.SUCCEEDED
-    assert end.robot.pose.distance(goal.pose) < 0.05
-    assert math.hypot(end.objects["ball"].x - 1.0, end.objects["ball"].y - 0.1) < 0.01
-
-
 ROBOT = load_robot()
 
 
@@ -188,13 +166,3 @@ def test_name_and_scene_do_not_identify_a_robot() -> None:
     ]
     assert {robot.digest() for robot in others} == {DIGEST}
     assert len({robot.description_digest() for robot in (ROBOT, *others)}) == 1 + len(others)
-
-
-def test_a_weaker_stop_takes_longer(tmp_path: Path) -> None:
-    data = ROBOT.sections()
-    data["robot"]["stop"] = {"forward": 1.0, "backward": 2.0, "turning": 6.0}
-    robot, dt = loaded(data, tmp_path), 0.1
-    assert ramped(Command(1.0, 2.0), STOP, dt, robot.limits, robot.stop) == Command(0.9, 1.4)
-    assert ramped(Command(-1.0, 0.0), STOP, dt, robot.limits, robot.stop) == Command(-0.8, 0.0)
-    assert stopping_distance(1.0, robot.stop) == pytest.approx(0.5)
-    assert stopping_distance(-1.0, robot.stop) == pytest.approx(-0.25)
