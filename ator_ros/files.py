@@ -10,7 +10,6 @@ import contextlib
 import fcntl
 import json
 import os
-import resource
 import shlex
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -94,23 +93,6 @@ def try_lock(handle: int) -> bool:
     except OSError:  # the file system has no locks
         pass
     return True
-
-
-@contextlib.contextmanager
-def limited_memory(extra: int) -> Iterator[None]:
-    """Limit this process to `extra` bytes more memory in the block: a small file may unpack to any size.
-
-    Allocations beyond raise MemoryError.
-    """
-    pages = Path("/proc/self/statm").read_text(encoding="ascii")
-    now = int(pages.split()[0]) * resource.getpagesize()
-    before = resource.getrlimit(resource.RLIMIT_AS)
-    bounds = [bound for bound in (now + extra, *before) if bound != resource.RLIM_INFINITY]
-    resource.setrlimit(resource.RLIMIT_AS, (min(bounds), before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_AS, before)
 
 
 def is_name(value: object) -> bool:

@@ -43,11 +43,9 @@ def resource_path(*parts: str) -> Path:
     Raises
     ------
     ResourceError
-        It is missing; the message lists its folder.
+        It is missing.
     """
     path = share_folder().joinpath(*parts)
-    if path.exists():
-        return path
-    siblings = sorted(p.name for p in path.parent.iterdir()) if path.parent.is_dir() else []
-    there = f"that folder holds {', '.join(siblings)}" if siblings else "there is no such folder"
-    raise ResourceError(f"expected {PACKAGE}'s file {path}: {there}")
+    if not path.exists():
+        raise ResourceError(f"expected {PACKAGE}'s file {path}, there is none")
+    return path

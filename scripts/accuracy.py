@@ -150,7 +150,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             dict(iter(table.frame.groupby("action", sort=False))) for table in (experience, fresh)
         )
         title = "Feature ablation"
-        lines = list(ablation_table(rows, others, robot, domain, seed=fresh.seed))
+        lines = list(ablation_table(rows, others, robot, domain, seed=fresh.metadata.get("seed") or 0))
     else:
         models = shipped(options.models or domain.shipped_models, domain, robot)
         title = "Accuracy of the performance models"

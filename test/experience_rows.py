@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.columns import columns
+from ator_ros.experience.table import columns
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import train
 from ator_ros.robot.description import Robot

@@ -20,9 +20,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.recordings import read_recording
-from ator_ros.experience.table import Experience, read_experience, write_experience
+from ator_ros.experience.table import Experience, ExperienceError, read_experience, write_experience
 from ator_ros.files import FileError
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import train

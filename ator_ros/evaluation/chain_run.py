@@ -7,10 +7,8 @@ from dataclasses import dataclass
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Status, Step
-from ator_ros.actions.goal_variables import goal_values
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.execution.rolling import Rolling
-from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.run import judge, place, run
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
@@ -43,22 +41,6 @@ class ChainRun:
     reason: str
     actions: tuple[float, ...]
     error: float
-
-
-ChainKey = tuple[object, ...]
-
-
-def key_of(chain: TopChain) -> ChainKey:
-    """Return a key of chains from the same start: TOPs, and goal variables to 1e-6 (m, rad, m/s)."""
-    return tuple(
-        part
-        for call in chain.calls
-        for part in (call.top.name, *(_rounded(*item) for item in goal_values(call.goal).items()))
-    )
-
-
-def _rounded(name: str, value: float) -> float:
-    return round(wrap_angle(value) if name == "yaw" else value, 6) + 0.0  # not -0.0
 
 
 def run_chain(

@@ -19,7 +19,7 @@ from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.gate_learning import GateExamples, LearnedGates, fit_threshold, learn_gates
 from ator_ros.evaluation.policies import reopened
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
-from ator_ros.experience.columns import ExperienceError
+from ator_ros.experience.table import ExperienceError
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.features import CANDIDATES, Feature
 from ator_ros.performance.model import PerformanceModel

@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import find_domain
-from ator_ros.evaluation.chain_run import ChainKey, ChainRun, key_of, run_chain
+from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.policies import POLICIES, UNGATED, Choice, naive
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
@@ -81,15 +82,17 @@ class Executions:
     def __init__(self, tools: Toolset, library: TopLibrary, trial: Trial) -> None:
         self._robot, self._library, self._trial = tools.robot, library, trial
         self._time_limit = tools.domain.time_limit
-        self.runs: dict[ChainKey, ChainRun] = {}
+        self.runs: list[tuple[list[Goal], ChainRun]] = []
 
     def __call__(self, chain: TopChain) -> ChainRun:
-        """Return the run of `chain`."""
-        key = key_of(chain)
-        if key not in self.runs:
-            world, limit = self._trial.world, self._time_limit
-            self.runs[key] = run_chain(self._robot, self._library, world, chain, time_limit=limit)
-        return self.runs[key]
+        """Return the run of `chain`, of which only the goals may differ from those before."""
+        goals = [call.goal for call in chain.calls]
+        for known, run in self.runs:
+            if known == goals:
+                return run
+        world, limit = self._trial.world, self._time_limit
+        self.runs.append((goals, run_chain(self._robot, self._library, world, chain, time_limit=limit)))
+        return self.runs[-1][1]
 
     def leg(self, start: World, chain: TopChain) -> float:
         """Return the duration in s of a chain from another start; infinite if it fails."""

@@ -7,9 +7,8 @@ held at both ends determine the TOP of the domain and the point that the goal is
 from __future__ import annotations
 
 import bisect
-from array import array
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -44,41 +43,24 @@ _CEASED = 1.0  # s without commands; within that time the watchdogs of most base
 SHORTEST = 0.5  # s, the shortest drive
 NOT_DRIVEN = Standstill(0.01, 0.02)
 """Greatest speeds of a command to stop, and greatest measured speeds of a robot at rest."""
+Rows = list[tuple[float, ...]]
+"""Rows of numbers, the time in s first."""
 _ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
-
-
-class Rows:
-    """Rows of numbers, the time in s first; 8 bytes a number, since recordings may last for days."""
-
-    def __init__(self, width: int) -> None:
-        self._width = width
-        self._numbers = array("d")
-
-    def __len__(self) -> int:
-        return len(self._numbers) // self._width
-
-    @property
-    def last_time(self) -> float:
-        """Time in s of the last row, of which there must be one."""
-        return self._numbers[-self._width]
-
-    def append(self, row: Sequence[float]) -> None:
-        """Add a row of `width` numbers."""
-        self._numbers.extend(row)
-
-    def in_order(self) -> FloatArray:
-        """Return the rows as a table of shape (n, width) in the order of their times."""
-        table = np.array(self._numbers).reshape(-1, self._width)
-        return table[np.argsort(table[:, 0], kind="stable")]
 
 
 @dataclass
 class Segment:
     """Recorded without a gap: odom (t, x, y, yaw, v, w), commands (t, v, w), objects (t, x, y)."""
 
-    odom: Rows = field(default_factory=lambda: Rows(6))
-    cmd_vel: Rows = field(default_factory=lambda: Rows(3))
-    objects: dict[str, Rows] = field(default_factory=lambda: defaultdict(lambda: Rows(3)))
+    odom: Rows = field(default_factory=list)
+    cmd_vel: Rows = field(default_factory=list)
+    objects: dict[str, Rows] = field(default_factory=lambda: defaultdict(list))
+
+
+def _in_order(rows: Rows, width: int) -> FloatArray:
+    """Return rows as a table (n, width) in the order of their times."""
+    table = np.array(rows, dtype=float).reshape(-1, width)
+    return table[np.argsort(table[:, 0], kind="stable")]
 
 
 class RobotReader:
@@ -133,7 +115,7 @@ class RobotReader:
             elif role == CMD_VEL:
                 command = command_from(message, CMD_VEL)
                 if newest.odom:  # a Twist has no stamp: it gets that of the last odometry message
-                    newest.cmd_vel.append((newest.odom.last_time, command.v, command.w))
+                    newest.cmd_vel.append((newest.odom[-1][0], command.v, command.w))
             elif role == RECORDS:
                 self.records.append(episode_of(message, self._domain, self._robot))
                 self.action_sets.add(message.action_set or DEFAULT_SET)
@@ -155,24 +137,19 @@ class RobotReader:
 
     def remarks(self) -> list[str]:
         """Return doubts about messages, and a line for each role of which messages were left out."""
-        times = np.concatenate([segment.odom.in_order()[:, 0] for segment in self.segments])
-        timing = []
-        if len(times) > 1 and np.ptp(times) == 0.0:
-            got = f"got {times[0]:.2f} s in all {len(times)} messages"
-            timing.append(f"odom.header.stamp: expected stamps that advance, {got}")
         left_out = (
             f"left out {count} of {self._taken[role]} {'records' if role == RECORDS else 'messages'}: "
             f"{self.errors[role]}"
             for role, count in self.left_out.items()
         )
-        return [*self._remarks, *timing, *left_out]
+        return [*self._remarks, *left_out]
 
     def _take_odometry(self, message: Any) -> None:
         time, robot = self._odometry.read(message)
         if self._odometry.remark:
             self._remarks.append(self._odometry.remark)
         odom = self.segments[-1].odom
-        last = odom.last_time if odom else time
+        last = odom[-1][0] if odom else time
         if time < last and not self._is_older:
             self._is_older = True  # one late message is ignored, two in a row are a reset
             return
@@ -188,14 +165,14 @@ class RobotReader:
         for name, frame in self._in_tf.items():
             found = self._transforms.latest(self._odometry.frame, frame)
             rows = self.segments[-1].objects[name]
-            if found is not None and not (rows and found[0] == rows.last_time):
+            if found is not None and not (rows and found[0] == rows[-1][0]):
                 self._add_object(name, *self._objects[name].read_placement(*found))
 
     def _add_object(self, name: str, time: float, there: ObjectState) -> None:
         odom = self.segments[-1].odom
-        if odom and abs(time - odom.last_time) > JUMP:
+        if odom and abs(time - odom[-1][0]) > JUMP:
             raise MessageError(
-                f"{name}.header.stamp: expected about odometry's {odom.last_time:.2f} s, got {time:.2f} s: "
+                f"{name}.header.stamp: expected about odometry's {odom[-1][0]:.2f} s, got {time:.2f} s: "
                 "another clock"
             )
         self.segments[-1].objects[name].append((time, there.x, there.y))
@@ -220,9 +197,9 @@ class Track:
     """
 
     def __init__(self, segment: Segment) -> None:
-        self.odom = segment.odom.in_order()
+        self.odom = _in_order(segment.odom, 6)
         self.odom[:, 3] = np.unwrap(self.odom[:, 3])
-        self._objects = {name: rows.in_order() for name, rows in segment.objects.items() if rows}
+        self._objects = {name: _in_order(rows, 3) for name, rows in segment.objects.items() if rows}
         self.begin, self.end = float(self.odom[0, 0]), float(self.odom[-1, 0])
         self.names = tuple(self._objects)
 
@@ -285,7 +262,7 @@ def drives(segment: Segment, robot: Robot, domain: Vocabulary) -> Iterator[Episo
     if not segment.odom or not segment.cmd_vel:
         return
     track = Track(segment)
-    for begin, ceased in _spans(segment.cmd_vel.in_order(), track):
+    for begin, ceased in _spans(_in_order(segment.cmd_vel, 3), track):
         end = _rest(track, ceased)
         if end - begin >= SHORTEST and track.begin <= begin and end <= track.end:
             episode = _episode(track, begin, end, robot, domain)

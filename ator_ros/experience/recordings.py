@@ -14,12 +14,19 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.drives import CMD_VEL, ODOM, RECORDS, SHORTEST, TF, RobotReader
 from ator_ros.experience.records import Vocabulary
-from ator_ros.experience.table import Experience, checked_rows, episode_frame, join, library_versions
-from ator_ros.files import limited_memory
-from ator_ros.printable import printable
+from ator_ros.experience.store import is_store, read_store
+from ator_ros.experience.table import (
+    Experience,
+    ExperienceError,
+    checked_rows,
+    episode_frame,
+    join,
+    library_versions,
+    read_experience,
+)
+from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.world.messages import ObjectSource
 
@@ -34,7 +41,6 @@ TYPES = {
     CMD_VEL: {"geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"},
 }
 _LARGEST_MESSAGE = 100_000  # bytes; odometry and records have about a thousand
-_MOST_BYTES = 4_000_000_000  # of memory
 
 
 class Wanted(NamedTuple):
@@ -74,13 +80,11 @@ def objects_wanted(sources: Sequence[ObjectSource]) -> list[Wanted]:
     return wanted
 
 
-def select(
-    topics: Iterable[Topic], wanted: Sequence[Wanted], names: Mapping[str, str]
-) -> tuple[Routes, list[str], list[str]]:
+def select(topics: Iterable[Topic], wanted: Sequence[Wanted]) -> tuple[Routes, list[str], list[str]]:
     """Select topics by name and type.
 
-    A robot reads the topics in its namespace. Objects and records that are in another namespace belong to the
-    only robot with odometry.
+    A robot reads the topics of its namespace, else those of the nearest namespace around it. The only robot
+    also reads what is in any other namespace.
 
     Parameters
     ----------
@@ -88,15 +92,12 @@ def select(
         The topics of a recording.
     wanted : sequence of Wanted
         What is read.
-    names : mapping
-        Absolute names of odometry or commands, if they are given: then all topics are one robot's, in
-        whatever namespaces.
 
     Returns
     -------
     routes, robots, skipped
         Which topics are read; the namespaces of the robots; a line for each topic that has a wanted name but
-        another type.
+        another type, and for several of which one is expected.
     """
     routes: Routes = defaultdict(list)
     skipped: list[str] = []
@@ -108,20 +109,16 @@ def select(
         elif space is not None:
             expected = " or ".join(sorted(item.types))
             skipped.append(f"skipped {printable(topic)}: expected {expected}, got {printable(kind)}")
-    robots = sorted({*found[ODOM], *found[RECORDS]})
-    if names:
-        robots = [names.get(ODOM, "").rpartition("/")[0] + "/"]
+    robots = sorted(found[ODOM] or found[RECORDS])
     for (role, there), robot in itertools.product(found.items(), robots):
-        is_only = robot in found[ODOM] and len(found[ODOM]) == 1
-        read = {ABSOLUTE, robot} & set(there)
-        if not read and (names or (is_only and role not in (ODOM, CMD_VEL))):
-            outer = [space for space in there if robot.startswith(space)]
-            read = {max(outer, key=len)} if outer else set(there)
-        if len(read - {ABSOLUTE}) > 1:
-            several = (topic for space in sorted(there) for topic, _ in there[space])
-            skipped.append(f"skipped {_listed(several)}: expected one of them as {role}")
-            continue
-        for link in itertools.chain.from_iterable(there[space] for space in read):
+        spaces = [space for space in there if robot.startswith(space)]
+        if not spaces and len(robots) == 1:
+            spaces = list(there)
+            if len(spaces) > 1:
+                several = (topic for space in sorted(there) for topic, _ in there[space])
+                skipped.append(f"skipped {_listed(several)}: expected one of them as {role}")
+                continue
+        for link in there[max(spaces, key=len)] if spaces else ():
             routes[link].append((robot, role))
     return routes, robots, skipped
 
@@ -134,7 +131,7 @@ def _opened(path: Path) -> Iterator[list[Any]]:
     files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
     if not files or not all(file.is_file() for file in files):  # opening a pipe may block
         raise ValueError("expected .mcap files, found none")
-    with limited_memory(_MOST_BYTES), contextlib.ExitStack() as stack:
+    with contextlib.ExitStack() as stack:
         readers = [make_reader(stack.enter_context(file.open("rb"))) for file in files]
         yield sorted(readers, key=lambda reader: reader.get_summary().statistics.message_start_time)
 
@@ -233,7 +230,7 @@ def _read(
     try:
         with _opened(file) as readers:
             topics = _topics(readers)
-            routes, spaces, skipped = select(topics, wanted, names)
+            routes, spaces, skipped = select(topics, wanted)
             by_robot = {space: RobotReader(robot, domain) for space in spaces}
             for topic, message in _messages(readers, routes.keys()):
                 for space, role in routes[topic]:
@@ -243,12 +240,96 @@ def _read(
             "recordings need the package mcap-ros2-support: pip install mcap-ros2-support"
         ) from error
     except Exception as error:  # a damaged file raises anything
-        why = "it needs too much memory" if isinstance(error, MemoryError) else str(error) or repr(error)
         expected = "a recording of ros2 bag record -s mcap (mcap recover repairs one that was cut off)"
-        raise ExperienceError(f"{file}: expected {expected}: {printable(why, 200)}") from error
+        raise ExperienceError(
+            f"{file}: expected {expected}: {printable(str(error) or repr(error), 200)}"
+        ) from error
     return list(by_robot.values()), skipped, topics
 
 
 def _listed(names: Iterable[str]) -> str:
     """Return the first names as text."""
     return ", ".join(map(printable, itertools.islice(names, 8)))
+
+
+# All sources
+
+
+def read_sources(
+    paths: Sequence[Path],
+    robot: Robot,
+    domain: Vocabulary,
+    action_set: str | None = None,
+    topics: Mapping[str, str] | None = None,
+) -> Experience:
+    """Read and join all sources; the metadata are those of the first one.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Tables (.parquet), recordings (.mcap, or the folder they are in), and stores of the node `learning`.
+    robot : Robot
+        The robot that all sources must be of.
+    domain : Vocabulary
+        The domain that all sources must be of; a table without a domain must have objects of this one.
+    action_set : str, optional
+        Action set of sources that do not name one; all others must name this one.
+    topics : mapping, optional
+        Topics of odometry and commands in recordings, see `read_recording`.
+
+    Raises
+    ------
+    ExperienceError, FileError
+        A source cannot be used, or they are of different robots, domains or action sets.
+    """
+    tables = [_source(path, robot, domain, action_set, topics) for path in paths]
+    frames, shift = [], 0
+    for table in tables:
+        frames.append(table.frame.assign(episode=table.frame["episode"] + shift))
+        shift = int(frames[-1]["episode"].max()) + 1
+    sets = {table.metadata.get("action_set") or action_set or DEFAULT_SET for table in tables}
+    sets |= {action_set} if action_set else set()
+    if len(sets) > 1:
+        raise ExperienceError(f"expected experience of one action set, got {', '.join(sorted(sets))}")
+    joined = {
+        "domain": domain.name,
+        "action_set": sets.pop(),
+        "records_left_out": sum(table.metadata.get("records_left_out", 0) for table in tables),
+    }
+    metadata = {**tables[0].metadata, **joined}
+    for name in ("objects", "goal_variables"):  # the columns say which the joined table has
+        metadata.pop(name, None)
+    return Experience(join(frames), metadata, tuple(remark for table in tables for remark in table.remarks))
+
+
+def _source(
+    path: Path,
+    robot: Robot,
+    domain: Vocabulary,
+    action_set: str | None,
+    topics: Mapping[str, str] | None,
+) -> Experience:
+    if path.suffix == ".parquet":
+        table = read_experience(path)
+    elif is_store(path):
+        table = read_store(path, action_set)
+    elif path.suffix == ".mcap" or path.is_dir():
+        table = read_recording(path, robot, domain, topics)
+    else:
+        raise ExperienceError(
+            f"{path}: expected a table of collect (.parquet) or a recording (.mcap, or the folder it is in)"
+        )
+    found = table.metadata.get("domain")
+    foreign = [name for name in table.objects if found is None and name not in domain.objects]
+    if foreign or found not in (None, domain.name):
+        there = f"a table with the objects {', '.join(foreign)}" if foreign else quoted(found)
+        raise ExperienceError(
+            f"{path}: metadata.domain: expected {domain.name!r}, got {there}: name its domain with --domain"
+        )
+    digest = table.metadata.get("robot_digest", robot.digest())
+    if digest != robot.digest():
+        raise ExperienceError(
+            f"{path}: metadata.robot_digest: expected {robot.digest()} of {robot.name}, got {digest}: "
+            "give its description with --robot, or collect again"
+        )
+    return table

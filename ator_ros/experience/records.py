@@ -12,8 +12,8 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.situation import Situation
-from ator_ros.experience.columns import LARGEST
 from ator_ros.experience.episode import Episode, sample_of
+from ator_ros.experience.table import LARGEST
 from ator_ros.files import is_name
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot

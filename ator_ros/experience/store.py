@@ -19,10 +19,16 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.json_lines import JsonLines
-from ator_ros.experience.table import Experience, checked_rows, join, library_versions, start_row
+from ator_ros.experience.table import (
+    Experience,
+    ExperienceError,
+    checked_rows,
+    join,
+    library_versions,
+    start_row,
+)
 from ator_ros.files import FileError, is_name, load, save
 
 KIND = "record store"

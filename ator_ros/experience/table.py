@@ -16,38 +16,100 @@ import pandas as pd
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import MOST_GOAL_VARIABLES, direct_name
-from ator_ros.experience.columns import (
-    LARGEST,
-    STATE_COLUMNS,
-    ExperienceError,
-    columns,
-    goal_variables_of_columns,
-    object_columns,
-    objects_of_columns,
-)
 from ator_ros.experience.episode import Episode
-from ator_ros.files import atomic_write, content_of, header, is_name, limited_memory
+from ator_ros.files import atomic_write, content_of, header, is_name
 from ator_ros.geometry import FloatArray
 from ator_ros.printable import printable, quoted
 from ator_ros.schema import SchemaError, structured
 from ator_ros.world.messages import MOST_OBJECTS
 
+
+class ExperienceError(ValueError):
+    """Experience that cannot be used; the message names the file, the field and what was expected."""
+
+
+LARGEST = 1e9
+"""Greatest number in a table: thirty years in s, and beyond `world.messages.FARTHEST` in m."""
+STATE_COLUMNS = ("t", "x", "y", "yaw", "v", "w")
+"""Time and the robot's state, in the order of a sample: s since the start, m, m, rad, m/s, rad/s."""
+
+_BEFORE = {
+    "action": "name of the action",
+    "episode": "number of the episode within its action",
+    "t": "s since the start of the episode",
+    "x": "m, axle",
+    "y": "m, axle",
+    "yaw": "rad",
+    "v": "m/s, forward",
+    "w": "rad/s, counter-clockwise",
+}
+_GOAL = {
+    "xg": "m, goal of the axle (hold 0) or of the hold (hold 1)",
+    "yg": "m, goal of the axle (hold 0) or of the hold (hold 1)",
+    "yawg": "rad, heading at the goal",
+    "speedg": "m/s, forward speed at the goal",
+}
+_AFTER = {
+    "hold": "1: the place in the robot's front where it holds objects shall come to (xg, yg); 0: the axle",
+    "time_to_go": "s until the action ended",
+    "duration": "s, of the whole episode",
+    "success": "the action ended well and did what it is for",
+    "reason": "how the episode ended",
+    "position_error": "m, at the end",
+    "heading_error": "rad, at the end; NaN where the heading does not matter",
+}
+
+
+def columns(objects: Iterable[str], goal_variables: Iterable[str] = ()) -> dict[str, str]:
+    """Return name and meaning of each column of a table; SI units, world frame.
+
+    Parameters
+    ----------
+    objects : iterable of str
+        The objects whose places it holds.
+    goal_variables : iterable of str
+        The goal variables that actions declare beyond pose and speed.
+    """
+    places = {name: f"m, NaN without {name.rpartition('_')[0]}" for name in object_columns(objects)}
+    declared = {
+        direct_name(name): f"goal variable {name} in its declared unit, NaN of an action without it"
+        for name in goal_variables
+    }
+    return {**_BEFORE, **places, **_GOAL, **declared, **_AFTER}
+
+
+def object_columns(objects: Iterable[str]) -> list[str]:
+    """Return the names of the columns of objects: NAME_x and NAME_y of each, in m, NaN where unknown."""
+    return [f"{name}_{axis}" for name in objects for axis in "xy"]
+
+
+def objects_of_columns(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the objects whose two columns are among `names`, in their order."""
+    there = list(names)
+    found = (name.removesuffix("_x") for name in there if name.endswith("_x") and name != "_x")
+    return tuple(name for name in found if f"{name}_y" in there)
+
+
+def goal_variables_of_columns(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the declared goal variables whose columns are among `names`, in their order."""
+    suffix = direct_name("")
+    found = (name.removesuffix(suffix) for name in names if name.endswith(suffix) and name not in _GOAL)
+    return tuple(name for name in found if name)
+
+
+# The table
+
 KIND = "experience"
 _KEY = b"ator_ros"
 _TEXTS = ["action", "reason"]
-_MOST_ROWS = 5_000_000  # 30 times those of a thousand episodes of each action
-_MOST_BYTES = 4_000_000_000  # of memory
-_BOUNDS: dict[str, tuple[float, float]] = {
-    "episode": (0.0, 1e7),
-    **dict.fromkeys(("t", "time_to_go", "duration", "speedg"), (0.0, LARGEST)),
-    **dict.fromkeys(("x", "y", "yaw", "v", "w", "xg", "yg", "yawg"), (-LARGEST, LARGEST)),
-    **dict.fromkeys(("hold", "success"), (0.0, 1.0)),
-    **dict.fromkeys(("position_error", "heading_error"), (0.0, LARGEST)),
+_LEAST = {
+    **dict.fromkeys(("x", "y", "yaw", "v", "w", "xg", "yg", "yawg"), -LARGEST),
+    **dict.fromkeys(("episode", "t", "time_to_go", "duration", "speedg", "hold", "success"), 0.0),
 }
-"""Least and greatest number of each column; those of objects and declared goal variables are as for x."""
+"""Least number of each column that has no NaN."""
+_GREATEST = {"hold": 1.0, "success": 1.0}
 _TYPES = {"episode": np.int32, "hold": np.int8, "success": bool}
 """Columns of whole numbers and of true and false; all other numbers are floats."""
-_MAY_BE_NAN = ("position_error", "heading_error")
 
 
 def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) -> pd.DataFrame:
@@ -58,7 +120,7 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
     source : Path or str
         File of the rows, for the message.
     frame : pandas.DataFrame
-        With the columns of `columns.columns`, of any types.
+        With the columns of `columns`, of any types.
     action_set : object
         Name of the set that the actions are of.
 
@@ -75,9 +137,8 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
         )
     if frame.empty:
         raise ExperienceError(f"{source}: expected rows of experience, found none")
-    names = [("action_set", action_set), *(("action", name) for name in frame["action"].unique())]
-    names += [("column", name) for name in (*objects, *declared)]
-    for field, name in names:
+    names = {"action_set": [action_set], "action": frame["action"].unique(), "column": (*objects, *declared)}
+    for field, name in ((field, name) for field, several in names.items() for name in several):
         if not is_name(name):
             raise ExperienceError(
                 f"{source}: {field}: expected a name of letters, digits and _, got {quoted(name)}"
@@ -93,20 +154,20 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
 def _numbers(source: Path | str, column: pd.Series) -> FloatArray:
     """Return the numbers of a column, which may be of any type that holds numbers."""
     name = str(column.name)
-    low, high = _BOUNDS.get(name, _BOUNDS["x"])
-    is_whole, may_be_nan = name in _TYPES, name in _MAY_BE_NAN or name not in _BOUNDS
-    kind = "whole numbers" if is_whole else "numbers"
-    where = f"{source}: {name}: expected {kind} from {low:g} to {high:g}{', or NaN' if may_be_nan else ''}"
+    low, high = _LEAST.get(name, 0.0 if name.endswith("_error") else -LARGEST), _GREATEST.get(name, LARGEST)
+    expected = (
+        f"{source}: {name}: expected {'whole ' if name in _TYPES else ''}numbers from {low:g} to {high:g}"
+    )
     is_truth = pd.api.types.is_bool_dtype(column)
     if not pd.api.types.is_numeric_dtype(column) or (is_truth and high != 1.0):
-        raise ExperienceError(f"{where}, got the type {column.dtype}")
+        raise ExperienceError(f"{expected}, got the type {column.dtype}")
     values: FloatArray = column.to_numpy(dtype=float, na_value=np.nan)
-    good = (values >= low) & (values <= high)
-    with np.errstate(invalid="ignore"):
-        good &= (values % 1.0 == 0.0) | (not is_whole)
-    wrong = np.flatnonzero(~(good | (np.isnan(values) & may_be_nan)))
-    if wrong.size:
-        raise ExperienceError(f"{where}, got {values[wrong[0]]:g} in row {wrong[0]}")
+    good = (values >= low) & (values <= high) | np.isnan(values) & (name not in _LEAST)
+    if name in _TYPES:
+        good &= values == np.round(values)
+    if not good.all():
+        row = int(np.argmin(good))
+        raise ExperienceError(f"{expected}, got {values[row]:g} in row {row}")
     return values
 
 
@@ -127,12 +188,6 @@ class Experience:
     frame: pd.DataFrame
     metadata: dict[str, Any]
     remarks: tuple[str, ...] = ()
-
-    @property
-    def seed(self) -> int:
-        """The seed that it was collected with; 0 for a recording, which has none."""
-        seed = self.metadata.get("seed")
-        return seed if isinstance(seed, int) else 0
 
     @property
     def objects(self) -> tuple[str, ...]:
@@ -255,17 +310,12 @@ def read_experience(path: Path | str) -> Experience:
     if not Path(path).is_file():  # opening a pipe would block
         raise ExperienceError(f"{expected}, got none")
     try:
-        with limited_memory(_MOST_BYTES), parquet.ParquetFile(path) as file:
+        with parquet.ParquetFile(path) as file:
             metadata, declared = _metadata(path, (file.schema_arrow.metadata or {}).get(_KEY))
-            if file.metadata.num_rows > _MOST_ROWS:
-                raise ExperienceError(
-                    f"{path}: expected at most {_MOST_ROWS} rows, got {file.metadata.num_rows}"
-                )
             table = file.read(columns=list(columns(declared.objects, declared.goal_variables)))
             frame = table.replace_schema_metadata(None).to_pandas()  # pandas' own may be damaged
-    except (OSError, MemoryError, UnicodeError, arrow.ArrowException) as error:
-        why = "it needs too much memory" if isinstance(error, MemoryError) else printable(error, 200)
-        raise ExperienceError(f"{expected}: {why}") from error
+    except (OSError, UnicodeError, arrow.ArrowException) as error:
+        raise ExperienceError(f"{expected}: {printable(error, 200)}") from error
     action_set = DEFAULT_SET if declared.action_set is None else declared.action_set
     return Experience(checked_rows(path, frame, action_set), metadata)
 

@@ -15,12 +15,10 @@ import pandas as pd
 
 from ator_ros.actions.goal_variables import direct_name
 from ator_ros.domains.domain import Domain
-from ator_ros.experience.columns import goal_variables_of_columns
 from ator_ros.experience.store import NUMBER, action_sets_in, read_records
-from ator_ros.experience.table import library_versions
+from ator_ros.experience.table import goal_variables_of_columns, library_versions
 from ator_ros.files import FileError
-from ator_ros.learning.candidates import TrainingData, constant, training_data
-from ator_ros.learning.judging import RoundVerdict, judge
+from ator_ros.learning.judging import RoundVerdict, TrainingData, constant, judge, training_data
 from ator_ros.learning.sets import RECORDS, current_set, new_set_folder, read_manifest, seal, sets_in
 from ator_ros.performance.features import PATHS, Feature, declared_by
 from ator_ros.performance.model import MEASURES, UNOBSERVED, PerformanceModel

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.actions.goal_variables import direct_name
-from ator_ros.experience.columns import ExperienceError, goal_variables_of_columns
+from ator_ros.experience.table import ExperienceError, goal_variables_of_columns
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.derived import ANGLE_BETWEEN, Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES

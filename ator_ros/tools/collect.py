@@ -17,11 +17,11 @@ from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import possible_actions
 from ator_ros.experience import collect as simulated
-from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.parallel import EVERY_CORE, Workers, progress
 from ator_ros.experience.table import (
     Experience,
+    ExperienceError,
     join,
     library_versions,
     require_pyarrow,

@@ -18,8 +18,8 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import EvaluationError
-from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.parallel import BACKENDS, BackendError, Workers
+from ator_ros.experience.table import ExperienceError
 from ator_ros.files import FileError, portable_command
 from ator_ros.planning.goals import PlanningError
 from ator_ros.printable import printable
@@ -28,11 +28,9 @@ from ator_ros.robot.description import ConfigError
 from ator_ros.robot.probe_drive import DriveError
 from ator_ros.schema import SchemaError
 from ator_ros.view.backend import NodesError
-from ator_ros.world.messages import MessageError, plain_frame
+from ator_ros.world.messages import MessageError
 
 _NAMESPACE = re.compile(r"(?!__)[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
-_FRAME = re.compile(r"[A-Za-z0-9_][\w.-]*(/[\w.-]+)*", re.ASCII)
-_LONGEST_NAME = 100  # characters; names become names of files, which may have 255 bytes
 INTERRUPTED = 130
 """Exit code after Ctrl-C or SIGTERM."""
 RESUMES = "the same command resumes from here"
@@ -153,32 +151,45 @@ def workers_of(options: argparse.Namespace) -> Workers:
     return Workers(options.jobs, options.backend, options.cluster)
 
 
-def parse(
+def _check_names(
+    parser: argparse.ArgumentParser, option: str, given: Iterable[str], allowed: Collection[str]
+) -> None:
+    for name in given:
+        if name not in allowed:
+            flag = f"--{option.replace('_', '-')}"
+            parser.error(f"argument {flag}: expected one of {', '.join(allowed)}, got {name[:80]!r}")
+
+
+def run_tool(
     parser: argparse.ArgumentParser,
-    words: Sequence[str] | None,
+    work: Callable[[argparse.Namespace, Domain, str], None],
+    argv: Sequence[str] | None,
     *,
+    interrupted: str = "nothing was written",
     needed: bool = True,
     **names: Callable[[Domain], Iterable[str]],
-) -> tuple[argparse.Namespace, Domain]:
-    """Parse a command line whose names depend on its domain.
+) -> int:
+    """Parse a command line whose names depend on its domain, run its work, and return the exit code.
+
+    A name that the domain lacks ends the program as argparse does.
 
     Parameters
     ----------
     parser : ArgumentParser
         With the options of `add_setting`.
-    words : sequence of str, optional
-        By default those of the process.
+    work : callable
+        Does the work, with the options, the domain, and the command line as files record it.
+    argv : sequence of str, optional
+        By default the words of the process.
+    interrupted : str
+        As for `guarded`.
     needed : bool
         Whether to refuse a domain without names for one of the further options.
     **names : callable
         Allowed names of further options. An option that was left out gets the first of them or, if its name
         is a plural, all of them.
-
-    Returns
-    -------
-    Namespace, Domain
-        The options and the domain. A name that the domain lacks ends the program as argparse does.
     """
+    words = list(sys.argv[1:] if argv is None else argv)
     options = parser.parse_args(words)
     try:
         domain = domain_for(options.domain, options.robot)
@@ -198,40 +209,6 @@ def parse(
             setattr(options, name, there if several else next(iter(there), None))
         else:
             _check_names(parser, name, given if several else [given], there)
-    return options, domain
-
-
-def _check_names(
-    parser: argparse.ArgumentParser, option: str, given: Iterable[str], allowed: Collection[str]
-) -> None:
-    for name in given:
-        if name not in allowed:
-            flag = f"--{option.replace('_', '-')}"
-            parser.error(f"argument {flag}: expected one of {', '.join(allowed)}, got {name[:80]!r}")
-
-
-def run_tool(
-    parser: argparse.ArgumentParser,
-    work: Callable[[argparse.Namespace, Domain, str], None],
-    argv: Sequence[str] | None,
-    *,
-    interrupted: str = "nothing was written",
-    needed: bool = True,
-    **names: Callable[[Domain], Iterable[str]],
-) -> int:
-    """Parse a command line and run its work; return the exit code.
-
-    Parameters
-    ----------
-    parser, argv, needed, **names
-        As for `parse`.
-    work : callable
-        Does the work, with the options, the domain, and the command line as files record it.
-    interrupted : str
-        As for `guarded`.
-    """
-    words = list(sys.argv[1:] if argv is None else argv)
-    options, domain = parse(parser, words, needed=needed, **names)
     command = portable_command(parser.prog, words)
     return guarded(parser.prog, lambda: work(options, domain, command), interrupted=interrupted)
 
@@ -284,22 +261,12 @@ def destination(text: str) -> Path:
 
 def namespace(text: str) -> str:
     """Read a ROS namespace, with or without the / before it, which is left out; a type for argparse."""
-    return _named(text.removeprefix("/"), _NAMESPACE, "a namespace", text)
+    name = text.removeprefix("/")
+    if not _NAMESPACE.fullmatch(name):
+        raise argparse.ArgumentTypeError(f"expected a namespace of letters, digits, _ and /, got {text!r}")
+    return name
 
 
 def topic(text: str) -> str:
     """Read the name of a topic, with or without the / before it, as an absolute one; a type for argparse."""
-    return f"/{_named(text.removeprefix('/'), _NAMESPACE, 'the name of a topic', text)}"
-
-
-def frame(text: str) -> str:
-    """Read the name of a frame, with or without a / before it, which is left out; a type for argparse."""
-    return _named(plain_frame(text), _FRAME, "the name of a frame", text)
-
-
-def _named(name: str, pattern: re.Pattern[str], kind: str, text: str) -> str:
-    if len(name) > _LONGEST_NAME or not pattern.fullmatch(name):
-        raise argparse.ArgumentTypeError(
-            f"expected {kind} of at most {_LONGEST_NAME} letters, digits, _ and /, got {text[:80]!r}"
-        )
-    return name
+    return f"/{text.removeprefix('/')}"

@@ -30,9 +30,8 @@ from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.domain import Domain, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.experience.collect import episode_generator
-from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.records import ENDED, episode_of
-from ator_ros.experience.table import episode_frame
+from ator_ros.experience.table import ExperienceError, episode_frame
 from ator_ros.geometry import Pose
 from ator_ros.nodes.client_node import ClientNode, SimulationClient
 from ator_ros.nodes.messages import chain_of, situation_of

@@ -16,10 +16,9 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
 from ator_ros.evaluation.trials import possible_chain
-from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.drives import CMD_VEL, ODOM
-from ator_ros.experience.sources import read_sources
-from ator_ros.experience.table import Experience, library_versions
+from ator_ros.experience.recordings import read_sources
+from ator_ros.experience.table import Experience, ExperienceError, library_versions
 from ator_ros.files import FileError, is_name
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.features import Feature
@@ -82,7 +81,7 @@ def train(
             continue
         used[action] = features
         starts = tests.frame[(tests.frame["action"] == action) & (tests.frame["t"] == 0.0)]
-        measured = _measured(model, starts, tests.seed) if len(starts) else {}
+        measured = _measured(model, starts, tests.metadata.get("seed") or 0) if len(starts) else {}
         training = {
             "seed": source.get("seed"),
             "command": source.get("command"),

@@ -24,7 +24,6 @@ from ator_ros.tools.command_line import (
     add_factor,
     add_models,
     add_setting,
-    frame,
     guarded,
     namespace,
     whole,
@@ -32,6 +31,7 @@ from ator_ros.tools.command_line import (
 from ator_ros.tools.own_nodes import all_nodes
 from ator_ros.view.backend import NodesError
 from ator_ros.view.editor import Editor
+from ator_ros.world.messages import plain_frame
 
 if TYPE_CHECKING:  # needs viser
     from ator_ros.view.page import Page
@@ -151,7 +151,7 @@ def arguments() -> argparse.ArgumentParser:
         help="with --attach: robots to show, each with the nodes of its namespace; one is chosen on the page",
     )
     parser.add_argument(
-        "--frame", type=frame, help="frame of odometry (default: odom; with --robots NAMESPACE/odom)"
+        "--frame", type=plain_frame, help="frame of odometry (default: odom; with --robots NAMESPACE/odom)"
     )
     add_setting(parser, action_set=False)
     add_models(parser)

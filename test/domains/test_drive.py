@@ -13,7 +13,7 @@ from ator_ros.domains.domain import domain_for, find_domain
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.tools import study
-from ator_ros.tools.command_line import parse
+from ator_ros.tools.command_line import run_tool
 from ator_ros.world.scene import Area, Scene
 
 DRIVE = find_domain("drive")
@@ -90,5 +90,6 @@ def test_soccer_needs_a_holder_and_a_ball(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("words", "name"), [([], "soccer"), (["--robot", str(SHIPPED[0])], "drive")])
 def test_tools_use_the_domain_of_the_robot(words: list[str], name: str) -> None:
-    options, domain = parse(study.arguments(), words)
-    assert (options.domain, domain.name) == (name, name)
+    found: list[tuple[str, str]] = []
+    run_tool(study.arguments(), lambda options, domain, _: found.append((options.domain, domain.name)), words)
+    assert found == [(name, name)]

@@ -13,7 +13,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
 from ator_ros.evaluation.gate_learning import GateExamples, compare_gates, fit_threshold
 from ator_ros.evaluation.statistics import labels, summarize
-from ator_ros.experience.columns import ExperienceError
+from ator_ros.experience.table import ExperienceError
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.gate import FEATURES
 

@@ -21,11 +21,11 @@ from ator_ros.domains.soccer.field import BALL, ball_of, field_of
 from ator_ros.domains.soccer.planned.planner import ball_distances
 from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
 from ator_ros.experience.collect import collect
-from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.episode import run_episode
 from ator_ros.experience.parallel import Workers
 from ator_ros.experience.table import (
     Experience,
+    ExperienceError,
     join,
     read_experience,
     write_experience,

@@ -16,11 +16,16 @@ from parcels import CARRY, PARCELS
 from ator_ros.domains import domain as domains
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.columns import ExperienceError, columns, object_columns
-from ator_ros.experience.recordings import read_recording
+from ator_ros.experience.recordings import read_recording, read_sources
 from ator_ros.experience.records import drive_between
-from ator_ros.experience.sources import read_sources
-from ator_ros.experience.table import Experience, read_experience, write_experience
+from ator_ros.experience.table import (
+    Experience,
+    ExperienceError,
+    columns,
+    object_columns,
+    read_experience,
+    write_experience,
+)
 from ator_ros.geometry import Pose
 from ator_ros.performance.model_file import load_model
 from ator_ros.robot.description import load_robot

@@ -18,9 +18,15 @@ from ator_ros.actions.goal_variables import GoalVariable, with_values
 from ator_ros.domains import domain as domains
 from ator_ros.domains.domain import DomainError
 from ator_ros.experience.collect import collect
-from ator_ros.experience.columns import columns, goal_variables_of_columns
-from ator_ros.experience.sources import read_sources
-from ator_ros.experience.table import Experience, join, read_experience, write_experience
+from ator_ros.experience.recordings import read_sources
+from ator_ros.experience.table import (
+    Experience,
+    columns,
+    goal_variables_of_columns,
+    join,
+    read_experience,
+    write_experience,
+)
 from ator_ros.geometry import Pose
 from ator_ros.performance.model_file import load_model
 from ator_ros.performance.training import direct_of

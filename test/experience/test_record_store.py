@@ -15,7 +15,7 @@ import pytest
 from stored import INFO, ROBOT, episodes, stored
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.sources import read_sources
+from ator_ros.experience.recordings import read_sources
 from ator_ros.experience.store import NUMBER, PART, RecordStore, read_records, read_store
 from ator_ros.files import FileError
 

@@ -13,8 +13,8 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.columns import ExperienceError
 from ator_ros.experience.recordings import read_recording
+from ator_ros.experience.table import ExperienceError
 from ator_ros.geometry import Pose
 from ator_ros.tools import train
 

@@ -15,7 +15,6 @@ from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.table import join, library_versions, read_experience
 from ator_ros.resources import resource_path
 from ator_ros.tools import collect as collect_tool
-from ator_ros.tools.command_line import parse
 
 BIN = Path(get_package_prefix("ator_ros"), "lib", "ator_ros")
 TOUR = find_domain("tour")
@@ -69,7 +68,7 @@ def test_drives_are_kept_until_the_table_is_written(tmp_path: Path, monkeypatch:
     words += ["--seed", str(SEED), "--out", str(table)]
     drives = collect(TOUR.actions().values(), TOUR.tops, TOUR.robot(), objects=(), episodes=2, seed=SEED)
     frames = [frame.head(1) for frame in drives]
-    options, _ = parse(collect_tool.arguments(), words)
+    options = collect_tool.arguments().parse_args(words)
     identity = {
         "seed": options.seed,
         "robot": TOUR.robot().sections(),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from experience_rows import synthetic_experience
 
-from ator_ros.experience.columns import ExperienceError
+from ator_ros.experience.table import ExperienceError
 from ator_ros.performance.accuracy import accuracy, brier
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.model import PerformanceModel

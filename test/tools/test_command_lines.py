@@ -26,13 +26,12 @@ NUMBER = "argument --{}: expected a whole number from "
 NO_FILE = "argument --{}: expected a file that can be written, got "
 NOT_INSTALLED = "domain: expected an entry point of ator_ros.domains, one of ["
 NONE_THERE = "argument --domain: expected one with {}, got bare, which has none"
-NAMESPACE = "expected a namespace of at most 100 letters"
+NAMESPACE = "expected a namespace of letters"
 REFUSED = [
     *(("collect --episodes=" + text, NUMBER.format("episodes")) for text in ("-1", "1.5")),
     ("evaluate --oracle=1.5", NUMBER.format("oracle")),
     ("demo --situations=-1", NUMBER.format("situations")),
-    *(("view --attach --robots " + name, NAMESPACE) for name in ("a-b", "../x", "a" * 101)),
-    ("view --attach --frame //odom", "expected the name of a frame"),
+    *(("view --attach --robots " + name, NAMESPACE) for name in ("a-b", "../x")),
     *(("collect --out=" + place, NO_FILE.format("out")) for place in (".", "file/result", "file/a/result")),
     ("demo --out=file/result", NO_FILE.format("out")),
     *((f"{command} --domain=chess", NOT_INSTALLED) for command in ("collect", "evaluate", "gate", "train")),
