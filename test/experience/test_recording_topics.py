@@ -155,7 +155,7 @@ def test_topics_can_be_given_and_are_listed_otherwise(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = recorded(tmp_path, **DRIVER)
-    words = [str(bag), "--observed", "--models", str(tmp_path / "models")]
+    words = [str(bag), "--models", str(tmp_path / "models")]
     for given in ([], NAMES[:2], NAMES[2:]):
         assert train.main([*words, *given]) == 1
         (line,) = capsys.readouterr().err.splitlines()
