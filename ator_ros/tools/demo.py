@@ -206,7 +206,9 @@ def demo(
             with closing(Client(nodes, domain.objects)) as client:
                 client.ready(domain.remote_servers())
                 library = domain.library(robot)
-                print(f"chain {chain}, naive: each step alone is fastest; refined: the whole chain", flush=True)
+                print(
+                    f"chain {chain}, naive: each step alone is fastest; refined: the whole chain", flush=True
+                )
                 for index in range(situations):
                     trial = random_trial(domain, chain, library, seed=seed, index=index)
                     if "speed" in domain.variables:
