@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import itertools
 import math
 from collections.abc import Sequence
 from contextlib import closing
@@ -79,20 +80,16 @@ def draw_robot(axes: Any, robot: Robot, pose: Pose, color: str, *, alpha: float 
 
 @dataclass(frozen=True)
 class DemoRun:
-    """One execution of a chain.
+    """One execution of a chain: the executor's record, and the robot's positions (x, y) in m.
 
-    Attributes
-    ----------
-    record : ChainPerformance
-        The executor's record.
-    predicted : float
-        Duration in s of the chain that refinement predicted from the start, NaN if unknown.
-    path : list of (float, float)
-        The robot's positions (x, y) in m.
+    `predicted` and `steps` are the durations in s of the chain and its actions that refinement predicted from
+    the start, NaN if unknown. Predictions in the records of actions are from where each has begun, and do not
+    add up to the chain's.
     """
 
     record: ChainPerformance
     predicted: float
+    steps: tuple[float, ...]
     path: list[tuple[float, float]]
 
     @property
@@ -118,7 +115,8 @@ class DemoSituation:
     @property
     def runs(self) -> dict[str, DemoRun]:
         """Both executions by name."""
-        return {"naive": self.naive, "refined": self.refined}
+        kind = "refined" if self.refined.record.refined else "left alone"
+        return {"naive": self.naive, kind: self.refined}
 
     @property
     def gain(self) -> float:
@@ -127,21 +125,51 @@ class DemoSituation:
         return self.naive.duration - self.refined.duration if both else math.nan
 
 
+def explanation(name: str, chain: TopChain) -> str:
+    """Return what a chain is, what it leaves open, and what naive and refined mean, one line each."""
+    opened = [
+        f"{' and '.join(sorted(call.open))} at the end of step {number} ({call.top.name})"
+        for number, call in enumerate(chain.calls, 1)
+        if call.open
+    ]
+    return "\n".join(
+        [
+            f"chain {name}: {', '.join(call.top.name for call in chain.calls)}",
+            f"open, for refinement to choose: {'; '.join(opened) or 'nothing'}",
+            "naive: each step alone is fastest, and the robot stops; refined: the whole chain is fastest",
+        ]
+    )
+
+
 def table(situations: Sequence[DemoSituation]) -> str:
-    """Return the times in s of the actions and the chain, a line for each run, and a summary."""
+    """Return predicted / actual times in s of each action and chain, a line for each run."""
+    if not situations:
+        return "no situation was finished"
     rows = []
     for number, situation in enumerate(situations, start=1):
-        for name, run in situation.runs.items():
-            steps = enumerate(zip(situation.chain.calls, run.record.actions, strict=False), start=1)
-            times = {f"{step} {call.top.name}": action.actual.duration for step, (call, action) in steps}
-            total = run.duration if run.success else math.nan
-            rows.append({"": f"{number} {name}", **times, "chain": total, "predicted": run.predicted})
-    text = pd.DataFrame(rows).to_string(index=False, na_rep="-", float_format="{:.2f}".format)
-    return f"times in s\n{text}\n\n{summary(situations)}"
+        gain = situation.gain
+        percent = 100.0 * gain / (situation.naive.duration or math.inf)  # a run may end at once
+        changes = ["", "-" if math.isnan(gain) else f"{gain:+.2f} s ({percent:+.0f} %)"]
+        for (name, run), change in zip(situation.runs.items(), changes, strict=True):
+            rows.append({"": f"{number} {name}", **_times(run, situation.chain), "gain": change})
+    text = pd.DataFrame(rows).fillna("").to_string(index=False)
+    return "\n".join(["predicted / actual time in s", text, "", summary(situations)])
+
+
+def _times(run: DemoRun, chain: TopChain) -> dict[str, str]:
+    """Return predicted and actual time of each step and of the chain."""
+    actual = itertools.chain((a.actual.duration for a in run.record.actions), itertools.repeat(math.nan))
+    steps = enumerate(zip(chain.calls, run.steps, actual, strict=False), start=1)  # fewer if it failed
+    cells = {f"{number} {call.top.name}": _pair(*times) for number, (call, *times) in steps}
+    return {**cells, "chain": _pair(run.predicted, run.duration) if run.success else "failed"}
+
+
+def _pair(predicted: float, actual: float) -> str:
+    return " / ".join("-" if math.isnan(value) else f"{value:.2f}" for value in (predicted, actual))
 
 
 def summary(situations: Sequence[DemoSituation]) -> str:
-    """Return what refinement gained, and the reasons of failures and of chains that were not refined."""
+    """Return a summary in one sentence, with the reasons of failures."""
     counted = [situation for situation in situations if not math.isnan(situation.gain)]
     naive = math.fsum(situation.naive.duration for situation in counted)
     gain = math.fsum(situation.gain for situation in counted)
@@ -152,12 +180,11 @@ def summary(situations: Sequence[DemoSituation]) -> str:
         f"refinement {verb} {abs(gain):.2f} s of {naive:.2f} s ({percent:.1f} %)"
     ]
     for number, situation in enumerate(situations, start=1):
-        for name, run in situation.runs.items():
+        for name, run in (("naive", situation.naive), ("refined", situation.refined)):
             if not run.success:
                 lines.append(f"situation {number}, {name}: {run.record.outcome.reason}")
-        if not situation.refined.record.refined:
-            lines.append(f"situation {number}, not refined: {situation.refined.record.refinement}")
-    return "\n".join(lines)
+    alone = {s.refined.record.refinement for s in situations if not s.refined.record.refined}
+    return "\n".join(lines + [f"left alone: {reason}" for reason in sorted(alone)])
 
 
 def save_picture(file: Path, domain: Domain, robot: Robot, situations: Sequence[DemoSituation]) -> None:
@@ -206,13 +233,12 @@ def demo(
             with closing(Client(nodes, domain.objects)) as client:
                 client.ready(domain.remote_servers())
                 library = domain.library(robot)
-                print(
-                    f"chain {chain}, naive: each step alone is fastest; refined: the whole chain", flush=True
-                )
                 for index in range(situations):
                     trial = random_trial(domain, chain, library, seed=seed, index=index)
                     if "speed" in domain.variables:
                         trial = dataclasses.replace(trial, chain=open_speeds(trial.chain))
+                    if index == 0:
+                        print(explanation(chain, trial.chain), flush=True)
                     played.append(_play(client, trial, f"situation {index + 1} of {situations}"))
     finally:
         if played:
@@ -229,8 +255,10 @@ def _play(client: Client, trial: Trial, name: str) -> DemoSituation:
     def execute(chain: Any, *, refine: bool) -> DemoRun:
         client.place(trial.world)
         record = client.execute(chain, refine=refine)
-        predicted = answer.after if record.refined else answer.before
-        return DemoRun(record, predicted.duration, list(client.path))
+        whole, steps = answer.before, answer.before_actions
+        if record.refined:
+            whole, steps = answer.after, answer.after_actions
+        return DemoRun(record, whole.duration, tuple(step.duration for step in steps), list(client.path))
 
     print(f"{name}: naive ", end="", flush=True)
     naive = execute(answer.original, refine=False)

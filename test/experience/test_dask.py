@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import gc
-import os
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import distributed
-import joblib
 import pandas as pd
 import pytest
 from experience_rows import synthetic_model
@@ -71,43 +66,3 @@ def test_dask_without_a_cluster_is_rejected() -> None:
     gc.collect()  # dask fails if clients of previous tests are garbage-collected meanwhile
     with pytest.raises(BackendError, match="'dask' cannot be used"):
         list(run_tasks(abs, [1], Workers(2, "dask")))
-
-
-PROGRAM = """
-import os, signal, time
-from ator_ros.experience.parallel import Workers, run_tasks
-
-before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
-results = list(run_tasks(abs, [-1, -2], Workers(-1)))
-time.sleep(0.5)
-assert results == [1, 2]
-assert before == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
-"""
-
-
-def test_one_core_keeps_the_signal_handlers_and_exits_cleanly() -> None:
-    environment = {**os.environ, "LOKY_MAX_CPU_COUNT": "1"}
-    command = [sys.executable, "-c", PROGRAM]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
-
-
-def wait_for(file: Path) -> str:
-    """Wait for `file` and return its name, like a slow task."""
-    for _ in range(600):
-        if file.exists():
-            return file.name
-        time.sleep(0.05)
-    raise TimeoutError(f"expected {file}")
-
-
-@pytest.mark.long
-def test_results_are_yielded_as_they_finish(address: str, tmp_path: Path) -> None:
-    files = [tmp_path / name for name in ("one", "two", "three")]
-    for file in files if joblib.__version__.startswith("1.3.") else files[:1]:  # 1.3 yields all at once
-        file.touch()
-    results = run_tasks(wait_for, files, Workers(-1, "dask", address))
-    assert next(results) == "one"  # the other tasks wait for the files created below
-    for file in files[1:]:
-        file.touch()
-    assert list(results) == ["two", "three"]

@@ -45,10 +45,10 @@ def test_it_prints_the_gain_and_draws_the_paths(tmp_path: Path) -> None:
     ended = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert "1 of 1 situations succeeded both ways; refinement saved" in ended.stdout
-    assert "chain shoot, naive: each step alone is fastest" in ended.stdout
+    assert "chain shoot: goToBall, dribbleBall, shoot\nopen, for refinement to choose: " in ended.stdout
     assert f"{tmp_path}/demo.png: the robot's path in each situation, naive (orange)" in ended.stdout
-    (row,) = re.findall(r"^ *1 naive (.*)", ended.stdout, flags=re.MULTILINE)
-    *steps, whole, _ = map(float, row.split())
+    (row,) = re.findall(r"^ *1 naive .*", ended.stdout, flags=re.MULTILINE)
+    *steps, whole = map(float, re.findall(r"([\d.]+) / ", row))
     assert sum(steps) == pytest.approx(whole, abs=0.02)
     assert (tmp_path / "demo.png").read_bytes().startswith(b"\x89PNG")
 

@@ -126,3 +126,48 @@ def test_a_study_of_only_such_actions_leaves_no_folder(
     assert study.main(["--domain", str(file_of(tmp_path, data)), "--out", str(tmp_path / "study")]) == 1
     assert "has no `stand_in`, so only `collect --over-ros`" in capsys.readouterr().err
     assert not (tmp_path / "study").exists()
+
+
+DAMAGED = [
+    ("train odd.parquet --models out", "odd.parquet"),
+    ("train odd.mcap --models out", "odd.mcap"),
+    ("train --rules odd.json", "odd.json"),
+    ("train bag --models out", "bag/metadata.yaml"),
+    ("train store --models out", "store/store.json"),
+    ("gate --episodes odd.parquet --work out", "odd.parquet"),
+    *((f"{tool} --robot odd.yaml --out out", "odd.yaml") for tool in ("evaluate", "calibrate", "study")),
+    ("collect --robot odd.yaml --out out.parquet", "odd.yaml"),
+    ("view --robot odd.yaml", "odd.yaml"),
+    ("collect --domain odd.yaml --out out.parquet", "odd.yaml"),
+    *((f"{tool} --domain odd.yaml", "odd.yaml") for tool in ("plan", "demo")),
+    ("evaluate --models models --out out", "models/goToPose.json"),
+    ("plan ball_in_goal --object ball 1 0 --models models", "models/goToPose.json"),
+    ("study --out studied", "studied/settings.json"),
+]
+CONTENTS = [
+    bytes(range(256)) * 40,
+    b"",
+    b'{"format": "ator_ros boat", "schema_version": 1}',
+    b"- !!python/name:os",
+]
+
+
+@pytest.mark.parametrize(("line", "name"), DAMAGED)
+def test_a_damaged_file_ends_a_command_with_a_short_message(
+    line: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / name
+    file.parent.mkdir(exist_ok=True)
+    command, *words = line.split()
+    for content in CONTENTS:
+        file.write_bytes(content)
+        try:
+            code = importlib.import_module(f"ator_ros.tools.{command}").main(words)
+        except SystemExit as ended:
+            code = ended.code
+        assert code in (1, 2)
+        error = capsys.readouterr().err
+        assert 1 <= len([each for each in error.splitlines() if not each.startswith(("usage: ", " "))]) <= 3
+        assert "Traceback" not in error
+        assert [path for path in tmp_path.rglob("*") if path.is_file()] == [file]
