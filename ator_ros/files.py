@@ -12,7 +12,7 @@ import json
 import os
 import shlex
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -119,13 +119,24 @@ def header(kind: str) -> dict[str, Any]:
     return {_FORMAT: f"ator_ros {kind}", _VERSION: VERSION}
 
 
-def save(path: Path | str, kind: str, content: DataclassInstance | Mapping[str, Any]) -> None:
-    """Write a file of this kind, atomically.
+def save(
+    path: Path | str,
+    kind: str,
+    content: DataclassInstance | Mapping[str, Any],
+    *,
+    compact: Collection[str] = (),
+) -> None:
+    """Write a file of this kind, atomically; fields named in `compact` take one line each.
 
     Fields of a dataclass whose value and default are None are left out.
     """
     fields = content if isinstance(content, Mapping) else unstructured(content)
-    write_text(path, json.dumps({**header(kind), **fields}, indent=1, allow_nan=False) + "\n")
+    lines = []
+    for name, value in {**header(kind), **fields}.items():
+        style: dict[str, Any] = {"separators": (",", ":")} if name in compact else {"indent": 1}
+        text = json.dumps(value, allow_nan=name in compact, **style).replace("\n", "\n ")
+        lines.append(f" {json.dumps(name)}: {text}")
+    write_text(path, "{\n" + ",\n".join(lines) + "\n}\n")
 
 
 def load(path: Path | str, kind: str, schema: type[T]) -> T:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -16,10 +16,19 @@ from ator_ros.experience.table import library_versions
 from ator_ros.files import save
 
 PARTIAL = "situations.jsonl"
-RUNS = "runs.jsonl"
-"""A finished file of partial results: settings, then the record of each situation, one a line."""
 RESULT = "evaluation.json"
 KIND = "evaluation"
+
+
+def to_columns(records: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
+    """Turn records into columns: each key to the list of its values, mappings key by key."""
+    names = dict.fromkeys(name for record in records if record is not None for name in record)
+    columns: dict[str, Any] = {}
+    for name in names:
+        values = [None if record is None else record.get(name) for record in records]
+        nested = any(isinstance(value, Mapping) for value in values)
+        columns[name] = to_columns(values) if nested else values
+    return columns
 
 
 def run_situations(
@@ -55,7 +64,7 @@ def run_situations(
 
 
 def write_result(folder: Path, settings: Settings, records: Sequence[Record], command: str) -> dict[str, Any]:
-    """Write `evaluation.json`; return its contents."""
+    """Write `evaluation.json`, with all runs by columns in one line; return its contents."""
     summary: dict[str, Any] = {
         "situations": len(records),
         "seed": settings.seed,
@@ -74,6 +83,7 @@ def write_result(folder: Path, settings: Settings, records: Sequence[Record], co
         "digest": source.digest(),
         "versions": library_versions(),
         "machine": platform.platform(),
+        "runs": to_columns(records),
     }
-    save(folder / RESULT, KIND, result)
+    save(folder / RESULT, KIND, result, compact=("runs",))
     return result

@@ -10,7 +10,7 @@ from pathlib import Path
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.policies import POLICIES, unavailable
 from ator_ros.evaluation.report import policy_table, prediction_table, write_report
-from ator_ros.evaluation.running import PARTIAL, RESULT, RUNS, run_situations, write_result
+from ator_ros.evaluation.running import PARTIAL, RESULT, run_situations, write_result
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import make_toolset
 from ator_ros.evaluation.trials import EvaluationError
@@ -47,7 +47,7 @@ def evaluate(
         if len(table):
             print(table.to_string(index=False), end="\n\n")
     report = write_report(out, result)
-    (out / PARTIAL).replace(out / RUNS)
+    (out / PARTIAL).unlink(missing_ok=True)
     print(f"wrote {out / RESULT} and {report}")
 
 

@@ -45,9 +45,11 @@ def evaluated(models: Path, out: Path, *words: str) -> tuple[dict[str, Any], str
 def test_a_report_of_another_domain_has_no_soccer_terms(models: Path, tmp_path: Path) -> None:
     result, report = evaluated(models, tmp_path, "--oracle", "3")
     assert result["settings"]["chain"] == "two_legs"
+    assert len(result["runs"]["start"][0]) == 8
     assert re.findall(WORDS, report) == []
 
 
 def test_a_chain_of_one_step_is_reported(models: Path, tmp_path: Path) -> None:
-    _, report = evaluated(models, tmp_path, "--chain", "one_leg", "--oracle", "3")
+    result, report = evaluated(models, tmp_path, "--chain", "one_leg", "--oracle", "3")
+    assert [len(start) for start in result["runs"]["start"]] == [5, 5]
     assert "Subgoal refinement: chain one_leg of parcels" in report

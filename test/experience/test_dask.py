@@ -14,6 +14,7 @@ from experience_rows import synthetic_model
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.parallel import BackendError, Workers, run_tasks
 from ator_ros.experience.table import read_experience
+from ator_ros.files import read_json
 from ator_ros.performance.model_file import save_model
 from ator_ros.robot.description import load_robot
 from ator_ros.tools import collect, evaluate
@@ -52,7 +53,7 @@ def test_evaluate_gives_the_same_runs(address: str, tmp_path: Path) -> None:
     for name, words in {"here": ["--jobs", "1"], "there": on(address)}.items():
         folder = tmp_path / name
         assert evaluate.main([*given, "--models", str(models), "--out", str(folder), *words]) == 0
-        runs.append((folder / "runs.jsonl").read_text(encoding="utf-8").splitlines()[1:])
+        runs.append(read_json(folder / "evaluation.json")["runs"])
     assert runs[0] == runs[1]
 
 
