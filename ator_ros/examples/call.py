@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import importlib
 import math
-import os
 import re
 import sys
 import time
@@ -181,9 +180,6 @@ def main(arguments: list[str] | None = None) -> int:
                 send_goal(node, options.name, kind, values, feedback=options.feedback)
             else:
                 call(node, options.name, kind, values)
-        sys.stdout.flush()
-    except BrokenPipeError:  # of `| head`; Python would write the rest at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (CallError, yaml.YAMLError, NameValidationException) as error:
         print(f"call: {error}", file=sys.stderr)
         return 1

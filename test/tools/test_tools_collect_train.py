@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -75,42 +76,27 @@ def die(how: signal.Signals) -> None:
     os.kill(os.getpid(), how)
 
 
-@pytest.mark.parametrize("number", few([signal.SIGINT, signal.SIGTERM], signal.SIGTERM))
-def test_a_signal_to_all_processes_ends_them_and_keeps_the_finished_episodes(
-    tmp_path: Path, number: signal.Signals
-) -> None:
-    file = tmp_path / "part.parquet"
-    words = ["--actions", "goToPose", "--episodes", "2000", "--jobs", "2", "--out", str(file)]
-    with subprocess.Popen(
-        [sys.executable, "-c", WATCHED, *words], start_new_session=True, stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout is not None
-        while "3 episodes" not in process.stdout.readline():
-            assert process.poll() is None
-        os.killpg(process.pid, number)  # as a terminal or supervisor does
-        assert process.wait() == INTERRUPTED
-    assert eventually_gone(process.pid)
-    assert 1 + 3 <= len(file.with_suffix(".episodes.jsonl").read_text().splitlines()) < 2000
-
-
-def test_collect_continues_after_a_kill_with_the_same_table(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("number", few([signal.SIGINT, signal.SIGTERM, signal.SIGKILL], signal.SIGTERM))
+def test_collect_continues_after_a_signal_with_the_same_table(
+    tmp_path: Path, number: signal.Signals, capsys: pytest.CaptureFixture[str]
 ) -> None:
     whole, file = tmp_path / "whole.parquet", tmp_path / "killed.parquet"
-    words = ["--actions", "goToPose", "dribbleBall", "--episodes", "3", "--seed", "9", "--jobs", "1", "--out"]
+    words = ["--actions", "goToPose", "dribbleBall", "--episodes", "3", "--seed", "9", "--jobs", "2", "--out"]
     with subprocess.Popen(
-        [sys.executable, "-c", WATCHED, *words, str(file)], stdout=subprocess.PIPE, text=True
-    ) as process:
+        [sys.executable, "-c", WATCHED, *words, str(file)],
+        start_new_session=True, stdout=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
         assert process.stdout is not None
         while "4 episodes" not in process.stdout.readline():
             assert process.poll() is None
-        process.kill()
-    assert not file.exists()
+        os.killpg(process.pid, number)  # as a terminal or supervisor does
+    assert process.returncode == (-number if number == signal.SIGKILL else INTERRUPTED)
+    assert eventually_gone(process.pid)
     (kept,) = tmp_path.iterdir()
     lines = kept.read_bytes()
     kept.write_bytes(lines + lines[-200:-1])  # as if it was killed while writing
     assert collect.main([*words, str(file)]) == 0
-    assert "collect: 4 episodes of an earlier call are there" in capsys.readouterr().err
+    assert re.search("collect: [45] episodes of an earlier call are there", capsys.readouterr().err)
     assert list(tmp_path.iterdir()) == [file]
     assert collect.main([*words, str(whole)]) == 0
     one, two = map(read_experience, (whole, file))
