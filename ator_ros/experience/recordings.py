@@ -297,8 +297,6 @@ def read_sources(
         "records_left_out": sum(table.metadata.get("records_left_out", 0) for table in tables),
     }
     metadata = {**tables[0].metadata, **joined}
-    for name in ("objects", "goal_variables"):  # the columns say which the joined table has
-        metadata.pop(name, None)
     return Experience(join(frames), metadata, tuple(remark for table in tables for remark in table.remarks))
 
 

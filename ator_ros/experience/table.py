@@ -20,7 +20,7 @@ from ator_ros.experience.episode import Episode
 from ator_ros.files import atomic_write, content_of, header, is_name
 from ator_ros.geometry import FloatArray
 from ator_ros.printable import printable, quoted
-from ator_ros.schema import SchemaError, structured
+from ator_ros.schema import SchemaError
 from ator_ros.world.messages import MOST_OBJECTS
 
 
@@ -286,8 +286,6 @@ def write_experience(path: Path | str, experience: Experience) -> None:
     metadata = {
         **header(KIND),
         "columns": columns(experience.objects, experience.goal_variables),
-        "objects": experience.objects,
-        **({"goal_variables": experience.goal_variables} if experience.goal_variables else {}),
         **experience.metadata,
     }
     text = json.dumps(metadata, sort_keys=True).encode()
@@ -311,34 +309,19 @@ def read_experience(path: Path | str) -> Experience:
         raise ExperienceError(f"{expected}, got none")
     try:
         with parquet.ParquetFile(path) as file:
-            metadata, declared = _metadata(path, (file.schema_arrow.metadata or {}).get(_KEY))
-            table = file.read(columns=list(columns(declared.objects, declared.goal_variables)))
+            metadata = _metadata(path, (file.schema_arrow.metadata or {}).get(_KEY))
+            names = file.schema_arrow.names
+            known = columns(objects_of_columns(names), goal_variables_of_columns(names))
+            table = file.read(columns=list(known))
             frame = table.replace_schema_metadata(None).to_pandas()  # pandas' own may be damaged
     except (OSError, UnicodeError, arrow.ArrowException) as error:
         raise ExperienceError(f"{expected}: {printable(error, 200)}") from error
-    action_set = DEFAULT_SET if declared.action_set is None else declared.action_set
-    return Experience(checked_rows(path, frame, action_set), metadata)
+    return Experience(checked_rows(path, frame, metadata.get("action_set") or DEFAULT_SET), metadata)
 
 
-@dataclass(frozen=True)
-class _Metadata:
-    """The metadata that are used; a recording has no seed, and perhaps no action set."""
-
-    objects: tuple[str, ...]
-    goal_variables: tuple[str, ...] = ()
-    seed: int | None = None
-    robot_digest: str | None = None
-    domain: str | None = None
-    action_set: str | None = None
-    command: str | None = None
-    records_left_out: int = 0
-
-
-def _metadata(path: Path | str, text: bytes | None) -> tuple[dict[str, Any], _Metadata]:
-    """Return the metadata as they are, which experience carries along, and as their schema."""
+def _metadata(path: Path | str, text: bytes | None) -> dict[str, Any]:
     try:
-        metadata = content_of(json.loads(text or b"null"), KIND)
-        return metadata, structured(metadata, _Metadata)
+        return content_of(json.loads(text or b"null"), KIND)
     except SchemaError as error:
         raise ExperienceError(f"{path}: metadata.{error}") from error
     except (ValueError, RecursionError) as error:

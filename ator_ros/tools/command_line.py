@@ -132,16 +132,11 @@ def add_factor(parser: argparse.ArgumentParser, default: float) -> None:
     )  # fmt: skip
 
 
-def add_jobs(parser: argparse.ArgumentParser) -> None:
-    """Add the option for the number of worker processes."""
+def add_parallel_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for parallel work: jobs, backend, cluster."""
     parser.add_argument(
         "--jobs", type=jobs, default=-1, metavar="N", help="worker processes (default: -1, one per core)"
     )
-
-
-def add_parallel_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for parallel work: jobs, backend, cluster."""
-    add_jobs(parser)
     parser.add_argument("--backend", choices=BACKENDS, default="loky", help="default: %(default)s")
     parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, as in tcp://host:8786")
 

@@ -27,7 +27,15 @@ from ator_ros.performance.model_file import load_model
 from ator_ros.refinement.gate import GATE
 from ator_ros.robot.description import Robot
 from ator_ros.tools.collect import collect
-from ator_ros.tools.command_line import RESUMES, add_jobs, add_setting, run_tool, source_of, whole
+from ator_ros.tools.command_line import (
+    RESUMES,
+    add_parallel_options,
+    add_setting,
+    run_tool,
+    source_of,
+    whole,
+    workers_of,
+)
 from ator_ros.tools.evaluate import evaluate
 from ator_ros.tools.gate import learn_gate
 from ator_ros.tools.train import train
@@ -233,7 +241,7 @@ def arguments() -> argparse.ArgumentParser:
         "--oracle", type=whole(), default=24, metavar="K",
         help="headings of the first subgoal that the oracle executes (default: %(default)s)",
     )  # fmt: skip
-    add_jobs(parser)
+    add_parallel_options(parser)
     parser.add_argument("--out", type=Path, default=Path("study"), metavar="DIR", help="default: %(default)s")
     return parser
 
@@ -243,7 +251,7 @@ def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
     settings = StudySettings(
         options.episodes, options.situations, options.seed, options.chain, options.oracle
     )
-    study(options.out, source, settings, command=command, workers=Workers(options.jobs))
+    study(options.out, source, settings, command=command, workers=workers_of(options))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -164,13 +164,8 @@ def test_table_is_unchanged_by_a_file(frame: pd.DataFrame, tmp_path: Path) -> No
     assert len(pd.read_parquet(file)) == len(frame)
 
 
-def test_damaged_foreign_and_newer_files_are_rejected(frame: pd.DataFrame, tmp_path: Path) -> None:
+def test_foreign_and_newer_files_are_rejected(frame: pd.DataFrame, tmp_path: Path) -> None:
     file = tmp_path / "experience.parquet"
-    with pytest.raises(ExperienceError, match=r"experience\.parquet: expected a Parquet file"):
-        read_experience(file)
-    file.write_bytes(b"no table")
-    with pytest.raises(ExperienceError, match=r"experience\.parquet: expected a Parquet file"):
-        read_experience(file)
     frame.to_parquet(file)
     with pytest.raises(ExperienceError, match=r"metadata\.format: expected 'ator_ros experience'"):
         read_experience(file)

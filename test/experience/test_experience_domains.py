@@ -52,7 +52,7 @@ def test_a_domain_of_any_objects_is_collected_and_learned(installed: Domain, tmp
     assert collect.main([*words, "--out", str(table)]) == 0
     experience = read_experience(table)
     assert experience.metadata["domain"] == installed.name
-    assert experience.metadata["objects"] == list(installed.objects)
+    assert experience.objects == installed.objects
     assert list(experience.frame.columns) == list(columns(installed.objects))
     assert not [name for name in experience.frame.columns if name.startswith("ball")]
     places = experience.frame[object_columns(installed.objects)]
