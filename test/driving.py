@@ -11,7 +11,7 @@ from executions import execution as execution_of
 from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
-from ator_ros.execution.motion_watch import Driving
+from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.sensors import ObjectErrors, SensorConfig, Sensors
@@ -103,7 +103,7 @@ def drive(
     """
     base, robot = base or Base(), library.robot
     execution = execution_of(chain, library=library, again_after=0.0, now=0.0, fence=fence)
-    done, driving, sensors = Drive(execution), Driving(robot, base.latency), Sensors(base.sensors, seed)
+    done, watch, sensors = Drive(execution), MotionWatch(robot, base.latency), Sensors(base.sensors, seed)
     errors = base.sensors.objects.get(BALL, ObjectErrors())
     tracker, last = ObjectTracker(errors.noise, errors.velocity_noise), -1.0
     with Simulation(base.robot(robot)) as simulation:
@@ -120,8 +120,9 @@ def drive(
             observed = odometry(observed)
             if observed.time > last:
                 last = observed.time
-                command = execution.tick(driving.ahead(observed), now, fault=driving.fault(observed, now))
-                driving.sent(observed.time, command)
+                fault = watch.fault(observed.time, observed.robot, now)
+                command = execution.tick(watch.foresight.ahead(observed), now, fault=fault)
+                watch.sent(observed.time, command)
                 simulation.command(motors(now, command) if motors else base.respond(command))
                 if done.ended is None and execution.ending is not None:
                     done.ended = now

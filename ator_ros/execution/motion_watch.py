@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.robot.response import Foresight, clip
-from ator_ros.world.state import STOP, Command, RobotState, World
+from ator_ros.world.state import STOP, Command, RobotState
 
 _DELAY = 0.1  # s by which a base may be later than `latency`: two messages at 20 Hz
 _WINDOW = 0.3  # s of commands that are judged, besides twice the lag of the motors
@@ -379,7 +379,7 @@ class Commands:
 
 
 class MotionWatch:
-    """Compares odometry with the commands that were sent, driving and turning apart.
+    """Compares odometry with the commands that were sent, driving and turning apart; predicts late states.
 
     Faults are those of `Fault`, and a pose that is constant while the velocity is not.
 
@@ -391,15 +391,37 @@ class MotionWatch:
     ----------
     latency : float
         Time in s from the stamp of a state until the command that answers it moves the base.
+
+    Attributes
+    ----------
+    foresight : Foresight
+        Predicts states, under the same commands.
     """
 
     def __init__(self, robot: Robot, latency: float) -> None:
+        self._robot, self._latency = robot, latency
         self._driving, self._turning = Thresholds.of(robot)
-        self._latency = latency
-        self.reset()
+        self.foresight = Foresight(robot, latency)
+        self._forget()
 
     def reset(self) -> None:
-        """Forget the past, as when a goal begins: earlier commands to the base are unknown."""
+        """Forget all states and commands because time was reset."""
+        self.foresight.reset()
+        self._forget()
+
+    def begin(self, latency: float, *, preempts: bool) -> None:
+        """Begin to watch the base for a new goal, with a latency that may be another one.
+
+        Motion before the goal is ignored, as others may have moved the base. A goal that `preempts` another
+        continues its watch, and with the latency of before: its commands may still be under way.
+        """
+        if preempts:
+            return
+        if latency != self._latency:
+            self._latency, self.foresight = latency, Foresight(self._robot, latency)
+        self._forget()
+
+    def _forget(self) -> None:
         self._v, self._w = Axis(self._driving), Axis(self._turning)
         self._commands = Commands(), Commands()
         self._last = STOP
@@ -416,11 +438,16 @@ class MotionWatch:
         ]
         return f"the base {' and '.join(said)}" if said else ""
 
-    def sent(self, time: float, command: Command, now: float = -math.inf) -> None:
+    def sent(self, time: float, command: Command | None, now: float = -math.inf) -> None:
         """Note a command that was sent as the answer to a state of `time` (s).
 
         `now` is the real time in s at which it was sent, where that may be later than the state was received.
+        None: another program moves the base, so its motion is not compared with our commands.
         """
+        self.foresight.sent(time, command)
+        if command is None:
+            self._forget()
+            return
         self._answered, self._last = min(self._answered, now), command
         for commands, value in zip(self._commands, (command.v, command.w), strict=True):
             commands.add(time + self._latency, value)
@@ -435,7 +462,7 @@ class MotionWatch:
         """
         last = self._states[-1] if self._states else (time, robot)
         if time < last[0]:
-            self.reset()
+            self._forget()
         gap = Gap(time - last[0], self._received, now)
         self._delay_late_answer(gap)
         self._received, self._answered = now, math.inf
@@ -525,67 +552,3 @@ def _moved(before: RobotState, after: RobotState) -> tuple[float, float]:
     way, turned = before.pose.distance(after.pose), wrap_angle(after.pose.yaw - before.pose.yaw)
     ahead = before.pose.relative(after.pose).x
     return math.copysign(way, ahead), turned
-
-
-class Driving:
-    """Watches whether the base moves as commanded, and predicts late states forward.
-
-    Parameters
-    ----------
-    latency : float
-        See `Foresight`.
-    """
-
-    def __init__(self, robot: Robot, latency: float) -> None:
-        self._robot = robot
-        self._use(latency)
-
-    def _use(self, latency: float) -> None:
-        self._latency = latency
-        self._watch = MotionWatch(self._robot, latency)
-        self._foresight = Foresight(self._robot, latency)
-
-    def reset(self) -> None:
-        """Forget all states and commands because time was reset."""
-        self._foresight.reset()
-        self._watch.reset()
-
-    def begin(self, latency: float, *, preempts: bool) -> None:
-        """Begin to watch the base for a new goal, with a latency that may be another one.
-
-        Motion before the goal is ignored, as others may have moved the base. A goal that `preempts` another
-        continues its watch, and with the latency of before: its commands may still be under way.
-        """
-        if preempts:
-            return
-        if latency != self._latency:
-            self._use(latency)
-        self._watch.reset()
-
-    @property
-    def remark(self) -> str:
-        """See `MotionWatch.remark`."""
-        return self._watch.remark
-
-    def sent(self, time: float, command: Command | None, now: float = -math.inf) -> None:
-        """Record a command sent in response to the state of `time` (s); see `MotionWatch.sent`.
-
-        None: another program moves the base, so its motion is not compared with our commands.
-        """
-        if command is None:
-            self._watch.reset()
-        else:
-            self._watch.sent(time, command, now)
-        self._foresight.sent(time, command)
-
-    def punctual(self, robot: RobotState, command: Command | None, took: float) -> Command | None:
-        """Return the command to send now for one that took `took` s to compute; see `Foresight.punctual`."""
-        return self._foresight.punctual(robot, command, took)
-
-    def fault(self, world: World, now: float) -> str | None:
-        """Return how the base does not follow its commands, by the measured state; see `MotionWatch`."""
-        return self._watch.fault(world.time, world.robot, now)
-
-    def ahead(self, world: World) -> World:
-        """Return the world at the time when the command for the measured `world` takes effect."""
-        return self._foresight.ahead(world)

@@ -16,7 +16,7 @@ from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.remote import LONGEST
 from ator_ros.execution.chain_executor import Ending
-from ator_ros.execution.motion_watch import Driving
+from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.execution.refining import AGAIN_AFTER
 from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.supervisor import (
@@ -163,7 +163,7 @@ class ExecutorNode(Node):
             self.get_logger().warning(reason)
         self._sets = warmed_up_predictors(self, self._settings, domain, self._libraries)
         self._inputs = inputs_of(self._settings, domain.objects)
-        self._driving = Driving(robot, self._settings["latency"])
+        self._motion = MotionWatch(robot, self._settings["latency"])
         self._fence = fence_of(self._settings, robot)
         noises = (self._settings[f"{name}_velocity_noise"] for name in domain.objects)
         self._rolling = Rolling(robot, slowest=3.0 * max(noises, default=0.0))
@@ -234,8 +234,8 @@ class ExecutorNode(Node):
         if world is None:
             return
         run = self._run
-        fault = None if run is None else self._driving.fault(world, now)
-        world = self._driving.ahead(world)
+        fault = None if run is None else self._motion.fault(world.time, world.robot, now)
+        world = self._motion.foresight.ahead(world)
         self._world, self._odom_at = world, now
         self._rolling.observe(world)  # also between goals, when the robot has lost an object
         self._ticks.record(now)
@@ -247,18 +247,18 @@ class ExecutorNode(Node):
 
     def _answer(self, run: GoalRun, world: World, fault: str | None, now: float) -> None:
         """Send the command for a state in which a goal is active."""
-        if self._driving.remark not in ("", self._slow):
-            self._slow = self._driving.remark
+        if self._motion.remark not in ("", self._slow):
+            self._slow = self._motion.remark
             self.get_logger().warning(self._slow)
         run.supervisor.slowdown = self._inputs.slowdown
         if self._remotes.ending() or self._is_connecting(run, now):
             self._send(STOP)
-            self._driving.reset()  # its motion is not ours
+            self._motion.reset()  # its motion is not ours
             run.supervisor.odometry_received(time.monotonic())
             return
         command = run.supervisor.tick(world, now, overdue=self._inputs.overdue, fault=fault)
         done = time.monotonic()
-        self._send(self._driving.punctual(world.robot, command, done - now), answers=True)
+        self._send(self._motion.foresight.punctual(world.robot, command, done - now), answers=True)
         self._ticks.took(done - now)
         run.supervisor.odometry_received(done)
         self._follow(run)
@@ -284,7 +284,7 @@ class ExecutorNode(Node):
     def _take_jump(self, jump: ClockJumpError) -> None:
         """Reset the state after odometry's clock has jumped."""
         self._warn(str(jump))
-        self._driving.reset()
+        self._motion.reset()
         # A goal that waits for its first state goes on, as after a restart of the simulation.
         if self._run is not None and self._run.supervisor.phase is not Phase.WAITING:
             self._end(Ending.INPUT_LOST, str(jump))
@@ -321,7 +321,7 @@ class ExecutorNode(Node):
             )
         except MessageError as error:  # the running goal continues
             return self._refused(handle, str(error))
-        self._driving.begin(self._settings["latency"], preempts=self._run is not None)
+        self._motion.begin(self._settings["latency"], preempts=self._run is not None)
         self._end(Ending.PREEMPTED, _PREEMPTED, at_once=True)
         self._run, self._stop_until = run, -math.inf
         self._commands.adapt()  # here, not as rclpy takes the goal: it then keeps the former publisher in use
@@ -389,9 +389,9 @@ class ExecutorNode(Node):
         if supervisor.ending is Ending.BASE_FAULT:
             return self._commands.cause()
         if supervisor.ending is Ending.SUCCEEDED:
-            return self._driving.remark
+            return self._motion.remark
         if supervisor.ending is Ending.FAILED:
-            return self._driving.remark or self._diagnosis.rate_problem("odom", self._odom_timeout)
+            return self._motion.remark or self._diagnosis.rate_problem("odom", self._odom_timeout)
         if supervisor.ending is not Ending.INPUT_LOST:
             return ""
         if self._world is None or time.monotonic() - self._odom_at > 0.5 * self._odom_timeout:
@@ -410,7 +410,7 @@ class ExecutorNode(Node):
         """Send a command, as of now or for the state that it `answers`; None if others move the robot."""
         if self._inputs.time is not None:
             now = time.monotonic()
-            self._driving.sent(self._inputs.time + (0.0 if answers else now - self._odom_at), command, now)
+            self._motion.sent(self._inputs.time + (0.0 if answers else now - self._odom_at), command, now)
         if command is not None:
             self._commands.publish(command, self._inputs.time or 0.0)
 

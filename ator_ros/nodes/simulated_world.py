@@ -128,6 +128,10 @@ class SimulatedWorld:
         ]
         return [stop for stop in stops if stop]
 
+    def wheel_angles(self, number: int) -> list[float]:
+        """Return the angles of a robot's left and right wheel in rad."""
+        return self._simulation.wheel_angles(number)
+
     def command(self, command: Command, number: int) -> None:
         """Send a base a velocity command."""
         self._simulation.command(command, number=number)

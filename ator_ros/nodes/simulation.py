@@ -44,7 +44,7 @@ from ator_ros.printable import quoted
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.sensors import ObjectErrors, SensorConfig, Sensors
 from ator_ros.simulation.simulation import TICK
-from ator_ros.simulation.urdf import WHEEL_NAMES, Wheels, robot_urdf
+from ator_ros.simulation.urdf import WHEEL_NAMES, robot_urdf
 from ator_ros.world import messages as checks
 from ator_ros.world.messages import MessageError
 from ator_ros.world.scene import Area
@@ -215,8 +215,8 @@ class SimulationNode(Node):
     def _publish(self) -> None:
         if self._clock_publisher is not None:
             self._clock_publisher.publish(Clock(clock=stamp_of(self._world.time)))
-        for topics in self._topics:
-            topics.publish()
+        for number, topics in enumerate(self._topics):
+            topics.publish(self._world.wheel_angles(number))
 
     # Commands and services
 
@@ -406,7 +406,6 @@ class RobotTopics:
             name: node.create_publisher(Odometry, self.resolved(name), NEWEST)
             for name in described.scene.objects
         }
-        self._wheels = Wheels(described)
         self._joints = node.create_publisher(JointState, self.resolved("joint_states"), RESULTS)
         self._tf = None if TFMessage is None else node.create_publisher(TFMessage, "tf", RESULTS)
         if TFMessage is not None and robot.name:
@@ -420,8 +419,8 @@ class RobotTopics:
         """Return the name of a topic, a service or a frame of this robot."""
         return f"{self._robot.name}/{name}" if self._robot.name else name
 
-    def publish(self) -> None:
-        """Publish the last observation."""
+    def publish(self, wheels: list[float]) -> None:
+        """Publish the last observation, and the angles of the left and the right wheel (rad)."""
         world, state = self._robot.observed, self._robot.observed.robot
         # Objects come first: subscribers that act on odom then have the objects of the same tick.
         for name, there in world.objects.items():
@@ -429,12 +428,11 @@ class RobotTopics:
             message = object_odometry_of(world.time, there, frame=self.frame, height=height)
             self._objects[name].publish(message)
         self._odom.publish(odometry_of(world.time, state, frame=self.frame, child=self.robot_frame))
-        self._wheels.roll(world.time, state.v, state.w)
         if self._tf is not None and self._tf.get_subscription_count():
             there = transform_of(world.time, state.pose, frame=self.frame, child=self.robot_frame)
             self._tf.publish(TFMessage(transforms=[there]))
         if self._joints.get_subscription_count():
-            message = JointState(name=list(WHEEL_NAMES), position=list(self._wheels.angles))
+            message = JointState(name=list(WHEEL_NAMES), position=wheels)
             message.header.stamp = stamp_of(world.time)
             self._joints.publish(message)
 

@@ -122,6 +122,10 @@ class SimulatedBase:
             **targets,
         )
 
+    def wheel_angles(self) -> list[float]:
+        """Return the angles of the left and the right wheel in rad."""
+        return [state[0] for state in self._bullet.getJointStates(self.body, self._wheels)]
+
     def state(self) -> RobotState:
         """Return the true state."""
         position, quaternion = self._bullet.getBasePositionAndOrientation(self.body)

@@ -186,6 +186,10 @@ class Simulation:
         x, y, yaw = state.pose
         return World(self.time, dataclasses.replace(state, pose=self._area.at(x, y, yaw)), objects)
 
+    def wheel_angles(self, number: int = 0) -> list[float]:
+        """Return the angles of a robot's left and right wheel in rad."""
+        return self._bases[number].wheel_angles()
+
     def _object_state(self, body: int) -> ObjectState:
         position, _ = self._bullet.getBasePositionAndOrientation(body)
         linear, _ = self._bullet.getBaseVelocity(body)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
-from ator_ros.execution.motion_watch import Driving
+from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.supervisor import Deadlines, Phase, Supervisor
 from ator_ros.geometry import Pose, wrap_angle
@@ -130,7 +130,7 @@ class Goal:
     """Result of a goal. Times are in s."""
 
     execution: Supervisor
-    driving: Driving
+    watch: MotionWatch
     states: list[tuple[float, RobotState]] = field(default_factory=list)
     commands: list[Command] = field(default_factory=list)
     late: float = 0.0
@@ -176,7 +176,7 @@ def execute(
         deadlines=Deadlines(),
         fence=Fence(-100.0, -100.0, 100.0, 100.0),
     )
-    goal, twin = Goal(execution, Driving(robot, latency)), None
+    goal, twin = Goal(execution, MotionWatch(robot, latency)), None
     due, received, stopped = 0.0, 0.0, False
     since: float | None = None
     while execution.phase is not Phase.ENDED and base.time < longest:
@@ -196,15 +196,17 @@ def execute(
                 state = sense(base.state()) if sense else base.state()
                 world = World(base.time, state, objects or {})
                 command = execution.tick(
-                    goal.driving.ahead(world), base.time, fault=goal.driving.fault(world, base.time)
+                    goal.watch.foresight.ahead(world),
+                    base.time,
+                    fault=goal.watch.fault(base.time, state, base.time),
                 )
-                goal.driving.sent(base.time, command, base.time)
+                goal.watch.sent(base.time, command, base.time)
                 _command((base, twin), command or STOP)
                 goal.states.append((base.time, base.state()))
                 goal.commands.append(command or STOP)
                 received, stopped = base.time, False
         elif not stopped and execution.odometry_is_late(base.time):
-            goal.driving.sent(received + (base.time - received), STOP, base.time)
+            goal.watch.sent(received + (base.time - received), STOP, base.time)
             _command((base, twin), STOP)
             stopped = True
         if goal.ended is None and execution.ending is not None:

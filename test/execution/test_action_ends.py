@@ -9,7 +9,7 @@ from carried import CALL, ROBOT, ActionLog, DrivenGoal, started_goal
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
-from ator_ros.execution.motion_watch import Driving
+from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.execution.supervisor import Phase
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import Top, TopCall, TopChain
@@ -90,24 +90,24 @@ def test_a_moved_goal_ends_the_action_of_the_previous_goal() -> None:
 def test_external_actions_cause_no_commands_and_no_base_fault() -> None:
     actions = ActionLog()
     goal = started_goal(actions)
-    driving = Driving(ROBOT, 0.1)
+    watch = MotionWatch(ROBOT, 0.1)
     x = 0.0
     for tick in range(60):
         moved = World(0.05 * tick, RobotState(Pose(x, 0.0, 0.0), 1.0))
-        assert driving.fault(moved, 0.05 * tick) is None
-        assert driving.punctual(moved.robot, None, 1.0) is None
-        driving.sent(moved.time, None)
+        assert watch.fault(moved.time, moved.robot, 0.05 * tick) is None
+        assert watch.foresight.punctual(moved.robot, None, 1.0) is None
+        watch.sent(moved.time, None)
         x += 0.05
     assert goal.execution.phase is Phase.EXECUTING
     assert goal.sent[1:] == [None]
 
 
 def test_uncommanded_motion_is_a_base_fault_for_local_actions() -> None:
-    driving, x, faults = Driving(ROBOT, 0.1), 0.0, []
+    watch, x, faults = MotionWatch(ROBOT, 0.1), 0.0, []
     for tick in range(60):
         moved = World(0.05 * tick, RobotState(Pose(x, 0.0, 0.0), 0.0 if tick < 5 else 1.0))
-        faults.append(driving.fault(moved, 0.05 * tick))
-        driving.sent(moved.time, STOP)
+        faults.append(watch.fault(moved.time, moved.robot, 0.05 * tick))
+        watch.sent(moved.time, STOP)
         x += 0.05 if tick >= 5 else 0.0
     assert any(faults)
 

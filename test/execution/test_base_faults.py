@@ -205,7 +205,7 @@ def test_a_base_at_half_speed_is_reported() -> None:
     base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), share=0.5)
     done = execute(SOCCER.library(PIONEER), go(PIONEER, Pose(2.0, 0.0, 0.0)), base)
     assert done.ending is not Ending.BASE_FAULT
-    assert "drives at about 50 % of the commanded speed" in done.driving.remark
+    assert "drives at about 50 % of the commanded speed" in done.watch.remark
 
 
 @pytest.mark.parametrize("since", [0.5, 1.0, 1.5, 2.0])

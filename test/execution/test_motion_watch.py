@@ -14,7 +14,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
-from ator_ros.execution.motion_watch import Driving, MotionWatch
+from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.geometry import Pose
 from ator_ros.robot.response import ramped
 from ator_ros.simulation.sensors import SensorConfig
@@ -109,14 +109,14 @@ def test_motion_before_the_goal_is_ignored() -> None:
 def test_commands_in_transit_count_when_another_goal_takes_over(preempts: bool) -> None:
     """They reach the base before the stop command of the newer goal, which has the same latency."""
     latency, v, x = 0.5, 0.0, 0.0
-    driving, sent, faults = Driving(ROBOT, latency), [], []
+    watch, sent, faults = MotionWatch(ROBOT, latency), [], []
     for tick in range(40):
         time = tick * TICK
-        faults.append(driving.fault(World(time, RobotState(Pose(x, 0.0, 0.0), v)), time))
+        faults.append(watch.fault(time, RobotState(Pose(x, 0.0, 0.0), v), time))
         if tick == 9:  # the base does not move yet
-            driving.begin(latency, preempts=preempts)
+            watch.begin(latency, preempts=preempts)
         sent.append(Command(0.8, 0.0) if tick < 9 else STOP)
-        driving.sent(time, sent[-1])
+        watch.sent(time, sent[-1])
         acting = sent[tick - 10] if tick >= 10 else STOP
         v = ramped(Command(v, 0.0), acting, TICK, ROBOT.limits, ROBOT.stop).v
         x += v * TICK

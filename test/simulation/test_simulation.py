@@ -12,7 +12,6 @@ from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.simulation import TICK, Simulation
-from ator_ros.simulation.urdf import Wheels
 from ator_ros.world.state import Command, World
 
 LIMITS_SLACK = 0.03  # m/s and rad/s by which the wheels' velocity loop may overshoot
@@ -122,13 +121,10 @@ ROBOT = SOCCER.robot()
 
 
 def test_wheels_roll_with_the_base() -> None:
-    wheels = Wheels(ROBOT)
-    wheels.roll(0.0, 1.0, 0.0)
-    wheels.roll(0.1, 0.5, 0.0)
-    assert wheels.angles == pytest.approx([0.05 / ROBOT.wheel_radius] * 2)
-    wheels.roll(0.2, 0.0, 1.0)
-    turn = 0.1 * ROBOT.track / 2.0 / ROBOT.wheel_radius
-    assert wheels.angles[1] - wheels.angles[0] == pytest.approx(2.0 * turn)
-    before = list(wheels.angles)
-    wheels.roll(0.1, 1.0, 0.0)  # the clock goes back
-    assert wheels.angles == before
+    with Simulation(ROBOT) as simulation:
+        simulation.place_robot(Pose(0.0, 0.0, 0.0))
+        for _ in range(20):
+            simulation.command(Command(0.3, 0.0))
+            simulation.tick()
+        moved = simulation.world().robot.pose.x
+        assert simulation.wheel_angles() == pytest.approx([moved / ROBOT.wheel_radius] * 2, rel=0.02)
