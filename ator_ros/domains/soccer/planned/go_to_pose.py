@@ -100,7 +100,7 @@ class GoToPose(PlannedAction):
                 if away == 0.0:
                     raise
         if found is None:
-            tries = (TRIES if speed == 0.0 else _TRIES_AT_SPEED) // 2
+            tries = TRIES if speed == 0.0 else _TRIES_AT_SPEED // 2
             found = self._leaving_ball(start, goal, exits, obstacles, away, tries)
         self._arrival_speed = speed
         return found
