@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
@@ -20,33 +19,7 @@ NO_EFFECT = 0.02
 """Predicted gain in s up to which a variable counts as without effect: less than half a control period."""
 
 
-@dataclass(frozen=True)
-class OpenVariable:
-    """One open goal variable, over all situations of a study.
-
-    Attributes
-    ----------
-    step : int
-        The step that leaves it open, from 1.
-    top, name : str
-        The step's TOP, and the variable.
-    free : float
-        Share of the situations in which it was free.
-    gain_s : float
-        Mean predicted gain if it alone is chosen.
-    explanation : str
-        What it gains, or why it gains nothing.
-    """
-
-    step: int
-    top: str
-    name: str
-    free: float
-    gain_s: float
-    explanation: str
-
-
-def open_variables(tools: Toolset, trials: Iterable[Trial]) -> tuple[OpenVariable, ...]:
+def open_variables(tools: Toolset, trials: Iterable[Trial]) -> list[dict[str, Any]]:
     """Refine each open variable alone, with arrival speeds open too, and explain the result.
 
     Parameters
@@ -55,6 +28,13 @@ def open_variables(tools: Toolset, trials: Iterable[Trial]) -> tuple[OpenVariabl
         Learned models and their gate.
     trials : iterable of Trial
         Situations with chains.
+
+    Returns
+    -------
+    list of dict
+        For each variable "step" that leaves it open, from 1, its "top", "name"; "free": share of the
+        situations in which it was free; "gain_s": mean predicted gain if it alone is chosen; "explanation":
+        what it gains, or why it gains nothing.
     """
     refiner = tools.refiner(gated=True)
     found: defaultdict[tuple[int, str, str], list[Refinement]] = defaultdict(list)
@@ -65,7 +45,7 @@ def open_variables(tools: Toolset, trials: Iterable[Trial]) -> tuple[OpenVariabl
             for name in sorted(call.open):
                 result = refiner.refine(trial.world, _opening(naive, index, name))
                 found[index + 1, call.top.name, name].append(result)
-    return tuple(_summary(*key, results) for key, results in sorted(found.items()))
+    return [_summary(*key, results) for key, results in sorted(found.items())]
 
 
 def _opening(chain: TopChain, index: int, name: str) -> TopChain:
@@ -77,7 +57,7 @@ def _opening(chain: TopChain, index: int, name: str) -> TopChain:
     return TopChain(tuple(calls))
 
 
-def _summary(step: int, top: str, name: str, results: list[Refinement]) -> OpenVariable:
+def _summary(step: int, top: str, name: str, results: list[Refinement]) -> dict[str, Any]:
     """Return what one variable gained in all situations, and why."""
     closed = Counter(each.reason for result in results for each in result.not_free)
     refined = [result for result in results if result.free]
@@ -95,7 +75,8 @@ def _summary(step: int, top: str, name: str, results: list[Refinement]) -> OpenV
     if closed.total() <= free and limits:
         explanation += f"; searched within limits: {limits.most_common(1)[0][0]}"
     share = free / (closed.total() + free) if results else 0.0
-    return OpenVariable(step, top, name, round(share, 3), round(gain, 3), explanation)
+    found = {"step": step, "top": top, "name": name, "free": round(share, 3), "gain_s": round(gain, 3)}
+    return {**found, "explanation": explanation}
 
 
 def study_page(result: Mapping[str, Any]) -> str:

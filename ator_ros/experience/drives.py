@@ -7,8 +7,9 @@ held at both ends determine the TOP of the domain and the point that the goal is
 from __future__ import annotations
 
 import bisect
+import dataclasses
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -203,19 +204,13 @@ class Track:
         self.begin, self.end = float(self.odom[0, 0]), float(self.odom[-1, 0])
         self.names = tuple(self._objects)
 
-    def pose(self, time: float) -> Pose:
-        """Return the robot's pose at `time` (s)."""
-        return _pose(_at(self.odom, time))
-
     def world(self, time: float) -> World:
-        """Return the state at `time` (s)."""
+        """Return the state at `time` (s), with the objects that had a message by then."""
         row = _at(self.odom, time)
-        return World(time, RobotState(_pose(row), float(row[4]), float(row[5])), self.objects(time))
-
-    def objects(self, time: float) -> dict[str, ObjectState]:
-        """Return the objects with a message by `time` (s)."""
-        rows = {name: _at(table, time) for name, table in self._objects.items() if time >= table[0, 0]}
-        return {name: ObjectState(float(row[1]), float(row[2])) for name, row in rows.items()}
+        pose = Pose(float(row[1]), float(row[2]), wrap_angle(float(row[3])))
+        there = {name: _at(table, time) for name, table in self._objects.items() if time >= table[0, 0]}
+        objects = {name: ObjectState(float(place[1]), float(place[2])) for name, place in there.items()}
+        return World(time, RobotState(pose, float(row[4]), float(row[5])), objects)
 
     def stood(self, since: float, until: float) -> bool:
         """Return whether the robot stood at any time between two (s)."""
@@ -241,10 +236,6 @@ def _at(table: FloatArray, time: float) -> FloatArray:
         return row
     rows = table[max(0, after - 1) : after + 1]  # the neighbors
     return np.array([np.interp(time, rows[:, 0], column) for column in rows.T])
-
-
-def _pose(row: FloatArray) -> Pose:
-    return Pose(float(row[1]), float(row[2]), wrap_angle(float(row[3])))
 
 
 def drives(segment: Segment, robot: Robot, domain: Vocabulary) -> Iterator[Episode]:
@@ -306,11 +297,10 @@ def _rest(track: Track, ceased: float) -> float:
 
 def _episode(track: Track, begin: float, end: float, robot: Robot, domain: Vocabulary) -> Episode | None:
     # The goal is where the robot comes to rest in the pause.
-    goal_pose = track.pose(min(end + PAUSE, track.end))
-    start = track.world(begin)
-    first = _held(robot, start.robot.pose, start.objects)
-    last = _held(robot, goal_pose, track.objects(end))
-    top = drive_between(domain, first, last)
+    goal_pose = track.world(min(end + PAUSE, track.end)).robot.pose
+    start, last = track.world(begin), track.world(end)
+    at_goal = dataclasses.replace(last, robot=RobotState(goal_pose))
+    top = drive_between(domain, _held(robot, start), _held(robot, at_goal))
     if top is None:
         return None
     place = robot.hold_point(goal_pose) if top.point is Point.HOLD else goal_pose
@@ -326,7 +316,6 @@ def _episode(track: Track, begin: float, end: float, robot: Robot, domain: Vocab
     )
 
 
-def _held(robot: Robot, pose: Pose, objects: Mapping[str, ObjectState]) -> str | None:
-    """Return the first object that a robot at `pose` holds, or None."""
-    world = World(0.0, RobotState(pose), objects)
-    return next((name for name in objects if is_held(world, robot, name)), None)
+def _held(robot: Robot, world: World) -> str | None:
+    """Return the first object that the robot holds, or None."""
+    return next((name for name in world.objects if is_held(world, robot, name)), None)

@@ -199,8 +199,8 @@ def _variables(source: ToolsetSource, settings: StudySettings, chain: str) -> li
     ]
     found = open_variables(tools, trials)
     for each in found:
-        print(f"study: step {each.step} ({each.top}), {each.name}: {each.explanation}")
-    return [asdict(each) for each in found]
+        print(f"study: step {each['step']} ({each['top']}), {each['name']}: {each['explanation']}")
+    return found
 
 
 def _measured(out: Path, action: str, source: ToolsetSource, robot: Robot) -> dict[str, Any]:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from ator_ros.evaluation.study import OpenVariable, open_variables, study_page
+from ator_ros.evaluation.study import open_variables, study_page
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial
 from ator_ros.files import read_json
@@ -120,16 +121,18 @@ def trials(tools: Toolset) -> list[Trial]:
     return [random_trial(tools.domain, "dribble", library, seed=77, index=index) for index in range(4)]
 
 
-def found(tools: Toolset, trials: list[Trial]) -> dict[str, OpenVariable]:
-    return {each.name: each for each in open_variables(tools, trials)}
+def found(tools: Toolset, trials: list[Trial]) -> dict[str, Any]:
+    return {each["name"]: each for each in open_variables(tools, trials)}
 
 
 def test_gains_are_reported_for_each_variable(tools: Toolset, trials: list[Trial]) -> None:
     variables = found(tools, trials)
     assert set(variables) == {"yaw", "speed"}
     for each in variables.values():
-        assert (each.step, each.top, each.free) == (1, "goToBall", 1.0)
-        assert each.explanation.startswith(f"gains {each.gain_s:.2f} s on average; the gate accepts it in ")
+        assert (each["step"], each["top"], each["free"]) == (1, "goToBall", 1.0)
+        assert each["explanation"].startswith(
+            f"gains {each['gain_s']:.2f} s on average; the gate accepts it in "
+        )
 
 
 def test_a_model_without_arrivals_at_speed_is_reported(tools: Toolset, trials: list[Trial]) -> None:
@@ -139,19 +142,19 @@ def test_a_model_without_arrivals_at_speed_is_reported(tools: Toolset, trials: l
     slow = dataclasses.replace(model, metadata={**model.metadata, "training": {**training, "starts": starts}})
     models = {**tools.models, "dribbleBall": slow}
     speed = found(dataclasses.replace(tools, models=models), trials)["speed"]
-    assert speed.free == 0.0
-    assert speed.explanation == "beyond the experience of dribbleBall: v from 0.00 to 0.00"
+    assert speed["free"] == 0.0
+    assert speed["explanation"] == "beyond the experience of dribbleBall: v from 0.00 to 0.00"
 
 
 def test_an_action_without_a_model_is_reported(tools: Toolset, trials: list[Trial]) -> None:
     models = {"goToPose": tools.models["goToPose"]}
     yaw = found(dataclasses.replace(tools, models=models), trials)["yaw"]
-    assert yaw.explanation.startswith("of unknown effect: step 2 (dribbleBall)")
+    assert yaw["explanation"].startswith("of unknown effect: step 2 (dribbleBall)")
 
 
 def test_a_gate_that_rejects_everything_is_reported(tools: Toolset, trials: list[Trial]) -> None:
     yaw = found(dataclasses.replace(tools, gate=ThresholdGate(100.0)), trials)["yaw"]
-    assert yaw.explanation.startswith("the gate refuses all gains: ")
+    assert yaw["explanation"].startswith("the gate refuses all gains: ")
 
 
 @pytest.mark.parametrize("file", sorted((DOCS / "studies").glob("*.json")), ids=lambda file: file.stem)
