@@ -48,6 +48,7 @@ _ON_GRID = 2  # free variables up to which the first candidates form a grid, whi
 _LEAST_STEPS = 3  # of a grid in each direction
 _BEST = 2  # candidates that have windows: the valley of the best first one need not be the deepest
 _GAIN = 2e-3  # least gain of a round that counts, as a share of the mean cost of a step: 10 ms of 5 s
+_APART = 0.5  # least distance between them, in half widths of a window
 _SHRINKS = 0.5  # least factor by which a window shrinks in a round
 _REACH = 2.0  # least half width of a window in multiples of the last move: windows follow a bent valley
 _TRIES = 40  # points tested for each wanted candidate in a region, of _POINTS
@@ -288,7 +289,7 @@ class _Windows:
         """Return `center` and the best candidates that are no neighbors of each other, shape (n, k)."""
         best, left = [center], curve.totals.copy()
         while len(center) and len(best) < _BEST:
-            left[(self._apart(curve.values, best[-1]) < 0.5 * self._radius).all(axis=1)] = np.inf
+            left[(self._apart(curve.values, best[-1]) < _APART * self._radius).all(axis=1)] = np.inf
             row = int(np.argmin(left))
             if not np.isfinite(left[row]):
                 break
