@@ -167,8 +167,6 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run(["train", "experience.parquet", "--models", "my_models"], folder)
     policies = ["--policies", "naive", "refined", "refined_speed"]
     run(["evaluate", "--situations", "24", *policies, "--out", "results", "--jobs", "1"], folder)
-    for name in ("fresh_dribble", "fresh_shoot"):
-        shutil.copytree(folder / "results", folder / name)
     return folder
 
 

@@ -38,16 +38,17 @@ BLOCK = 512
 
 # By the number of a subgoal's free variables, from 0; the last entry is for all that have more
 _FIRST_ALONE = (1, 60, 144, 256, 400)  # first candidates: 6 degrees of an angle, the width of narrow valleys
-_FIRST_BESIDE = (1, 24, 24, 48, 64)  # beside another subgoal with free variables: all pairs are evaluated
+_FIRST_BESIDE = (1, 30, 24, 48, 64)  # beside another subgoal with free variables: all pairs are evaluated
 
 # For each free variable of a subgoal
 _IN_WINDOW = 6  # candidates of a window, besides its center
-_ROUNDS = 3  # most rounds: more variables need more moves
+_ROUNDS = 4  # most rounds: more variables need more moves
 
 _ON_GRID = 2  # free variables up to which the first candidates form a grid, which has the ends of ranges
 _LEAST_STEPS = 3  # of a grid in each direction
 _BEST = 2  # candidates that have windows: the valley of the best first one need not be the deepest
-_GAIN = 2e-3  # least gain of a round that counts, as a share of the mean cost of a step: 10 ms of 5 s
+_APART = 0.5  # least distance between them, in half widths of a window
+_GAIN = 1e-3  # least gain of a round that counts, as a share of the mean cost of a step: 5 ms of 5 s
 _SHRINKS = 0.5  # least factor by which a window shrinks in a round
 _REACH = 2.0  # least half width of a window in multiples of the last move: windows follow a bent valley
 _TRIES = 40  # points tested for each wanted candidate in a region, of _POINTS
@@ -288,7 +289,7 @@ class _Windows:
         """Return `center` and the best candidates that are no neighbors of each other, shape (n, k)."""
         best, left = [center], curve.totals.copy()
         while len(center) and len(best) < _BEST:
-            left[(self._apart(curve.values, best[-1]) < 0.5 * self._radius).all(axis=1)] = np.inf
+            left[(self._apart(curve.values, best[-1]) < _APART * self._radius).all(axis=1)] = np.inf
             row = int(np.argmin(left))
             if not np.isfinite(left[row]):
                 break
