@@ -9,13 +9,11 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
 from action_msgs.msg import GoalInfo
 from action_msgs.srv import CancelGoal
-from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Path
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
@@ -33,15 +31,24 @@ from ator_ros.nodes.client_node import ClientNode, SimulationClient
 from ator_ros.nodes.inputs import ObjectSources, RobotSource, TfListener
 from ator_ros.nodes.messages import action_set_from, chain_from, chain_of, situation_of
 from ator_ros.nodes.parameters import STATE, SetupError
-from ator_ros.nodes.qos import LATCHED, LATCHED_BY_MANY, RESULTS, SERVICES
+from ator_ros.nodes.qos import LATCHED, LATCHED_BY_MANY, SERVICES
 from ator_ros.printable import printable
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
-from ator_ros.view.backend import OTHERS, Answer, Candidate, ExternalGoal, NodesError, Run, UnavailableError
+from ator_ros.view.backend import (
+    OTHERS,
+    Answer,
+    Candidate,
+    ExecutedChain,
+    ExternalGoal,
+    History,
+    NodesError,
+    Run,
+    UnavailableError,
+)
 from ator_ros.view.draft import Draft
-from ator_ros.view.history import ExecutedChain, History
 from ator_ros.world.messages import MessageError, pose_from, world_from
 from ator_ros.world.state import ObjectState, RobotState, World
 
@@ -58,9 +65,6 @@ _ROBOT_FROM = {STATE.name: "odom", "robot_frame": "base_link"}
 """The source of the robot's state, unless the executor names another."""
 _OUTCOMES = {ending.value: ending.name.lower().replace("_", " ") for ending in Ending}
 _LONGEST_NAME, _LONGEST_REASON = 60, 300
-_LEARNING = ("learned set", "learning", "records since the last round", "last switch")
-"""Diagnostics of refinement and learning that are reported, and the errors of old and new models."""
-_LEARNING_ERROR = ": error on the newest"
 
 
 class WorldMonitor:
@@ -299,17 +303,12 @@ class RosBackend(GoalMonitor):
         node = client.node
         super().__init__(node, WorldMonitor(node, domain, robot, frame=frame), libraries, frame=frame)
         self._timeouts = start_timeout, timeout
-        self.can_place, self.learned, self.refused = False, "", ""
-        self._is_shared = False
-        self._refused: dict[str, str] = {}
-        self._learned: dict[str, str] = {}
+        self.can_place = self._is_shared = False
         self._simulation = SimulationClient(client, robot.scene.objects)
         self._refinement = node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
         self._settings = node.create_client(GetParameters, "executor/get_parameters")
         self._server = ActionClient(node, ExecuteChain, "execute_chain")
         self._cancel = node.create_client(CancelGoal, "execute_chain/_action/cancel_goal")
-        self._learners = (*map(node.resolve_service_name, ("refinement", "learning")), "/learning")
-        node.create_subscription(DiagnosticArray, "/diagnostics", self._take_diagnostics, RESULTS)
         client.start()
 
     def ready(self, *, simulated: bool) -> None:
@@ -355,14 +354,6 @@ class RosBackend(GoalMonitor):
         """Return the real s since the last state of the robot."""
         return self._world.silence()
 
-    def _take_diagnostics(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            if status.name in self._learners:
-                values = (v for v in status.values if v.key in _LEARNING or _LEARNING_ERROR in v.key)
-                text = ", ".join(f"{value.key} {value.value}" for value in values)
-                self._learned[status.name] = printable(text, _LONGEST_REASON)
-        self.learned = "; ".join(filter(None, self._learned.values()))
-
     # Refinement
 
     def refine(self, draft: Draft, *, as_given: bool = False) -> Answer:
@@ -403,33 +394,17 @@ class RosBackend(GoalMonitor):
 
     def place_robot(self, pose: Pose) -> None:
         """Place the robot at rest; does not wait."""
-        self._send("robot", partial(self._simulation.place_robot, pose))
+        self._simulation.place_robot(pose)
 
     def place_object(self, name: str, x: float, y: float) -> None:
         """Place an object at (x, y) m, at rest; does not wait."""
-        self._send(name, partial(self._simulation.place_object, name, x, y))
-
-    def _send(self, name: str, place: Callable[[], Future]) -> None:
-        try:
-            place().add_done_callback(partial(self._placed, name))
-        except NodesError as error:
-            self._note_placement(name, str(error))
-
-    def _placed(self, name: str, future: Future) -> None:
-        answer = future.result()
-        self._note_placement(name, "" if answer is None or answer.success else answer.message)
-
-    def _note_placement(self, name: str, error: str) -> None:
-        self._refused[name] = error
-        self.refused = "; ".join(f"{name}: {why}" for name, why in tuple(self._refused.items()) if why)
+        self._simulation.place_object(name, x, y)
 
     def place(self, world: World) -> None:
         """Place robot and objects, remove other objects, and wait until they are observed there.
 
         Time stands still afterwards, unless other robots live in the same simulation, or this fails.
         """
-        self._refused.clear()
-        self.refused = ""
         paused = False
         try:
             placed = self._simulation.place(world)

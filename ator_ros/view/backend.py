@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 import bisect
+import itertools
 import math
+import re
+from collections import deque
 from dataclasses import dataclass, field
 from typing import Protocol
 
+import numpy as np
+
 from ator_ros.geometry import FloatArray, Pose
+from ator_ros.printable import printable
 from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.tops.chain import TopChain
 from ator_ros.view.draft import Draft
-from ator_ros.view.history import History
 from ator_ros.world.state import World
 
 OTHERS = "others"
 """The label of an execution that this view did not start."""
+_MOST = 500
+_SHOWN = 12
+_RECENT = 20
+_SAME = 0.05  # m and rad up to which two starts or goals count as the same
+_MARKDOWN = re.compile(r"([\\`*_{}\[\]<>#|~$!])")
 
 
 class NodesError(RuntimeError):
@@ -147,6 +157,93 @@ class ExternalGoal:
     reason: str = ""
 
 
+# The history of executed chains
+
+
+def plain(text: str, most: int = 300) -> str:
+    """Return a text escaped for Markdown."""
+    return _MARKDOWN.sub(r"\\\1", printable(text, most))
+
+
+def seconds(value: float) -> str:
+    """Return a number of seconds for a table; `-` if it is unknown."""
+    return "-" if math.isnan(value) else f"{value:.2f}"
+
+
+@dataclass(frozen=True, slots=True)
+class ExecutedChain:
+    """One executed chain: its TOPs, whether refinement changed it, and how it ended.
+
+    `predicted` and `actual` are its duration in s as predicted at the start, and as measured; NaN if unknown,
+    or if it failed. `places` are where robot and objects were at the start, and the chain's last goal.
+    """
+
+    tops: tuple[str, ...]
+    refined: bool
+    predicted: float
+    actual: float
+    outcome: str
+    places: tuple[Pose, ...]
+
+    @property
+    def error(self) -> float:
+        """Predicted less actual duration in s; NaN if one is unknown."""
+        return self.predicted - self.actual
+
+    def repeats(self, other: ExecutedChain) -> bool:
+        """Return whether it had the same TOPs, start and goal as another one."""
+        return (
+            self.tops == other.tops
+            and len(self.places) == len(other.places)
+            and all(
+                a.distance(b) < _SAME and abs(a.relative(b).yaw) < _SAME
+                for a, b in zip(self.places, other.places, strict=True)
+            )
+        )
+
+
+class History:
+    """Executed chains, the newest last; one thread may add while another reads."""
+
+    def __init__(self) -> None:
+        self._chains: deque[tuple[ExecutedChain, float]] = deque(maxlen=_MOST)
+
+    def add(self, chain: ExecutedChain) -> None:
+        """Add a chain that has ended."""
+        gain = math.nan
+        if chain.refined:
+            naive = (other for other, _ in reversed(self._chains) if not other.refined)
+            gain = next((other.actual - chain.actual for other in naive if chain.repeats(other)), math.nan)
+        self._chains.append((chain, gain))
+
+    def report(self) -> str:
+        """Return, in Markdown, the mean error and gain, and the newest chains."""
+        rows = tuple(self._chains)
+        if not rows:
+            return "no chain was executed yet"
+        lines = [f"{len(rows)} chains, {sum(chain.refined for chain, _ in rows)} of them refined.", ""]
+        errors = [chain.error for chain, _ in rows[-_RECENT:] if math.isfinite(chain.error)]
+        if errors:
+            size, bias = float(np.mean(np.abs(errors))), float(np.mean(errors))
+            lines += [
+                f"Model error, last {len(errors)}: {size:.2f} s, mean {bias:+.2f} s (predicted - actual).",
+                "",
+            ]
+        gains = [gain for _, gain in rows if math.isfinite(gain)]
+        if gains:
+            mean = f"{np.mean(gains):+.2f} s, mean of {len(gains)}"
+            lines += [f"Gain over the naive chain from the same start: {mean}.", ""]
+        lines += ["| | chain | predicted | actual | gain |", "|---|---|---|---|---|"]
+        newest = itertools.islice(reversed(list(enumerate(rows, 1))), _SHOWN)
+        return "\n".join([*lines, *(_row(number, *row) for number, row in newest)])
+
+
+def _row(number: int, chain: ExecutedChain, gain: float) -> str:
+    name = f"{plain(', '.join(chain.tops))} ({'refined' if chain.refined else 'as sent'})"
+    actual = f"{chain.actual:.2f}" if math.isfinite(chain.actual) else plain(chain.outcome)
+    return f"| {number} | {name} | {seconds(chain.predicted)} | {actual} | {seconds(gain)} |"
+
+
 class Backend(Protocol):
     """Simulation or robot, refinement and executor; requests may raise NodesError.
 
@@ -160,18 +257,12 @@ class Backend(Protocol):
         The last goal of another client, active or ended; None if the last goal was ours.
     path : ndarray, shape (n, 2), or None
         The planned path of the active action: x and y in m.
-    learned : str
-        The report on learned models; empty if nothing is learned.
-    refused : str
-        Why robot or objects were not placed as requested last; empty if they were.
     """
 
     can_place: bool
     history: History
     external: ExternalGoal | None
     path: FloatArray | None
-    learned: str
-    refused: str
 
     def world(self) -> World | None:
         """Return the newest state; None before the first one."""

@@ -10,7 +10,7 @@ from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
 from ator_ros.refinement import RefinementError
 from ator_ros.tops.library import TopLibrary
-from ator_ros.view.backend import OTHERS, Answer, Backend, ExternalGoal, NodesError, Run, UnavailableError
+from ator_ros.view.backend import OTHERS, Answer, Backend, NodesError, Run, UnavailableError
 from ator_ros.view.draft import Draft, first_draft, situation_draft
 from ator_ros.world.state import World
 
@@ -45,9 +45,7 @@ class Editor:
         self._stale, self._displaced = True, True
         self._follows, self._followed = False, -math.inf
         self._retry = 0
-        self._external: ExternalGoal | None = None
-        self._external_answer: Answer | None = None
-        self._external_question: tuple[object, ...] = ()
+        self._external: tuple[object, ...] = ()
         self.chain_name, self.draft = first_draft(domain, libraries)
 
     # Situations
@@ -80,8 +78,7 @@ class Editor:
         self.runs.clear()
         self.answer = None  # it was about another robot
         self._stale, self._follows, self._followed = True, True, -math.inf
-        self._displaced, self.paused = False, False
-        self._external, self._external_question = None, ()
+        self._displaced, self.paused, self._external = False, False, ()
 
     # Edits
 
@@ -155,19 +152,6 @@ class Editor:
         self.paused = paused
 
     @property
-    def shown(self) -> tuple[Draft, Answer | None]:
-        """What is drawn: the draft and its answer, or those of another client's chain while it is active."""
-        goal, answer = self._external, self._external_answer
-        if goal is None:
-            return self.draft, self.answer
-        chain, reason = goal.draft.chain, goal.reason
-        if answer is None:
-            return goal.draft, Answer(chain, chain, goal.refined, reason)
-        if not goal.driven:
-            return goal.draft, dataclasses.replace(answer, reason=f"{reason}; predicted: {answer.reason}")
-        return goal.draft, dataclasses.replace(answer, chain=chain, refined=goal.refined, reason=reason)
-
-    @property
     def run(self) -> Run | None:
         """The newest execution; None without one."""
         return self.runs[-1] if self.runs else None
@@ -227,35 +211,26 @@ class Editor:
         self._waiting.clear()
 
     def _follow_external(self) -> None:
-        """Show an active goal of another client, unless a chain of this view is executed."""
+        """Make an active goal of another client the draft, unless a chain of this view is executed."""
         goal = self.backend.external
         ours = self._waiting or any(not run.ended and run.label != OTHERS for run in self.runs)
         if ours or goal is None or goal.run.ended:
-            if self._external is not None:
-                self._external, self._external_question = None, ()
-                self._stale = True
-                self.edition += 1
-        elif goal is not self._external:
-            self._external = goal
-            self._refine_external(goal)
-            self.edition += 1
-            if self.run is not goal.run:
-                self.runs = [goal.run]
-                self._displaced, self._follows, self._followed = False, True, -math.inf
-
-    def _refine_external(self, goal: ExternalGoal) -> None:
-        """Ask refinement about another client's goal if it has changed, with the weights of this view."""
-        question = (goal.chain_id, goal.driven, goal.refined, goal.changes)
-        if question == self._external_question:
             return
-        self._external_question, self._external_answer = question, None
-        draft = dataclasses.replace(goal.draft, objective=self.draft.objective)
-        try:
-            self._external_answer = self.backend.refine(draft, as_given=goal.driven and not goal.refined)
-        except UnavailableError:
-            self._external_question = ()  # ask again
-        except (NodesError, ValueError):
-            return  # it is drawn without predictions
+        state = (goal.chain_id, goal.driven, goal.refined, goal.changes)
+        if state == self._external:
+            return
+        self._external, self.runs = state, [goal.run]
+        self._displaced, self._follows, self._followed = False, True, -math.inf
+        self.draft, self._stale = dataclasses.replace(goal.draft, objective=self.draft.objective), False
+        self._refine(as_given=goal.driven and not goal.refined)
+        chain = goal.draft.chain
+        if self.answer is None:  # it is drawn without predictions
+            self.answer, self.problem = Answer(chain, chain, goal.refined, goal.reason), ""
+            self._retry = 0
+        elif goal.driven:
+            self.answer = dataclasses.replace(
+                self.answer, chain=chain, refined=goal.refined, reason=goal.reason
+            )
 
     def _follow(self, world: World) -> None:
         """Let the draft start where robot and objects are."""
@@ -266,9 +241,9 @@ class Editor:
         if draft.differs(self.draft):
             self.draft, self._stale = draft, True
 
-    def _refine(self) -> None:
+    def _refine(self, *, as_given: bool = False) -> None:
         try:
-            self.answer, self.problem = self.backend.refine(self.draft), ""
+            self.answer, self.problem = self.backend.refine(self.draft, as_given=as_given), ""
         except (NodesError, ValueError) as error:  # ValueError: an answer that cannot be read
             self.answer, self.problem = None, str(error)
             self._retry = _RETRY_STEPS if isinstance(error, UnavailableError) else 0

@@ -4,20 +4,31 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Mapping
+import random
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from queue import SimpleQueue
+from typing import Any
+
+import viser
 
 from ator_ros.geometry import Pose
 from ator_ros.performance.model import PerformanceModel
+from ator_ros.refinement.chain_prediction import chain_situations
+from ator_ros.refinement.objective import MEASURES, MOST_WEIGHT
 from ator_ros.robot.description import Robot
-from ator_ros.view.backend import OTHERS, Backend
+from ator_ros.tops.chain import TopChain
+from ator_ros.view.backend import OTHERS, Answer, Backend, Run, plain, seconds
+from ator_ros.view.draft import Draft
 from ator_ros.view.editor import NAIVE, REFINED, Editor
-from ator_ros.view.panel import Commands, Panel
 from ator_ros.view.scene import LOOPBACK, Canvas, Handle, RobotModel, serve
 from ator_ros.view.shapes import BLUE, ORANGE, YELLOW, Shape, alternative_shapes, polyline, refinement_shapes
 from ator_ros.world.state import World
 
+Commands = SimpleQueue[Callable[[], None]]
+_SILENCE = 2.0
+_VARIABLES = ("yaw", "speed")
+_MOST_SEED = 2**31 - 1
 _TRAILS = {NAIVE: ORANGE, REFINED: BLUE, OTHERS: BLUE}
 _WRITE_PERIOD = 0.2
 _TRAIL_WIDTH = 0.025
@@ -109,7 +120,7 @@ class Page:
             handle.show(None if there is None else Pose(there.x, there.y, 0.0))
 
     def _show_chain(self) -> None:
-        draft, answer = self._editor.shown
+        draft, answer = self._editor.draft, self._editor.answer
         start = draft.world.robot.pose
         shapes: list[Shape] = [*alternative_shapes(start, draft.alternatives)]
         if answer is not None:
@@ -135,7 +146,7 @@ class Page:
 
     def _write(self, world: World | None) -> None:
         editor, backend = self._editor, self._editor.backend
-        self._panel.show_texts(world, self._robot, self._models.get(editor.shown[0].action_set, {}))
+        self._panel.show_texts(world, self._robot, self._models.get(editor.draft.action_set, {}))
         path = backend.path
         planned = polyline("planned", [] if path is None else path.tolist(), YELLOW, _TRAIL_WIDTH)
         driven = (
@@ -147,3 +158,183 @@ class Page:
     def close(self) -> None:
         """Stop serving."""
         self.server.stop()
+
+
+# Texts in Markdown
+
+
+def clock_text(world: World | None, *, paused: bool, status: str, silence: float = 0.0) -> str:
+    """Return simulated time and status of the run; `silence` is in real s since the robot's last state."""
+    if world is None:
+        return "waiting for the robot's state from odom or tf"
+    if silence > _SILENCE and not paused:
+        status = f"no state of the robot for {silence:.0f} s"
+    return f"**{world.time:.2f} s**{' (paused)' if paused else ''} · {plain(status)}"
+
+
+def times_text(answer: Answer | None, runs: Sequence[Run]) -> str:
+    """Return a table: the predictions for both chains, and each run's actual times, by step."""
+    if answer is None:
+        return ""
+    tops = [plain(call.top.name) for call in answer.chain.calls]
+    rows = [
+        ("naive, predicted", answer.before, sum(answer.before)),
+        ("best, predicted", answer.after, sum(answer.after)),
+        *((f"{run.label}, driven", tuple(run.actual), run.elapsed) for run in runs),
+    ]
+    table = [f"| s | {' | '.join(tops)} | chain |", f"|---|{'---|' * (len(tops) + 1)}"]
+    for label, values, whole in rows:
+        cells = [seconds(value) for value in (*values, *[math.nan] * (len(tops) - len(values)))]
+        table.append(f"| {label} | {' | '.join(cells)} | {seconds(whole)} |")
+    return "\n".join(table)
+
+
+def gate_text(answer: Answer | None, problem: str) -> str:
+    """Return why the chain was refined or left unchanged, or the problem."""
+    if problem:
+        return f"**not refined:** {plain(problem)}"
+    if answer is None:
+        return "no chain"
+    text = f"**{'refined' if answer.refined else 'left alone'}:** {plain(answer.reason)}"
+    rows = [
+        f"- {'**chosen:** ' if number == answer.chosen else ''}"
+        f"{f'alternative {number}' if number else 'the chain'} "
+        f"{seconds(each.duration)} s, cost {seconds(each.cost)} s ({plain(each.reason)})"
+        for number, each in enumerate(answer.candidates)
+    ]
+    return "\n".join([text, "", *rows]) if rows else text
+
+
+def rules_text(world: World, chain: TopChain, robot: Robot, models: Mapping[str, PerformanceModel]) -> str:
+    """Return, by step, the rule that predicts the duration and what its terms add in this situation."""
+    parts = []
+    for call, situation in zip(chain.calls, chain_situations(world, chain, robot), strict=True):
+        model = models.get(call.top.action)
+        text = "no model" if model is None else model.explain(situation)
+        parts.append(f"**{plain(call.top.name)}**\n```\n{text}\n```")
+    return "\n\n".join(parts)
+
+
+class Panel:
+    """Buttons, fields and texts; each event is queued as a command for the editor's thread.
+
+    `robots` are those to choose from, by name; there may be none.
+    """
+
+    def __init__(
+        self, gui: viser.GuiApi, editor: Editor, commands: Commands, robots: Mapping[str, Backend]
+    ) -> None:
+        self._gui, self._editor, self._commands = gui, editor, commands
+        self._boxes: list[tuple[int, str, Any]] = []
+        self._tops: list[str] = []
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Now"):
+            self._add_fields(robots)
+        with tabs.add_tab("History"):
+            self._history = gui.add_markdown("")
+
+    def _add_fields(self, robots: Mapping[str, Backend]) -> None:
+        gui, editor = self._gui, self._editor
+        if len(robots) > 1:
+            choice = gui.add_dropdown("Robot", tuple(robots))
+            self._on_change(choice, lambda name: editor.select(robots[name]))
+        self._clock = gui.add_markdown("")
+        with gui.add_folder("Play"):
+            self._button("Play naive", lambda: editor.execute(NAIVE))
+            self._button("Play refined", lambda: editor.execute(REFINED))
+            self._button("Race: naive, then refined", lambda: editor.execute(NAIVE, REFINED))
+            if editor.backend.can_place:
+                self._button("Pause", lambda: editor.pause(paused=True))
+                self._button("Go on", lambda: editor.pause(paused=False))
+                self._button("Back to the start", editor.reset)
+            else:
+                self._button("Stop", editor.stop)
+            self._verdict = gui.add_markdown("")
+        with gui.add_folder("Times"):
+            self._times = gui.add_markdown("")
+            self._gate = gui.add_markdown("")
+        with gui.add_folder("Situation", expand_by_default=editor.backend.can_place):
+            self._seed = self._situation()
+        self._open_variables = gui.add_folder("Open variables")
+        with gui.add_folder("What counts", expand_by_default=False):
+            self._objective()
+        with gui.add_folder("Alternatives", expand_by_default=False):
+            self._button("Keep this chain as an alternative", lambda: editor.edit(Draft.with_alternative))
+            self._button("Forget alternatives", lambda: editor.edit(Draft.without_alternatives))
+        with gui.add_folder("Rules of the models", expand_by_default=False):
+            self._rules = gui.add_markdown("")
+
+    def _situation(self) -> Any:
+        editor, gui = self._editor, self._gui
+        chain = gui.add_dropdown("Chain", tuple(editor.domain.chains), initial_value=editor.chain_name)
+        self._on_change(chain, lambda name: editor.situation(chain=name))
+        seed = gui.add_number("Seed", editor.seed, min=0, max=_MOST_SEED, step=1)
+        self._on_change(seed, lambda value: editor.situation(seed=int(value)))
+        index = gui.add_number("Number", editor.index, min=0, max=_MOST_SEED, step=1)
+        self._on_change(index, lambda value: editor.situation(index=int(value)))
+        self._button("Random situation", lambda: editor.situation(seed=random.randrange(_MOST_SEED)))
+        sets = gui.add_dropdown("Actions", tuple(editor.libraries), initial_value=editor.draft.action_set)
+        self._on_change(sets, editor.use_actions)
+        return seed
+
+    def _objective(self) -> None:
+        for name, measure in MEASURES.items():
+            label = name if measure.unit == "s" else f"{name} (s per {measure.unit})"
+            weight = self._editor.draft.objective.weights.get(name, 0.0)
+            field = self._gui.add_number(label, weight, min=0.0, max=MOST_WEIGHT, step=0.1)
+            self._on_change(field, partial(self._set_weight, name))
+
+    def show_draft(self) -> None:
+        """Show the draft's seed, and a box for each variable that can be opened."""
+        chain = self._editor.draft.chain
+        self._seed.value = self._editor.seed
+        tops = [call.top.name for call in chain.calls]
+        if self._tops != tops:
+            self._tops = tops
+            self._add_boxes()
+        for step, name, box in self._boxes:
+            box.value = chain.calls[step].opens(name)
+
+    def _add_boxes(self) -> None:
+        for _, _, box in self._boxes:
+            box.remove()
+        self._boxes = []
+        with self._open_variables:
+            for step, call in enumerate(self._editor.draft.chain.calls):
+                for name in _VARIABLES:
+                    box = self._gui.add_checkbox(f"{step + 1}. {call.top.name}: {name}", call.opens(name))
+                    self._on_change(box, partial(self._set_open, step, name))
+                    self._boxes.append((step, name, box))
+
+    def _set_weight(self, measure: str, weight: float) -> None:
+        self._editor.edit(lambda draft: draft.with_weight(measure, weight))
+
+    def _set_open(self, step: int, name: str, is_open: bool) -> None:
+        self._editor.edit(lambda draft: draft.with_open(step, name, is_open=is_open))
+
+    def show_texts(self, world: World | None, robot: Robot, models: Mapping[str, PerformanceModel]) -> None:
+        """Write the texts; `models` are those of the draft's action set, by action."""
+        editor, backend, answer = self._editor, self._editor.backend, self._editor.answer
+        status = "drag robot, objects or goals" if editor.run is None else editor.run.status
+        self._clock.content = clock_text(
+            world, paused=editor.paused, status=status, silence=backend.silence()
+        )
+        self._times.content = times_text(answer, editor.runs)
+        self._gate.content = gate_text(answer, editor.problem)
+        self._verdict.content = editor.verdict
+        if answer is not None:
+            self._rules.content = rules_text(editor.draft.world, answer.chain, robot, models)
+        self._history.content = backend.history.report()
+
+    def _button(self, label: str, command: Callable[[], None]) -> None:
+        self._gui.add_button(label).on_click(lambda _: self._commands.put(command))
+
+    def _on_change(self, field: Any, command: Callable[[Any], None]) -> None:
+        """Queue what a client enters; values that we set ourselves are no commands."""
+
+        def queue(event: Any) -> None:
+            value = field.value
+            if event.client is not None:
+                self._commands.put(lambda: command(value))
+
+        field.on_update(queue)

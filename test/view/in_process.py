@@ -14,10 +14,9 @@ from ator_ros.refinement import RefinementError
 from ator_ros.refinement.refiner import Refiner, choose
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
-from ator_ros.view.backend import Answer, Candidate, ExternalGoal, NodesError, Run
+from ator_ros.view.backend import Answer, Candidate, ExternalGoal, History, NodesError, Run
 from ator_ros.view.draft import Draft
 from ator_ros.view.editor import Editor
-from ator_ros.view.history import History
 from ator_ros.world.state import ObjectState, RobotState, World
 
 
@@ -35,7 +34,7 @@ class InProcessBackend:
         self.as_given: list[bool] = []
         self.calls: list[str] = []
         self.fails: NodesError | None = None
-        self.history, self.learned, self.refused = History(), "", ""
+        self.history = History()
         self.executed: list[TopChain] = []
         self.external: ExternalGoal | None = None
         self.path: FloatArray | None = None

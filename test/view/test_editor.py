@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -254,40 +253,36 @@ def goal(backend: InProcessBackend) -> ExternalGoal:
     return ExternalGoal("a" * 32, draft, Run(OTHERS), reason="waiting for refinement")
 
 
-def test_an_external_goal_is_shown_before_and_during_execution(
+def test_an_external_goal_becomes_the_draft(
     running: Editor, backend: InProcessBackend, goal: ExternalGoal
 ) -> None:
-    own = running.draft
     backend.external = goal
     running.step()
-    draft, answer = running.shown
-    assert draft is goal.draft
+    assert running.draft.chain is goal.draft.chain
+    answer = running.answer
     assert answer is not None
     assert answer.naive != answer.chain
     assert len(answer.curves) == 1
-    assert "waiting for refinement; predicted: " in answer.reason
     assert running.runs == [goal.run]
     assert running.executing
 
-    driven = Draft(draft.world, answer.chain, draft.action_set)
+    driven = Draft(goal.draft.world, answer.chain, goal.draft.action_set)
     goal = dataclasses.replace(goal, draft=driven, driven=True, refined=True, reason="gain of 1.2 s")
     before = len(backend.refined)
     for number in range(5):
         backend.external = dataclasses.replace(goal)  # as published twice per second
         backend.observe(20.0 + 0.1 * number, Pose(-2.0 + 0.1 * number, 0.0, 0.0), (1.0, 0.0))
         running.step()
-    _, answer = running.shown
+    answer = running.answer
     assert answer is not None
     assert (answer.chain, answer.refined, answer.reason) == (driven.chain, True, "gain of 1.2 s")
     assert answer.naive.calls[0].goal != answer.chain.calls[0].goal
     assert len(answer.before) == len(answer.after) == 2
     assert len(backend.refined) == before + 1
     assert goal.run.poses[-1] == Pose(-1.6, 0.0, 0.0)
-    assert running.draft is own
 
     goal.run.ended, goal.run.duration = True, 5.0
     running.step()
-    assert running.shown == (running.draft, running.answer)
     assert running.draft.world.robot.pose == Pose(-1.6, 0.0, 0.0)  # the editor follows the robot again
     assert backend.calls == []  # nothing was placed or stopped
 
@@ -298,9 +293,10 @@ def test_an_unrefined_chain_is_compared_with_itself(
     backend.external = dataclasses.replace(goal, driven=True, reason="not requested")
     running.step()
     assert backend.as_given[-1]
-    _, answer = running.shown
-    assert answer is not None
-    assert [call.goal for call in answer.naive.calls] == [call.goal for call in goal.draft.chain.calls]
+    assert running.answer is not None
+    assert [call.goal for call in running.answer.naive.calls] == [
+        call.goal for call in goal.draft.chain.calls
+    ]
 
 
 def test_an_external_goal_blocks_edits_and_own_chains_cancel_it(
@@ -320,25 +316,16 @@ def test_an_external_goal_blocks_edits_and_own_chains_cancel_it(
     running.step([lambda: running.execute(REFINED)])
     assert backend.calls[0] == "stop"
     assert [run.label for run in running.runs] == [REFINED]
-    assert running.shown == (running.draft, running.answer)
 
 
+@pytest.mark.parametrize("error", [UnavailableError("not there"), NodesError("no plan")])
 def test_without_refinement_it_has_no_predictions(
-    running: Editor, backend: InProcessBackend, goal: ExternalGoal
+    running: Editor, backend: InProcessBackend, goal: ExternalGoal, error: NodesError
 ) -> None:
-    backend.fails, backend.external = UnavailableError("not there"), goal
+    backend.fails, backend.external = error, goal
     running.step()
-    _, answer = running.shown
-    assert answer is not None
-    assert (answer.chain, answer.before) == (goal.draft.chain, ())
-    backend.fails, backend.external = None, dataclasses.replace(goal)
-    running.step()
-    _, answer = running.shown
-    assert answer is not None
-    assert math.isfinite(sum(answer.before))  # called again
-    backend.fails = NodesError("no plan")
-    backend.external = dataclasses.replace(goal, chain_id="b" * 32, run=Run(OTHERS))
-    running.step()
+    assert running.answer is not None
+    assert (running.answer.chain, running.answer.before) == (goal.draft.chain, ())
     assert running.problem == ""
 
 
@@ -347,6 +334,7 @@ def test_an_ended_external_goal_is_not_shown(
 ) -> None:
     goal.run.ended = True
     backend.external = goal
+    draft = running.draft
     running.step()
-    assert running.shown == (running.draft, running.answer)
+    assert running.draft is draft
     assert running.runs == []

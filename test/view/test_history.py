@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ator_ros.geometry import Pose
-from ator_ros.view.history import ExecutedChain, History
+from ator_ros.view.backend import ExecutedChain, History
 
 PLACES = (Pose(0.0, 0.0, 0.0), Pose(1.0, 0.0, 0.0), Pose(2.0, 1.0, 0.5))
 
@@ -35,14 +35,13 @@ def test_the_gain_is_over_the_last_unrefined_chain_from_the_same_start() -> None
     assert "same start: +1.75 s, mean of 2" in history.report()
 
 
-def test_it_reports_error_gain_learned_models_and_the_newest_chains_first() -> None:
+def test_it_reports_error_gain_and_the_newest_chains_first() -> None:
     assert History().report() == "no chain was executed yet"
     chains = (executed(9.0, refined=False), executed(8.5, refined=True), executed(math.nan, refined=True))
-    text = history_of(*chains).report("abc from episodes: 40 of goToPose")
+    text = history_of(*chains).report()
     assert "3 chains, 2 of them refined." in text
     assert "Model error, last 2: 0.75 s, mean -0.75 s" in text
     assert "same start: +0.50 s, mean of 1" in text
-    assert "Learned models: abc from episodes: 40 of goToPose." in text
     assert text.splitlines()[-3:] == [
         "| 3 | goToBall, dribbleBall (refined) | 8.00 | failed | - |",
         "| 2 | goToBall, dribbleBall (refined) | 8.00 | 8.50 | 0.50 |",

@@ -19,8 +19,7 @@ from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.view.backend import OTHERS, ExternalGoal, Run
 from ator_ros.view.draft import Draft, situation_draft
 from ator_ros.view.editor import NAIVE, Editor
-from ator_ros.view.page import Page
-from ator_ros.view.panel import clock_text, gate_text, rules_text, times_text
+from ator_ros.view.page import Page, clock_text, gate_text, rules_text, times_text
 from ator_ros.view.scene import LOOPBACK, serve
 from ator_ros.world.state import RobotState, World
 
@@ -170,10 +169,8 @@ def test_the_panel_shows_times_reason_and_rules_of_the_situation() -> None:
     assert "- alternative 1 " in text
 
 
-def test_the_clock_reports_timeouts_and_failed_moves() -> None:
+def test_the_clock_reports_a_silent_robot() -> None:
     world = World(3.0, RobotState(Pose(0.0, 0.0, 0.0)))
     assert clock_text(world, paused=False, status="drives", silence=1.0) == "**3.00 s** · drives"
     assert "no state of the robot for 7 s" in clock_text(world, paused=False, status="drives", silence=7.3)
     assert clock_text(world, paused=True, status="waits", silence=7.3) == "**3.00 s** (paused) · waits"
-    text = clock_text(world, paused=False, status="drives", refused="ball: off [it]")
-    assert text == "**3.00 s** · drives\n\n**not moved:** ball: off \\[it\\]"
