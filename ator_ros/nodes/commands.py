@@ -8,9 +8,8 @@ from typing import Any
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.node import Node
 
-from ator_ros.nodes.diagnosis import bases, incompatibility, node_of, several, type_name, unconnected
+from ator_ros.nodes.diagnostics import bases, incompatibility, node_of, type_name, unconnected
 from ator_ros.nodes.messages import stamp_of, twist_of
-from ator_ros.nodes.parameters import STAMPED
 from ator_ros.nodes.qos import NEWEST
 from ator_ros.world.state import Command
 
@@ -27,8 +26,6 @@ class CommandPublisher:
         without a base, or if bases want both. `adapt` has to be called now and then.
     frame : str
         The robot's own frame, for stamped ones.
-    option : str
-        How a user sets `stamped`, for messages.
 
     Attributes
     ----------
@@ -36,8 +33,8 @@ class CommandPublisher:
         Real time in s at which the type was last chosen; DDS then takes a moment to connect the base.
     """
 
-    def __init__(self, node: Node, *, stamped: str, frame: str, option: str = f"{STAMPED.name}:=") -> None:
-        self._node, self._setting, self._frame, self._option = node, stamped, frame, option
+    def __init__(self, node: Node, *, stamped: str, frame: str) -> None:
+        self._node, self._setting, self._frame = node, stamped, frame
         self._use(stamped == "true")
 
     def _use(self, stamped: bool) -> None:
@@ -85,7 +82,8 @@ class CommandPublisher:
         )
         if kind not in (type_name(Twist), type_name(TwistStamped)):
             return f"{text}; expected a base that subscribes to Twist or TwistStamped"
-        return f"{text}; set {self._option}{'false' if self._stamped else 'true'}"
+        other = "false" if self._stamped else "true"
+        return f"{text}; set stamped_commands:={other} (of calibrate: --stamped {other})"
 
     def cause(self) -> str:
         """Return the most likely cause why a base does not follow, else which nodes receive the commands."""
@@ -101,8 +99,8 @@ class CommandPublisher:
             if own is not None and (reason := incompatibility(own.qos_profile, info.qos_profile)):
                 return f"{_TOPIC}: the quality of service of {node_of(info)} does not fit: {reason}"
         if publishers:
-            return f"{_TOPIC}: {several(sorted(publishers))} publishes commands as well"
-        return f"{_TOPIC} is received only by {several(sorted({node_of(info) for info in receivers}))}"
+            return f"{_TOPIC}: {', '.join(sorted(publishers))} publishes commands as well"
+        return f"{_TOPIC} is received only by {', '.join(sorted({node_of(info) for info in receivers}))}"
 
     def _bases(self) -> dict[str, str]:
         """Return the types that bases subscribe to, by node."""

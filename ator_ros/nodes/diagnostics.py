@@ -1,22 +1,25 @@
-"""The health of a node, published on /diagnostics."""
+"""The health of a node on /diagnostics, and why inputs are missing or the robot does not move."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from ator_ros.nodes.diagnosis import rival_senders, type_mismatch
+from ator_ros.nodes.inputs import Input, TfListener
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.printable import printable
+from ator_ros.world.messages import FrameError
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 """Clock of timers that are independent of simulated time."""
@@ -25,36 +28,8 @@ _PERIOD = 1.0
 _LASTING = 5
 """Reports in a row after which a problem is logged."""
 _LONGEST = 500
-_REMEMBERED = 1000
-
-
-class Ticks:
-    """How long ticks take, and the longest gap between them."""
-
-    def __init__(self) -> None:
-        self._last, self._longest, self._slowest = math.nan, 0.0, 0.0
-        self._newest: deque[float] = deque(maxlen=_REMEMBERED)
-
-    def record(self, now: float) -> None:
-        """Record a tick that begins at `now` s."""
-        if now - self._last > self._longest:
-            self._longest = now - self._last
-        self._last = now
-
-    def took(self, duration: float) -> None:
-        """Record how long a tick took, in s."""
-        self._slowest = max(self._slowest, duration)
-        self._newest.append(duration)
-
-    def diagnostics(self) -> dict[str, object]:
-        """Return the diagnostics: the longest gap and tick are those since the last call."""
-        longest, slowest, self._longest, self._slowest = self._longest, self._slowest, 0.0, 0.0
-        values: dict[str, object] = {"longest time between ticks (ms)": f"{1000.0 * longest:.1f}"}
-        if self._newest:
-            values["longest tick (ms)"] = f"{1000.0 * slowest:.1f}"
-            within = 1000.0 * np.quantile(self._newest, 0.99)
-            values[f"99 % of the last {_REMEMBERED} ticks within (ms)"] = f"{within:.1f}"
-        return values
+_GAPS = 5
+"""Gaps between messages that must all be long: one or two are messages that were lost or late."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,3 +104,168 @@ class Diagnostics:
             if problem:
                 self._node.get_logger().warning(printable(problem, _LONGEST))
             self._logged = problem
+
+
+# Likely causes
+
+
+@dataclass(slots=True)
+class Reception:
+    """The last messages of one topic.
+
+    `last` is the real time in s of the last message, `advanced` that of the last one with a new `stamp` (s),
+    and `gaps` are the real s between the last of those. `error` is why the last message was ignored.
+    """
+
+    last: float = -math.inf
+    advanced: float = math.nan
+    stamp: float = math.nan
+    gaps: deque[float] = field(default_factory=lambda: deque(maxlen=_GAPS))
+    error: Exception | None = None
+
+    def read(self, stamp: float, now: float) -> None:
+        """Record a message that could be read, with its stamp in s, at `now` in real s."""
+        self.last, self.error = now, None
+        if stamp == self.stamp:
+            return
+        if now > self.advanced:
+            self.gaps.append(now - self.advanced)
+        self.stamp, self.advanced = stamp, now
+
+    def reject(self, error: Exception, now: float) -> None:
+        """Record a message that was ignored."""
+        self.last, self.error = now, error
+
+
+class Diagnosis:
+    """Records which messages a node receives, and names the most likely cause if an input is missing.
+
+    `inputs` are the node's, by name; "odom" is the robot.
+
+    Attributes
+    ----------
+    receptions : dict of str to Reception
+        The last messages of each input, by its name.
+    """
+
+    def __init__(self, node: Node, inputs: Mapping[str, Input], tf: TfListener) -> None:
+        self._node, self._inputs, self._tf = node, inputs, tf
+        self.receptions = {name: Reception() for name in inputs}
+
+    @property
+    def topics(self) -> dict[str, Any]:
+        """The types of the topics that are subscribed to, tf excepted."""
+        return {item.topic: item.kind for item in self._inputs.values() if item.frames is None}
+
+    def rate_problem(self, name: str, timeout: float) -> str:
+        """Return that messages of an input come too rarely to drive by, and what to do; else nothing.
+
+        `timeout` is the real s within which messages are expected; after half of it the robot pauses.
+        """
+        gaps, topic = self.receptions[name].gaps, self._inputs[name].topic
+        if len(gaps) < _GAPS or min(gaps) <= 0.5 * timeout:
+            return ""
+        return (
+            f"{topic}: messages came {min(gaps):.2f} s apart, too rarely for a timeout of {timeout:g} s: the "
+            f"robot pauses between them; set {name}_timeout:={math.ceil(40.0 * min(gaps)) / 10.0:.1f}"
+        )
+
+    def cause(self, name: str, timeout: float) -> str:
+        """Return why an input is missing, in one sentence; `timeout` is its longest allowed gap in real s."""
+        item, reception, node = self._inputs[name], self.receptions[name], self._node
+        topic, kind = item.topic, item.kind
+        if item.frames is not None and reception.error is None and node.count_publishers(topic):
+            return self._tf.lacking(*item.frames)
+        infos = node.get_publishers_info_by_topic(topic)
+        senders = [info for info in infos if info.topic_type == type_name(kind)]
+        if not senders:
+            return type_mismatch(node, topic, kind) or unconnected(node, topic, kind, tuple(self.topics))
+        sender = node_of(senders[0])
+        reasons = [incompatibility(info.qos_profile, item.qos) for info in senders]
+        if all(reasons):
+            return f"{topic}: the quality of service of {sender} does not fit: {reasons[0]}"
+        if reception.error is not None:
+            advice = ""
+            if isinstance(reception.error, FrameError) and topic == "odom":
+                advice = f"; set frame:={reception.error.got}"
+            return f"messages of {sender} are ignored: {reception.error}{advice}"
+        if math.isinf(reception.last):
+            return f"{topic}: {sender} publishes it, but sends no messages"
+        if reception.last > reception.advanced:
+            return (
+                f"{topic}: the stamps of {sender} stay at {reception.stamp:.2f} s: expected stamps that "
+                "advance; is the simulation paused, or does the driver not set them?"
+            )
+        paused = f"{topic}: {sender} sends no more messages: it is paused, blocked or has ended"
+        return self.rate_problem(name, timeout) or paused
+
+
+def bases(node: Node, topic: str) -> list[TopicEndpointInfo]:
+    """Return the subscriptions that may be those of a base: not of programs that record or print."""
+    infos = node.get_subscriptions_info_by_topic(topic)
+    return [info for info in infos if not info.node_name.startswith(("_ros2cli", "rosbag2_recorder"))]
+
+
+def unconnected(node: Node, topic: str, kind: type, known: Collection[str] | None = None) -> str:
+    """Return that no other node publishes, or subscribes to, a topic, and what to do.
+
+    `known` are topics that the node subscribes to; None if it publishes.
+    """
+    does, count = "publishes", node.count_publishers
+    if known is None:
+        does, count = "subscribes to", node.count_subscribers
+    resolved, domain = node.resolve_topic_name(topic), node.context.get_domain_id()
+    skipped = {resolved, *map(node.resolve_topic_name, known or ())}
+    elsewhere = [
+        other
+        for other, types in node.get_topic_names_and_types()
+        if type_name(kind) in types and other not in skipped and count(other)
+    ]
+    text, short = f"no node {does} {resolved} in ROS domain {domain}", _short(type_name(kind))
+    if not elsewhere:
+        return f"{text}, and there is no other topic of type {short}: start the node that {does} it"
+    return f"{text}; of type {short} there is {', '.join(elsewhere)}: remap with -r {topic}:={elsewhere[0]}"
+
+
+def incompatibility(offered: QoSProfile, requested: QoSProfile) -> str:
+    """Return the first reason why a subscription does not receive from a publisher; empty if it does."""
+    verdict, reason = qos_check_compatible(offered, requested)
+    if verdict != QoSCompatibility.ERROR:
+        return ""
+    return printable(reason.partition(";")[0].removeprefix("ERROR:").strip())
+
+
+def node_of(info: TopicEndpointInfo) -> str:
+    """Return the full name of the node of a publisher or subscription."""
+    if "_UNKNOWN_" in info.node_name:  # DDS announces endpoints before the names of their nodes
+        return "(unknown)"
+    return f"{printable(info.node_namespace.rstrip('/'))}/{printable(info.node_name)}"
+
+
+def type_name(kind: type) -> str:
+    """Return the name of a message type, such as nav_msgs/msg/Odometry."""
+    package, folder, *_ = kind.__module__.split(".")
+    return f"{package}/{folder}/{kind.__name__}"
+
+
+def _short(name: str) -> str:
+    return printable(name.replace("/msg/", "/"))
+
+
+def type_mismatch(node: Node, topic: str, kind: type) -> str:
+    """Return which node publishes another type than `node` subscribes to; ROS drops such messages."""
+    for info in node.get_publishers_info_by_topic(topic):
+        if info.topic_type != type_name(kind):
+            expected, got = _short(type_name(kind)), _short(info.topic_type)
+            return f"{topic}: expected {expected}, {node_of(info)} publishes {got}"
+    return ""
+
+
+def rival_senders(node: Node, topics: Iterable[str]) -> str:
+    """Return the topics with several publishers, which DDS counts for 20 s after they were killed."""
+    senders = {topic: [node_of(s) for s in node.get_publishers_info_by_topic(topic)] for topic in topics}
+    return "; ".join(
+        f"{topic}: expected one publisher, got {len(names)}: {', '.join(sorted(names))}"
+        for topic, names in senders.items()
+        if len(names) > 1
+    )

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
@@ -28,8 +30,7 @@ from ator_ros.execution.supervisor import (
     Supervisor,
 )
 from ator_ros.nodes.commands import CommandPublisher
-from ator_ros.nodes.diagnosis import Diagnosis, rival_senders
-from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Ticks
+from ator_ros.nodes.diagnostics import STEADY, Diagnosis, Diagnostics, Health, rival_senders
 from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
 from ator_ros.nodes.inputs import ObjectSources, RobotSource, TfListener
@@ -47,7 +48,6 @@ from ator_ros.nodes.parameters import (
     Parameter,
     SetupError,
     declare_with_domain,
-    digest_of,
     domain_of,
     fence_of,
     robot_of,
@@ -64,6 +64,7 @@ from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 _WARNING_PERIOD = 2.0
 _DISCOVERY_GRACE = 1.0  # real s; DDS may still be connecting cmd_vel to a base that has just started
+_TICKS = 1000
 _RESULT_KEPT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
 _IDLE_PERIOD = 1.0  # real s between two checks of the deadlines without a goal: each costs a millisecond
 _PREEMPTED = "a newer goal took over"
@@ -125,7 +126,7 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
 class ExecutorNode(Node):
     """Executes one chain at a time; each odometry message is answered by one velocity command.
 
-    Timeouts, `latency` and `refine_again_after` can change while it runs.
+    Timeouts, `latency` and `refine_again_after` can change while it runs, for the next goal.
 
     Action server
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
@@ -151,9 +152,7 @@ class ExecutorNode(Node):
 
     def __init__(self) -> None:
         super().__init__("executor", automatically_declare_parameters_from_overrides=True)
-        self._settings = declare_with_domain(
-            self, parameters_for, lambda values: self._inputs.take_timeouts(values)
-        )
+        self._settings = declare_with_domain(self, parameters_for)
         robot = robot_of(self._settings)
         self._domain = domain = domain_of(self._settings)
         self._remotes = RemoteServers(self, domain, self._settings["frame"])
@@ -172,8 +171,8 @@ class ExecutorNode(Node):
         self._odom_at, self._shutting_down = 0.0, False
         self._stop_until = -math.inf
         self._slow = ""  # last warning of a base that is slower than commanded
-        self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
-        self._last_error, self._goals, self._ticks = "", 0, Ticks()
+        self._last_error = ""
+        self._ticks = deque([0.0], maxlen=_TICKS)  # real s that they took
         self._connect(robot)
         topics = self._diagnosis.topics
         self._diagnostics = Diagnostics(self, self._health, topics, states=tuple(topics))
@@ -238,7 +237,6 @@ class ExecutorNode(Node):
         world = self._motion.foresight.ahead(world)
         self._world, self._odom_at = world, now
         self._rolling.observe(world)  # also between goals, when the robot has lost an object
-        self._ticks.record(now)
         if run is not None:
             self._answer(run, world, fault, now)
         elif self._stop_until > -math.inf:
@@ -259,7 +257,7 @@ class ExecutorNode(Node):
         command = run.supervisor.tick(world, now, overdue=self._inputs.overdue, fault=fault)
         done = time.monotonic()
         self._send(self._motion.foresight.punctual(world.robot, command, done - now), answers=True)
-        self._ticks.took(done - now)
+        self._ticks.append(done - now)
         run.supervisor.odometry_received(done)
         self._follow(run)
 
@@ -307,7 +305,6 @@ class ExecutorNode(Node):
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
         """Begin a goal and wait for its end, which odometry callback and watchdog detect."""
-        self._goals += 1
         try:
             models = self._sets.present.by_set
             run = GoalRun(
@@ -321,6 +318,7 @@ class ExecutorNode(Node):
             )
         except MessageError as error:  # the running goal continues
             return self._refused(handle, str(error))
+        self._inputs.take_timeouts(self._settings)
         self._motion.begin(self._settings["latency"], preempts=self._run is not None)
         self._end(Ending.PREEMPTED, _PREEMPTED, at_once=True)
         self._run, self._stop_until = run, -math.inf
@@ -430,12 +428,10 @@ class ExecutorNode(Node):
             "odom": "none yet" if silence is None else f"{1000.0 * silence:.0f} ms ago",
             **self._objects.diagnostics(known, self._inputs.overdue),
             **self._rolling.diagnostics(),
-            **self._ticks.diagnostics(),
+            f"99 % of the last {_TICKS} ticks within (ms)": f"{1000.0 * np.quantile(self._ticks, 0.99):.1f}",
             "goal": "none" if self._run is None else self._run.supervisor.phase.value,
-            "goals": self._goals,
             "times real time, by odometry": f"{self._inputs.pace:.2f}",
             "last error": self._last_error,
-            **self._digests,
             **self._sets.diagnostics(),
         }
         lost = self._objects.missing(known)

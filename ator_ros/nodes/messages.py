@@ -15,12 +15,14 @@ from geometry_msgs.msg import Quaternion, Twist
 from nav_msgs.msg import Odometry
 
 import ator_interfaces.msg as msg
-from ator_interfaces.srv import RefineSubgoal
+from ator_interfaces.srv import PlanChains, RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, goal_values, wrong_values
 from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose, quaternion_from_yaw
+from ator_ros.planning.goals import MOST_STATEMENTS, GoalStatement, Unspecified
+from ator_ros.printable import quoted
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.refinement.objective import Objective
@@ -33,9 +35,10 @@ from ator_ros.refinement.refiner import (
     SubgoalCurve,
 )
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
+from ator_ros.tops.conditions import Condition, Region
 from ator_ros.tops.library import LeftOutError, TopLibrary
 from ator_ros.world import messages as checks
-from ator_ros.world.messages import MessageError, pose_from
+from ator_ros.world.messages import FARTHEST, MessageError, pose_from
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 _FASTEST_GOAL = 3.0
@@ -174,6 +177,47 @@ def call_of(call: TopCall, *, frame: str) -> msg.TopCall:
     return message
 
 
+# Goals of plans
+
+
+def statements_from(
+    goal: msg.PlanGoal, named: Mapping[str, Condition], variables: Sequence[str]
+) -> list[GoalStatement]:
+    """Read what shall hold at the end of a plan; raises MessageError.
+
+    `named` are the goals that the domain names, `variables` the state variables that there are.
+    """
+    if goal.name and goal.terms:
+        raise MessageError("goal: expected a name or terms, got both")
+    if goal.name:
+        return list(named[checks.name(goal.name, "goal.name", allowed=named)].terms)
+    checks.count(goal.terms, "goal.terms", least=1, most=MOST_STATEMENTS)
+    return [_statement(term, variables, f"goal.terms[{i}]") for i, term in enumerate(goal.terms)]
+
+
+def _statement(term: msg.GoalTerm, variables: Sequence[str], where: str) -> GoalStatement:
+    variable = checks.name(term.variable, f"{where}.variable", allowed=variables)
+    value, low, high = (
+        checks.number(getattr(term, name), f"{where}.{name}", low=-FARTHEST, high=FARTHEST)
+        for name in ("value", "low", "high")
+    )
+    if low > high:
+        raise MessageError(f"{where}: expected low <= high, got low {low:g} and high {high:g}")
+    unspecified = low == high == 0.0
+    if not term.relative_to:
+        return Unspecified(variable, value) if unspecified else Region(variable, value, low, high)
+    other = checks.name(term.relative_to, f"{where}.relative_to", allowed=variables)
+    if other == variable:
+        raise MessageError(f"{where}.relative_to: expected another variable, got {quoted(other)}")
+    if not unspecified:
+        return Region(variable, other, value + low, value + high)
+    if value != 0.0:
+        raise MessageError(
+            f"{where}: expected low and high of a value relative to another variable, got none"
+        )
+    return Unspecified(variable, other)
+
+
 # Objectives and performance
 
 
@@ -245,9 +289,9 @@ def _alternative(judged: Judged, sent: msg.TopChain, *, action_set: str, frame: 
     )
 
 
-def refused(reason: str, chain: msg.TopChain) -> RefineSubgoal.Response:
-    """Write the answer to a request that is not evaluated, with its `chain`."""
-    nothing = performance_of()
+def refused(reason: str, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
+    """Write the answer to a request that is not evaluated, with its chain."""
+    nothing, chain = performance_of(), request.chain
     return RefineSubgoal.Response(
         reason=reason,
         chain=chain,
@@ -257,6 +301,11 @@ def refused(reason: str, chain: msg.TopChain) -> RefineSubgoal.Response:
         cost_before=math.nan,
         cost_after=math.nan,
     )
+
+
+def without_plan(reason: str, _: PlanChains.Request) -> PlanChains.Response:
+    """Write the answer to a goal without a plan."""
+    return PlanChains.Response(reason=reason)
 
 
 def chain_performance_of(prediction: ChainPrediction | None) -> msg.Performance:

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import hashlib
-import sys
-import threading
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,7 +25,6 @@ from ator_ros.performance.model_file import (
     NoModelsError,
     RobotMismatchWarning,
     load_models,
-    model_path,
     models_folder,
 )
 from ator_ros.refinement.gate import Gate, OpenGate, gate_in
@@ -43,9 +38,6 @@ LEARNED = Parameter(
     "folder of the node `learning`: its set in use replaces `models` once there is one; empty: none",
 )
 _PERIOD = 0.5
-_SWITCHES = 0.0005
-"""Interval in real s at which Python switches threads while a set is loaded; the default is 5 ms."""
-_LONG = 3.0  # real s; with compiled code on disk the warm-up takes less
 
 User = TypeVar("User")
 Libraries = Mapping[str, TopLibrary]
@@ -53,7 +45,7 @@ Libraries = Mapping[str, TopLibrary]
 
 @dataclass(frozen=True, slots=True)
 class ModelSet:
-    """The performance models of one action set, by action, with the digest of their files.
+    """The performance models of one action set, by action.
 
     `absent` is why there are none. `problem` is what is wrong: a damaged file, another robot. It is no
     problem to have none.
@@ -62,7 +54,6 @@ class ModelSet:
     models: Mapping[str, PerformanceModel] = field(default_factory=dict)
     absent: str = ""
     problem: str = ""
-    digest: str = ""
 
 
 @dataclass(frozen=True)
@@ -83,19 +74,15 @@ def read_models(node: Node, robot: Robot, action_set: str, place: Path, domain: 
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", RobotMismatchWarning)
             models = load_models(robot, domain.known_features, action_set=action_set, folder=place)
-        files = sorted(place / model_path(name, action_set) for name in models)
-        digest = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
     except NoModelsError as error:
         return ModelSet(absent=str(error))
     except (FileError, OSError) as error:
         warn(f"action set {action_set}: no models: {error}")
         return ModelSet(absent=str(error), problem=str(error))
-    problem = str(caught[0].message) if caught else ""
-    if len(caught) > 1:  # models of another robot mostly come together
-        problem += f" (and {len(caught) - 1} more models of this set)"
+    problem = str(caught[0].message) if caught else ""  # models of another robot mostly come together
     if problem and action_set == DEFAULT_SET:
         warn(f"action set {action_set}: {problem}")
-    return ModelSet(models, problem=problem, digest=digest)
+    return ModelSet(models, problem=problem)
 
 
 class LearnedSets(Generic[User]):
@@ -127,20 +114,16 @@ class LearnedSets(Generic[User]):
         self._loading: Future[tuple[Manifest, Loaded[User]]] | None = None
         self._seen = None if self._folder is None else current_set(self._folder)
         self._manifest: Manifest | None = None
-        self._switches = 0
-        with _log_if_long(node):
-            if self._seen is not None:
-                try:
-                    self._manifest = read_manifest(self._seen)
-                except FileError as error:
-                    self._log_failure(error)
-            if self._manifest is not None and self._seen is not None:
+        self._source = f"models in {models}" if models else "shipped models"
+        place = Path(models) if models else domain.shipped_models
+        if self._seen is not None:
+            try:
+                self._manifest = read_manifest(self._seen)
                 self._source, place = f"learned set {self._manifest.digest}", self._seen
-            elif models:
-                self._source, place = f"models in {models}", Path(models)
-            else:
-                self._source, place = "shipped models", domain.shipped_models
-            self.present = load(place)
+            except FileError as error:
+                self._log_failure(error)
+        node.get_logger().info("loading models and code; the first start compiles it for some seconds")
+        self.present = load(place)
         if self._folder is not None:
             node.create_timer(_PERIOD, self._look, clock=STEADY)
 
@@ -155,15 +138,7 @@ class LearnedSets(Generic[User]):
         place = current_set(self._folder)
         if place is not None and place != self._seen:
             self._seen = place
-            self._loading = self._threads.submit(self._load_set, place)
-
-    def _load_set(self, place: Path) -> tuple[Manifest, Loaded[User]]:
-        usual = sys.getswitchinterval()
-        sys.setswitchinterval(_SWITCHES)
-        try:
-            return read_manifest(place), self._load(place)
-        finally:
-            sys.setswitchinterval(usual)
+            self._loading = self._threads.submit(lambda: (read_manifest(place), self._load(place)))
 
     def _take_over(self, loading: Future[tuple[Manifest, Loaded[User]]]) -> None:
         try:
@@ -172,7 +147,6 @@ class LearnedSets(Generic[User]):
             self._log_failure(error)
             return
         self.present = loaded
-        self._switches += 1
         self._node.get_logger().info(f"switched to the learned set {_described(self._manifest)}")
 
     def _log_failure(self, error: Exception) -> None:
@@ -197,30 +171,14 @@ class LearnedSets(Generic[User]):
         values: dict[str, object] = {}
         for name, read in self.present.models.items():
             values[f"models of {name}"] = ", ".join(read.models) or read.problem or "no models"
-            if read.digest:
-                values[f"models digest of {name}"] = read.digest
         if self._folder is not None:
             values["learned set"] = "none yet" if self._manifest is None else _described(self._manifest)
-            values["switches of the learned set"] = self._switches
         return values
 
 
 def _described(manifest: Manifest) -> str:
     episodes = ", ".join(f"{count} of {name}" for name, count in sorted(manifest.episodes.items()))
     return f"{manifest.digest} of {manifest.time} from episodes: {episodes or 'none'}"
-
-
-@contextlib.contextmanager
-def _log_if_long(node: Node) -> Iterator[None]:
-    """Log that code is being compiled if the block takes long, as at the first start of a node."""
-    text = "compiling code, as at each first start; later ones use what is kept on disk"
-    timer = threading.Timer(_LONG, node.get_logger().info, [text])
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
 
 
 def load_predictors(node: Node, domain: Domain, libraries: Libraries, place: Path) -> Loaded[Predictor]:
@@ -238,9 +196,8 @@ def warmed_up_predictors(
     """Return the predictors that the parameters `models` and `learned` name, and warm up all actions."""
     load = functools.partial(load_predictors, node, domain, libraries)
     sets = LearnedSets(node, domain, settings["models"], settings["learned"], load)
-    with _log_if_long(node):
-        for name, library in libraries.items():
-            warm_up_actions(library, sets.present.by_set[name])
+    for name, library in libraries.items():
+        warm_up_actions(library, sets.present.by_set[name])
     return sets
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,14 +10,13 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
-from rclpy.parameter import Parameter as RosParameter
 
 from ator_ros.domains import DEFAULT
 from ator_ros.domains.domain import Domain, DomainError, domain_for, find_domain
 from ator_ros.execution.fence import Fence
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import ConfigError, Robot
-from ator_ros.world.messages import is_frame, plain_frame
+from ator_ros.world.messages import plain_frame
 
 
 class SetupError(Exception):
@@ -47,8 +44,6 @@ class Parameter:
         Allowed texts; where "true" is one of them, the boolean true means it, and false likewise.
     live : bool
         Whether it can change while the node runs; otherwise it is fixed at the start.
-    names_frame : bool
-        Whether its value is the name of a frame.
     """
 
     name: str
@@ -58,7 +53,6 @@ class Parameter:
     high: float = math.inf
     choices: tuple[str, ...] = ()
     live: bool = False
-    names_frame: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
         """Return the descriptor, which `ros2 param describe` shows."""
@@ -80,31 +74,23 @@ class Parameter:
         return "true" in self.choices
 
     def read(self, value: Any) -> Any:
-        """Return `value` as the node uses it; raises SetupError if it is none of the choices, or no frame."""
+        """Return `value` as the node uses it; raises SetupError if it is none of the choices."""
         if self._takes_bool and isinstance(value, bool):
             value = str(value).lower()
         if self.choices and value not in self.choices:
             raise SetupError(
                 f"parameter {self.name}: expected one of {', '.join(self.choices)}, got {quoted(value)}"
             )
-        if self.names_frame and not is_frame(value):
-            frame = "a frame: printable characters without spaces, 200 at most"
-            raise SetupError(f"parameter {self.name}: expected {frame}, got {quoted(value)}")
-        return plain_frame(value) if self.names_frame else value
+        return plain_frame(value) if self.name in ("frame", "robot_frame") else value
 
 
 _OF_ROS = ("use_sim_time", "start_type_description_service")
-_WHOLE = (RosParameter.Type.INTEGER, RosParameter.Type.INTEGER_ARRAY)
 ROBOT = Parameter("robot", "", "file of the robot's description; empty: the one that is shipped")
 DOMAIN = Parameter(
     "domain", "", "installed domain, or the YAML file of one; empty: soccer with holder and ball, else drive"
 )
-FRAME = Parameter(
-    "frame", "odom", "frame of odometry, objects and goals; an empty frame_id means it", names_frame=True
-)
-ROBOT_FRAME = Parameter(
-    "robot_frame", "base_link", "the robot's own frame, in the middle of its axle", names_frame=True
-)
+FRAME = Parameter("frame", "odom", "frame of odometry, objects and goals; an empty frame_id means it")
+ROBOT_FRAME = Parameter("robot_frame", "base_link", "the robot's own frame, in the middle of its axle")
 MODELS = Parameter("models", "", "folder of the performance models and the gate; empty: the shipped ones")
 FENCE = Parameter(
     "fence", [0.0] * 4, "m: x and y from, x and y to, of the robot's axle; all 0: area and margin"
@@ -120,8 +106,6 @@ STAMPED = Parameter(
 )
 OBJECT = "OBJECT"
 """Placeholder for the name of an object in descriptions of parameters."""
-Changed = Callable[[Mapping[str, Any]], None]
-"""What a node does about new values of live parameters, beyond reading them later."""
 
 
 def domain_of(settings: Mapping[str, Any]) -> Domain:
@@ -151,29 +135,27 @@ def fence_of(settings: Mapping[str, Any], robot: Robot) -> Fence:
 
 
 def declare_parameters(
-    node: Node,
-    parameters: Sequence[Parameter],
-    changed: Changed | None = None,
-    *,
-    unused: Collection[str] = (),
+    node: Node, parameters: Sequence[Parameter], *, unused: Collection[str] = ()
 ) -> dict[str, Any]:
     """Declare parameters with type, description and bounds, and return their values by name.
 
-    The values follow live parameters. `changed` is called with new values, by name, before they are used; it
-    raises SetupError to refuse them. Parameters that the node does not have are reported. For this the node
-    must be made with ``automatically_declare_parameters_from_overrides``. Raises SetupError if a value has
-    another type, or is not allowed.
+    The values follow live parameters. Parameters that the node does not have are reported, but those that are
+    `unused`. For this the node must be made with ``automatically_declare_parameters_from_overrides``. Raises
+    SetupError if a value has another type, or is not allowed.
     """
     values = {parameter.name: _declared(node, parameter) for parameter in parameters}
     _warn_of_strange(node, values, unused)
-    _follow_changes(node, parameters, values, changed)
+
+    def take(changes: Sequence[Any]) -> SetParametersResult:  # ROS checks bounds, and that they are live
+        values.update({item.name: item.value for item in changes if item.name in values})
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(take)
     return values
 
 
 def declare_with_domain(
-    node: Node,
-    parameters_for: Callable[[Sequence[str]], Sequence[Parameter]],
-    changed: Changed | None = None,
+    node: Node, parameters_for: Callable[[Sequence[str]], Sequence[Parameter]]
 ) -> dict[str, Any]:
     """Declare the parameters of a node for the objects of the domain that `DOMAIN` and `ROBOT` select.
 
@@ -183,41 +165,19 @@ def declare_with_domain(
     domain = domain_of({item.name: _declared(node, item) for item in (DOMAIN, ROBOT)})
     # The shipped parameter files set those of soccer's objects, whatever domain is used.
     usual = {item.name for item in parameters_for(find_domain(DEFAULT).objects)}
-    return declare_parameters(node, parameters_for(domain.objects), changed, unused=usual)
-
-
-def _follow_changes(
-    node: Node, parameters: Sequence[Parameter], settings: dict[str, Any], changed: Changed | None
-) -> None:
-    """Keep `settings` up to date where live parameters change; ROS refuses to change the others."""
-    known = {parameter.name: parameter for parameter in parameters}
-
-    def take(wanted: Sequence[Any]) -> SetParametersResult:
-        try:
-            values = {item.name: known[item.name].read(item.value) for item in wanted if item.name in known}
-            if changed is not None and values:
-                changed(values)
-        except SetupError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        settings.update(values)
-        return SetParametersResult(successful=True)
-
-    node.add_on_set_parameters_callback(take)
+    return declare_parameters(node, parameters_for(domain.objects), unused=usual)
 
 
 def _declared(node: Node, parameter: Parameter) -> Any:
     """Declare a parameter, unless it is declared already, and return its value; raises SetupError."""
-    name, given = parameter.name, RosParameter.Type.NOT_SET
+    name = parameter.name
     try:
         if _is_implicit(node, name):
-            given = node.get_parameter(name).type_
             node.undeclare_parameter(name)
         if not node.has_parameter(name):
             node.declare_parameter(name, parameter.default, parameter.descriptor())
     except ParameterException as error:
-        default = parameter.default[0] if isinstance(parameter.default, list) else parameter.default
-        point = "; write 5.0 for 5" if given in _WHOLE and isinstance(default, float) else ""
-        raise SetupError(f"parameter {name} ({parameter.description}): {error}{point}") from error
+        raise SetupError(f"parameter {name} ({parameter.description}): {error}") from error
     return parameter.read(node.get_parameter(name).value)
 
 
@@ -237,9 +197,3 @@ def _warn_of_strange(node: Node, known: Mapping[str, Any], unused: Collection[st
             f"ignored: parameters {', '.join(map(printable, strange[:5]))}: "
             f"expected some of {', '.join(known)}"
         )
-
-
-def digest_of(settings: Mapping[str, Any]) -> str:
-    """Return a short digest of parameters and their values."""
-    text = json.dumps(dict(settings), sort_keys=True, default=list)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]

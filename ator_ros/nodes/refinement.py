@@ -1,4 +1,4 @@
-"""The node `refinement`: subgoal refinement as a service (paper, section 4)."""
+"""The node `refinement`: subgoal refinement (paper, section 4) and plans as services."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import copy
 import functools
 import time
 import traceback
+from collections.abc import Callable
+from typing import Any
 
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
-from ator_interfaces.srv import RefineSubgoal
+from ator_interfaces.srv import PlanChains, RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.compiled import use_cores
 from ator_ros.execution.fence import Fence
@@ -26,14 +28,15 @@ from ator_ros.nodes.parameters import (
     ROBOT,
     Parameter,
     declare_parameters,
-    digest_of,
     domain_of,
     fence_of,
     robot_of,
 )
-from ator_ros.nodes.plans import PlanService
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.running import run_node
+from ator_ros.planning.goals import PlanningError, known_variables
+from ator_ros.planning.planner import chains_for
+from ator_ros.printable import printable
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.gate import OpenGate
 from ator_ros.refinement.objective import MOST_WEIGHT
@@ -64,6 +67,7 @@ PARAMETERS = (
 )
 
 _WARNING_PERIOD = 2.0
+_LONGEST_REASON = 500
 
 
 class RefinementNode(Node):
@@ -93,13 +97,16 @@ class RefinementNode(Node):
         models, learned = self._settings["models"], self._settings["learned"]
         load = functools.partial(load_refiners, self, domain, self._libraries, fence=self._fence)
         self._sets = LearnedSets(self, domain, models, learned, load)
-        self._digests = {"robot digest": robot.digest(), "parameters digest": digest_of(self._settings)}
-        self._answered, self._refused, self._cut_short = 0, 0, 0
-        self._last_refusal, self._last_time = "", 0.0
+        self._goals = domain.goals(robot)
+        self._variables = known_variables(domain.objects, holder=robot.holder is not None)
+        self._answered, self._cut_short, self._last_error = 0, 0, ""
         self._markers = LazyPublisher(self, MarkerArray, "refinement_markers")
-        self.create_service(RefineSubgoal, "refine_subgoal", self._serve, qos_profile=SERVICES)
-        frame = self._settings["frame"]
-        self._plans = PlanService(self, domain, self._libraries, fence=self._fence, frame=frame)
+        for kind, name, answer, refused in (
+            (RefineSubgoal, "refine_subgoal", self._refine, messages.refused),
+            (PlanChains, "plan_chains", self._plan, messages.without_plan),
+        ):
+            serve = functools.partial(self._serve, answer, refused)
+            self.create_service(kind, name, serve, qos_profile=SERVICES)
         self._diagnostics = Diagnostics(self, self._health)
         self.get_logger().info(
             f"refining chains for {robot.name} (domain {domain.name}, ROS domain "
@@ -125,36 +132,51 @@ class RefinementNode(Node):
         refiner.failure_cost = cost if cost >= 0.0 else self._domain.time_limit
         return refiner
 
-    def _serve(self, request: RefineSubgoal.Request, _: RefineSubgoal.Response) -> RefineSubgoal.Response:
+    def _serve(
+        self, answer: Callable[[Any], Any], refused: Callable[[str, Any], Any], request: Any, _: Any
+    ) -> Any:
         """Answer a request; a defect must not end the node."""
         started = time.monotonic()
-        end = started + self._settings["deadline"]
         try:
-            response = self._refine(request, lambda: time.monotonic() > end)
-        except (MessageError, RefinementError) as error:
-            response = self._refusal(str(error), request)
+            response = answer(request)
+        except (MessageError, RefinementError, PlanningError) as error:
+            self._last_error = printable(str(error), _LONGEST_REASON)
+            response = refused(self._last_error, request)
             self.get_logger().warning(f"refused: {error}", throttle_duration_sec=_WARNING_PERIOD)
         except Exception as error:
-            response = self._refusal(f"internal error: {error!r}", request)
+            self._last_error = f"internal error: {printable(repr(error), _LONGEST_REASON)}"
+            response = refused(self._last_error, request)
             self.get_logger().error(traceback.format_exc(), throttle_duration_sec=_WARNING_PERIOD)
-        self._last_time = response.computation_time = time.monotonic() - started
+        response.computation_time = time.monotonic() - started
         return response
 
-    def _refine(self, request: RefineSubgoal.Request, deadline: Deadline) -> RefineSubgoal.Response:
+    def _refine(self, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
+        end = time.monotonic() + self._settings["deadline"]
         present, frame = self._sets.present, self._settings["frame"]
         action_set = messages.action_set_from(request.chain, allowed=self._libraries)
         if action_set not in present.by_set:
             raise RefinementError(f"action set {action_set}: {present.models[action_set].absent}")
         library, refiner = self._libraries[action_set], self._configured(present.by_set[action_set])
-        choice = refine_request(request, refiner, library, frame=frame, fence=self._fence, deadline=deadline)
+        choice = refine_request(
+            request, refiner, library, frame=frame, fence=self._fence, deadline=lambda: time.monotonic() > end
+        )
         self._answered += 1
         self._cut_short += not choice.refinement.complete
         self._markers.publish(functools.partial(markers_of, choice.refinement, request, frame))
         return messages.answer_of(choice, request, action_set=action_set, frame=frame)
 
-    def _refusal(self, reason: str, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
-        self._refused, self._last_refusal = self._refused + 1, reason
-        return messages.refused(reason, request.chain)
+    def _plan(self, request: PlanChains.Request) -> PlanChains.Response:
+        frame = self._settings["frame"]
+        name = messages.action_set_from(request, allowed=self._libraries, where="request")
+        goal = messages.statements_from(request.goal, self._goals, self._variables)
+        world = world_from(request.situation, frame=frame)
+        chains = chains_for(goal, world, self._libraries[name], self._domain.objects, self._fence)
+        return PlanChains.Response(
+            accepted=True,
+            holds=not chains,
+            reason=f"{len(chains)} chains" if chains else "the goal holds already",
+            chains=[messages.chain_of(chain, action_set=name, frame=frame) for chain in chains],
+        )
 
     def _health(self) -> Health:
         present = self._sets.present
@@ -165,13 +187,8 @@ class RefinementNode(Node):
             values={
                 **self._sets.diagnostics(),
                 "requests answered": self._answered,
-                "requests refused": self._refused,
-                "plans": self._plans.answered,
-                "goals without a plan": self._plans.refused,
                 "requests cut short by their deadline": self._cut_short,
-                "last error": self._last_refusal,
-                **self._digests,
-                "last computation (ms)": f"{1000.0 * self._last_time:.2f}",
+                "last error": self._last_error,
             },
         )
 

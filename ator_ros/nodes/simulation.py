@@ -22,7 +22,7 @@ from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.domains.domain import domain_for
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose, quaternion_from_yaw
-from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Ticks
+from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
 from ator_ros.nodes.inputs import TFMessage
 from ator_ros.nodes.messages import object_odometry_of, odometry_of, stamp_of
 from ator_ros.nodes.parameters import (
@@ -34,7 +34,6 @@ from ator_ros.nodes.parameters import (
     Parameter,
     SetupError,
     declare_with_domain,
-    digest_of,
     robot_of,
 )
 from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SENSOR_DATA, SERVICES
@@ -133,9 +132,8 @@ class SimulationNode(Node):
 
     def __init__(self) -> None:
         super().__init__("simulation", automatically_declare_parameters_from_overrides=True)
-        self._settings = settings = declare_with_domain(self, parameters_for, self._change)
+        self._settings = settings = declare_with_domain(self, parameters_for)
         self._world = world_of(settings)
-        self._digests = [robot.robot.digest() for robot in self._world.robots]
         self._paused, self._deadline, self._rejected = False, 0.0, ""
         self._real_time_ticks = 0
         """How many of the next ticks take as long as in reality, unless they wait for a command."""
@@ -145,7 +143,6 @@ class SimulationNode(Node):
             self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR_DATA)
         self._command_type = TwistStamped if settings["stamped_commands"] else Twist
         self._topics = [self._topics_of(number) for number in range(len(self._world.robots))]
-        self._ticks, self._count, self._counted = Ticks(), 0, (time.monotonic(), 0)
         factor = settings["real_time_factor"]
         self._timer = self.create_timer(_period_at(factor), self._tick, clock=STEADY)
         commands = {topics.resolved("cmd_vel"): self._command_type for topics in self._topics}
@@ -179,24 +176,19 @@ class SimulationNode(Node):
 
     # Time
 
-    def _change(self, values: Mapping[str, Any]) -> None:
-        """Apply a new real-time factor."""
-        if "real_time_factor" in values:
-            self._deadline, self._real_time_ticks = 0.0, 0
-            self._timer.timer_period_ns = round(1e9 * _period_at(values["real_time_factor"]))
-            self._timer.reset()
-
     def _tick(self) -> None:
-        now = time.monotonic()
+        now, period = time.monotonic(), round(1e9 * _period_at(self._settings["real_time_factor"]))
+        if period != self._timer.timer_period_ns:
+            self._deadline, self._real_time_ticks = 0.0, 0
+            self._timer.timer_period_ns = period
+            self._timer.reset()
         if now < self._deadline:
             return
         if self._paused:
             self._deadline = now + _PAUSED_PERIOD
         else:
-            self._ticks.record(now)
             for stop in self._world.tick():
                 self.get_logger().debug(stop)
-            self._count += 1
             self._schedule(now)
         self._publish()
 
@@ -279,18 +271,11 @@ class SimulationNode(Node):
         return "paused" if self._paused else "running"
 
     def _health(self) -> Health:
-        now, (since, ticks) = time.monotonic(), self._counted
-        factor = (self._count - ticks) * TICK / (now - since)
-        self._counted = (now, self._count)
         return Health(
             values={
                 "simulated time (s)": f"{self._world.time:.2f}",
-                "real-time factor": f"{factor:.2f}",
                 "paused": self._paused,
-                **self._ticks.diagnostics(),
                 "last error": self._rejected,
-                "robot digest": ", ".join(self._digests),
-                "parameters digest": digest_of(self._settings),
             },
         )
 

@@ -23,7 +23,7 @@ from rclpy.utilities import remove_ros_args
 
 from ator_ros.files import header, portable_command, write_text
 from ator_ros.nodes.commands import CommandPublisher
-from ator_ros.nodes.diagnosis import Diagnosis
+from ator_ros.nodes.diagnostics import Diagnosis
 from ator_ros.nodes.inputs import Input, TfListener
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.qos import SENSOR_DATA
@@ -156,7 +156,7 @@ class _Driver:
 
     def __init__(self, node: Node, drive: ProbeDrive, *, stamped: str, frame: str) -> None:
         self._node, self._drive, self._reader = node, drive, OdometryReader(frame)
-        self._commands = CommandPublisher(node, stamped=stamped, frame="base_link", option="--stamped ")
+        self._commands = CommandPublisher(node, stamped=stamped, frame="base_link")
         self._received: float | None = None  # real s
         self._diagnosis = Diagnosis(node, {"odom": Input("odom", Odometry, SENSOR_DATA)}, TfListener(node))
         self._stamp = -1.0

@@ -159,11 +159,6 @@ def plain_frame(frame_id: str) -> str:
     return frame_id.removeprefix("/")
 
 
-def is_frame(name: str) -> bool:
-    """Return whether a text can name a frame: tf2 takes any without spaces, at its beginning a slash."""
-    return 0 < len(plain_frame(name)) <= LONGEST_NAME and name.isprintable() and " " not in name
-
-
 def frame(frame_id: str, where: str, *, expected: str) -> None:
     """Raise FrameError unless a frame is the expected one, or empty, which means the same."""
     if plain_frame(frame_id) not in ("", plain_frame(expected)):

@@ -10,7 +10,7 @@ from bags import own_types
 from rclpy.qos import QoSProfile
 from ros_client import Client
 
-from ator_ros.nodes.diagnosis import type_name
+from ator_ros.nodes.diagnostics import type_name
 
 DEPTH = 5000
 """Queue depth for a busy machine: as fast as possible, nodes publish hundreds of messages per second."""
