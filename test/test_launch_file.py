@@ -5,7 +5,6 @@ The file is parsed as XML, since `ros2 launch` is not available as a wheel.
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import subprocess
@@ -73,26 +72,6 @@ def test_robot_state_publisher_has_the_description_of_the_given_robot() -> None:
     words = command_of(value, robot=CONFIG / "pioneer.yaml")
     printed = subprocess.run(words, capture_output=True, text=True, check=True).stdout
     assert printed.strip() == robot_urdf(load_robot(CONFIG / "pioneer.yaml")).strip()
-
-
-@pytest.mark.parametrize(("installed", "expected"), [(True, "true"), (False, "false")])
-def test_robot_state_publisher_starts_if_it_is_installed(
-    tmp_path: Path, installed: bool, expected: str
-) -> None:
-    (publisher,) = [node for node in LAUNCH.iter("node") if node.get("pkg") == "robot_state_publisher"]
-    assert publisher.get("if") == "$(var robot_state_publisher)"  # independent of rviz
-    (group,) = LAUNCH.findall("group")
-    assert publisher in list(group)  # in each namespace
-    marker = tmp_path / "share" / "ament_index" / "resource_index" / "packages" / "robot_state_publisher"
-    marker.parent.mkdir(parents=True)
-    if installed:
-        marker.touch()
-    prefixes = {"AMENT_PREFIX_PATH": f"{tmp_path}:{share_folder().parents[1]}"}
-    words = command_of(default_of("robot_state_publisher"))
-    done = subprocess.run(words, capture_output=True, text=True, env={**os.environ, **prefixes})
-    assert (done.returncode, done.stdout, done.stderr) == (0, expected, "")
-    empty = {**os.environ, "AMENT_PREFIX_PATH": ""}
-    assert subprocess.run(words, capture_output=True, text=True, env=empty).stdout == "false"
 
 
 def value_of(node: ET.Element, name: str) -> str:

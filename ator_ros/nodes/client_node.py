@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool
@@ -22,40 +20,14 @@ from ator_ros.nodes.qos import SERVICES
 from ator_ros.view.backend import NodesError
 from ator_ros.world.state import World
 
-_POLL = 0.002
 _LONG = 10.0  # s after which what is waited for is logged
-_SPIN = 0.1
+_SPIN = 0.02
 _RETRY = 3.0
 """Real s after which a request is sent again: DDS drops an answer to a client not yet discovered."""
 
 
-class SpinThread(threading.Thread):
-    """Spins an executor in a thread of its own.
-
-    Shutting down an rclpy executor destroys entities that a spinning thread still uses, so the thread is
-    ended first.
-    """
-
-    def __init__(self, executor: SingleThreadedExecutor) -> None:
-        super().__init__(daemon=True)
-        self._executor, self._ending = executor, threading.Event()
-
-    def run(self) -> None:
-        """Spin until `end` is called."""
-        with contextlib.suppress(ExternalShutdownException):
-            while not self._ending.is_set() and self._executor.context.ok():
-                self._executor.spin_once(timeout_sec=_SPIN)
-
-    def end(self, timeout: float | None = None) -> None:
-        """Wait until the running callback has returned, at most `timeout` real s; shut the executor down."""
-        self._ending.set()
-        if self.is_alive():
-            self.join(timeout)
-        self._executor.shutdown()
-
-
 class ClientNode:
-    """A node with its thread.
+    """A node that is spun while its program waits; `spin` takes what comes at other times.
 
     Parameters
     ----------
@@ -94,11 +66,12 @@ class ClientNode:
             raise NodesError(f"expected arguments of ROS, got {list(arguments)}: {text}") from cause
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
-        self._thread = SpinThread(self._executor)
 
-    def start(self) -> None:
-        """Spin from now on; publishers, subscriptions and clients were created before."""
-        self._thread.start()
+    def spin(self, seconds: float) -> None:
+        """Take messages and answers for so many real s."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left)
 
     def call(self, client: Any, request: Any) -> Any:
         """Call a service that is there and return its answer; raise if it answers that it failed.
@@ -124,12 +97,6 @@ class ClientNode:
         future: Future = client.call_async(request)
         return future
 
-    def in_thread(self, request: Callable[[], Future]) -> Future:
-        """Send a goal from the spinning thread: ActionClient loses answers that precede the call's return."""
-        task = self._executor.create_task(request)
-        sent: Future = self.answer(task, "the thread that spins")
-        return sent
-
     def answer(self, future: Future, what: str) -> Any:
         """Wait for an answer; raise without one."""
         self.until(future.done, f"an answer of {what}")
@@ -146,11 +113,11 @@ class ClientNode:
                 self.node.get_logger().warning(f"waiting for {what}")
             if time.monotonic() > last:
                 raise NodesError(f"expected {what} within {self.timeout:g} s, it did not come")
-            time.sleep(_POLL)
+            self._executor.spin_once(timeout_sec=_SPIN)
 
     def close(self) -> None:
-        """Stop spinning and destroy the node."""
-        self._thread.end()
+        """Destroy the node."""
+        self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
 
@@ -158,7 +125,7 @@ class ClientNode:
 class SimulationClient:
     """The simulation's services that place the robot and `objects` and pause time.
 
-    `own` is the node that calls them, not started yet. `paused` is whether the last request from here paused
+    `own` is the node that calls them. `paused` is whether the last request from here paused
     time.
     """
 
@@ -171,11 +138,10 @@ class SimulationClient:
             name: node.create_client(PlaceObject, f"place_{name}", qos_profile=SERVICES) for name in objects
         }
 
-    def is_available(self, timeout: float = 0.0) -> bool:
-        """Return whether a simulation offers all of them within `timeout` real s."""
-        end = time.monotonic() + timeout
+    def is_available(self) -> bool:
+        """Return whether a simulation offers all of them."""
         clients = (self._robot, self._pause, *self._objects.values())
-        return all(client.wait_for_service(max(0.0, end - time.monotonic())) for client in clients)
+        return all(client.service_is_ready() for client in clients)
 
     def place_robot(self, pose: Pose) -> Future:
         """Place the robot at rest; does not wait."""
@@ -197,16 +163,15 @@ class SimulationClient:
         self.paused = False
         return answer
 
-    def place(self, world: World) -> list[str]:
-        """Pause time and place robot and objects, others are removed; return the names of what was placed."""
+    def place(self, world: World) -> None:
+        """Pause time and place robot and objects; others are removed."""
         self.pause(paused=True)
         for client in self._objects.values():
             self._own.call(client, PlaceObject.Request(remove=True))
         self._own.call(self._robot, _at_pose(world.robot.pose))
-        placed = [name for name in world.objects if name in self._objects]
-        for name in placed:
-            self._own.call(self._objects[name], _at_point(world.objects[name].x, world.objects[name].y))
-        return placed
+        for name, there in world.objects.items():
+            if name in self._objects:
+                self._own.call(self._objects[name], _at_point(there.x, there.y))
 
 
 def _is_done(future: Future, end: float) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,7 +22,6 @@ from ator_ros.execution.refining import AGAIN_AFTER
 from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.supervisor import (
     GREATEST_STOP_SLOWDOWN,
-    LONGEST_STOP_TIME,
     WATCH_PERIOD,
     Deadlines,
     Phase,
@@ -66,7 +64,6 @@ _WARNING_PERIOD = 2.0
 _DISCOVERY_GRACE = 1.0  # real s; DDS may still be connecting cmd_vel to a base that has just started
 _TICKS = 1000
 _RESULT_KEPT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
-_IDLE_PERIOD = 1.0  # real s between two checks of the deadlines without a goal: each costs a millisecond
 _PREEMPTED = "a newer goal took over"
 _USUAL = Deadlines()
 _COMMON = (
@@ -133,10 +130,9 @@ class ExecutorNode(Node):
         Results are kept for a minute. A goal begins when odometry has come for a second: a base that was
         started just then does not receive commands yet. It ends when the robot stands (predicted with
         `latency`), or 5 s after it was commanded to stop: the result says how fast it still moves. If a newer
-        goal preempts it, odometry is lost or the node ends, the goal ends with the stop command. If lost
-        odometry returns within 5 s, the robot is commanded to stop until it stands. Goals outside the fence
-        are refused. A goal is aborted when the base does not follow its commands, or when its path leads out
-        of the fence.
+        goal preempts it, odometry is lost or the node ends, the goal ends with the stop command. Goals
+        outside the fence are refused. A goal is aborted when the base does not follow its commands, or when
+        its path leads out of the fence.
     Subscribes to
         odom (nav_msgs/Odometry), or /tf and /tf_static, and the topics of the domain's objects: their stamps,
         `latency` later, are the time of the actions.
@@ -169,7 +165,6 @@ class ExecutorNode(Node):
         self._world: World | None = None
         self._run: GoalRun | None = None
         self._odom_at, self._shutting_down = 0.0, False
-        self._stop_until = -math.inf
         self._slow = ""  # last warning of a base that is slower than commanded
         self._last_error = ""
         self._ticks = deque([0.0], maxlen=_TICKS)  # real s that they took
@@ -206,7 +201,7 @@ class ExecutorNode(Node):
             cancel_service_qos_profile=SERVICES,
             result_timeout=_RESULT_KEPT,
         )  # fmt: skip
-        self._watchdog = self.create_timer(_IDLE_PERIOD, self._watch, clock=STEADY)
+        self._watchdog = self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
 
     def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:
         now = time.monotonic()
@@ -239,8 +234,6 @@ class ExecutorNode(Node):
         self._rolling.observe(world)  # also between goals, when the robot has lost an object
         if run is not None:
             self._answer(run, world, fault, now)
-        elif self._stop_until > -math.inf:
-            self._stop_unattended(world.robot, now)
         self._drawing.objects(world)
 
     def _answer(self, run: GoalRun, world: World, fault: str | None, now: float) -> None:
@@ -261,18 +254,6 @@ class ExecutorNode(Node):
         run.supervisor.odometry_received(done)
         self._follow(run)
 
-    def _stop_unattended(self, robot: RobotState, now: float) -> None:
-        """Stop a robot that may move after a goal that ended without odometry, for some seconds."""
-        if not robot.is_standing and now < self._stop_until:
-            self._send(STOP)
-            return
-        self._stop_until = -math.inf
-        if not robot.is_standing:
-            self._warn(
-                f"the robot still moves at {robot.v:.2f} m/s and {robot.w:.2f} rad/s, "
-                f"{LONGEST_STOP_TIME:g} s after the goal ended"
-            )
-
     def _is_connecting(self, run: GoalRun, now: float) -> bool:
         """Return whether a goal would begin while DDS may still connect the base: it would seem blocked."""
         grace = min(_DISCOVERY_GRACE, 0.5 * self._settings["start_timeout"])
@@ -290,9 +271,9 @@ class ExecutorNode(Node):
     def _watch(self) -> None:
         for warning in self._remotes.warnings():
             self._warn(warning)
-        self._commands.adapt()
         if self._run is None:
             return
+        self._commands.adapt()
         now = time.monotonic()
         silence, ending = now - self._odom_at, self._remotes.ending()
         if ending and silence <= self._odom_timeout:
@@ -306,11 +287,10 @@ class ExecutorNode(Node):
     async def _execute(self, handle: ServerGoalHandle) -> Any:
         """Begin a goal and wait for its end, which odometry callback and watchdog detect."""
         try:
-            models = self._sets.present.by_set
             run = GoalRun(
                 handle,
                 self._libraries,
-                models,
+                {name: read.user for name, read in self._sets.present.items()},
                 self._refinement,
                 self._settings,
                 self._fence,
@@ -321,9 +301,8 @@ class ExecutorNode(Node):
         self._inputs.take_timeouts(self._settings)
         self._motion.begin(self._settings["latency"], preempts=self._run is not None)
         self._end(Ending.PREEMPTED, _PREEMPTED, at_once=True)
-        self._run, self._stop_until = run, -math.inf
+        self._run = run
         self._commands.adapt()  # here, not as rclpy takes the goal: it then keeps the former publisher in use
-        self._adjust_watchdog()
         # A simulation as fast as possible waits for commands, also while the first action plans.
         self._send(STOP)
         return concluded(await run.finished, handle)
@@ -334,13 +313,6 @@ class ExecutorNode(Node):
         result = unstarted(handle, Ending.REFUSED, reason, frame=self._settings["frame"])
         self._chains.publish(result.record)
         return concluded(result, handle)
-
-    def _adjust_watchdog(self) -> None:
-        """Use a short period while a goal is active, and a long one otherwise."""
-        period = round(1e9 * (_IDLE_PERIOD if self._run is None else WATCH_PERIOD))
-        if period != self._watchdog.timer_period_ns:
-            self._watchdog.timer_period_ns = period
-            self._watchdog.reset()
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         if self._run is None or self._run.handle is not handle:
@@ -369,10 +341,6 @@ class ExecutorNode(Node):
         if not run.ended:
             return
         self._run = None
-        now = time.monotonic()
-        silent = now - self._odom_at > 0.5 * self._odom_timeout
-        self._stop_until = now + LONGEST_STOP_TIME if silent else -math.inf
-        self._adjust_watchdog()
         self._send(STOP)
         run.supervisor.explain(self._cause(run.supervisor))
         result = run.result(self._world)
@@ -436,6 +404,7 @@ class ExecutorNode(Node):
         }
         lost = self._objects.missing(known)
         missing = ""
+        self._commands.adapt()
         if stale:
             cause = self._diagnosis.cause("odom", self._odom_timeout)
             missing = f"{self._state.input.topic.removeprefix('/')} is missing; {cause}"

@@ -1,8 +1,7 @@
-"""Values for the launch file: the configured domain, a robot's URDF, whether a package is installed.
+"""Values for the launch file: the configured domain, and a robot's URDF.
 
 python3 -m ator_ros.nodes.launch domain CONFIG_FOLDER
 python3 -m ator_ros.nodes.launch urdf ROBOT_FILE
-python3 -m ator_ros.nodes.launch installed PACKAGE
 """
 
 from __future__ import annotations
@@ -10,8 +9,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-
-from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
 from ator_ros.files import FileError, read_yaml
 from ator_ros.robot.description import ConfigError, load_robot
@@ -42,19 +39,9 @@ def urdf(file: str) -> str:
         sys.exit(f"launch: {error}")
 
 
-def is_installed(package: str) -> str:
-    """Return "true" if a package is in a prefix that is sourced, otherwise "false"."""
-    try:
-        get_package_prefix(package)
-    except (PackageNotFoundError, OSError):  # no prefix is known without ROS
-        return "false"
-    return "true"
-
-
 _VALUES: Mapping[str, Callable[[str], str]] = {
     "domain": configured_domain,
     "urdf": urdf,
-    "installed": is_installed,
 }
 
 

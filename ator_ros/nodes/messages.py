@@ -15,7 +15,7 @@ from geometry_msgs.msg import Quaternion, Twist
 from nav_msgs.msg import Odometry
 
 import ator_interfaces.msg as msg
-from ator_interfaces.srv import PlanChains, RefineSubgoal
+from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, goal_values, wrong_values
@@ -289,9 +289,9 @@ def _alternative(judged: Judged, sent: msg.TopChain, *, action_set: str, frame: 
     )
 
 
-def refused(reason: str, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
-    """Write the answer to a request that is not evaluated, with its chain."""
-    nothing, chain = performance_of(), request.chain
+def refused(reason: str, chain: msg.TopChain) -> RefineSubgoal.Response:
+    """Write the answer to a request that is not evaluated, with its `chain`."""
+    nothing = performance_of()
     return RefineSubgoal.Response(
         reason=reason,
         chain=chain,
@@ -301,11 +301,6 @@ def refused(reason: str, request: RefineSubgoal.Request) -> RefineSubgoal.Respon
         cost_before=math.nan,
         cost_after=math.nan,
     )
-
-
-def without_plan(reason: str, _: PlanChains.Request) -> PlanChains.Response:
-    """Write the answer to a goal without a plan."""
-    return PlanChains.Response(reason=reason)
 
 
 def chain_performance_of(prediction: ChainPrediction | None) -> msg.Performance:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -29,7 +28,6 @@ from ator_ros.performance.model_file import (
 )
 from ator_ros.refinement.gate import Gate, OpenGate, gate_in
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 
 LEARNED = Parameter(
@@ -40,49 +38,22 @@ LEARNED = Parameter(
 _PERIOD = 0.5
 
 User = TypeVar("User")
+Models = Mapping[str, PerformanceModel]
 Libraries = Mapping[str, TopLibrary]
 
 
-@dataclass(frozen=True, slots=True)
-class ModelSet:
-    """The performance models of one action set, by action.
+@dataclass(frozen=True)
+class ModelSet(Generic[User]):
+    """The performance models of one action set, by action, and what uses them.
 
     `absent` is why there are none. `problem` is what is wrong: a damaged file, another robot. It is no
     problem to have none.
     """
 
-    models: Mapping[str, PerformanceModel] = field(default_factory=dict)
+    models: Models
+    user: User
     absent: str = ""
     problem: str = ""
-
-
-@dataclass(frozen=True)
-class Loaded(Generic[User]):
-    """The models of one folder, and what uses them (a predictor or a refiner), by action set."""
-
-    models: Mapping[str, ModelSet]
-    by_set: Mapping[str, User]
-
-
-def read_models(node: Node, robot: Robot, action_set: str, place: Path, domain: Domain) -> ModelSet:
-    """Read the models of an action set from the folder of all sets; log what is wrong.
-
-    Of sets beside the default one, which are seldom used, only damaged files are logged.
-    """
-    warn = node.get_logger().warning
-    try:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", RobotMismatchWarning)
-            models = load_models(robot, domain.known_features, action_set=action_set, folder=place)
-    except NoModelsError as error:
-        return ModelSet(absent=str(error))
-    except (FileError, OSError) as error:
-        warn(f"action set {action_set}: no models: {error}")
-        return ModelSet(absent=str(error), problem=str(error))
-    problem = str(caught[0].message) if caught else ""  # models of another robot mostly come together
-    if problem and action_set == DEFAULT_SET:
-        warn(f"action set {action_set}: {problem}")
-    return ModelSet(models, problem=problem)
 
 
 class LearnedSets(Generic[User]):
@@ -90,28 +61,29 @@ class LearnedSets(Generic[User]):
 
     Parameters
     ----------
-    load : callable
-        Makes what the node works with of a folder of models; called in a thread when a set is new, and may
-        not touch what the node uses.
+    make : callable
+        Makes what the node works with of the models of one action set (there may be none) and the folder of
+        all sets. It is called in a thread when a learned set is new, and may not touch what the node uses.
 
     Attributes
     ----------
-    present : Loaded
-        The models in use, and what uses them.
+    present : dict of str to ModelSet
+        The models in use, by action set.
     """
 
     def __init__(
         self,
         node: Node,
         domain: Domain,
-        models: str,
-        learned: str,
-        load: Callable[[Path], Loaded[User]],
+        libraries: Libraries,
+        settings: Mapping[str, Any],
+        make: Callable[[TopLibrary, Models, Path], User],
     ) -> None:
-        self._node, self._load = node, load
+        models, learned = settings["models"], settings["learned"]
+        self._node, self._domain, self._libraries, self._make = node, domain, libraries, make
         self._folder = Path(learned).expanduser() if learned else None
         self._threads = ThreadPoolExecutor(1)
-        self._loading: Future[tuple[Manifest, Loaded[User]]] | None = None
+        self._loading: Future[tuple[Manifest, dict[str, ModelSet[User]]]] | None = None
         self._seen = None if self._folder is None else current_set(self._folder)
         self._manifest: Manifest | None = None
         self._source = f"models in {models}" if models else "shipped models"
@@ -123,9 +95,30 @@ class LearnedSets(Generic[User]):
             except FileError as error:
                 self._log_failure(error)
         node.get_logger().info("loading models and code; the first start compiles it for some seconds")
-        self.present = load(place)
+        self.present = self._load(place)
         if self._folder is not None:
             node.create_timer(_PERIOD, self._look, clock=STEADY)
+
+    def _load(self, place: Path) -> dict[str, ModelSet[User]]:
+        """Read the models in a folder of every action set; log what is wrong."""
+        return {name: self._read(library, place) for name, library in self._libraries.items()}
+
+    def _read(self, library: TopLibrary, place: Path) -> ModelSet[User]:
+        name, warn, known = library.action_set, self._node.get_logger().warning, self._domain.known_features
+        models: Models = {}
+        absent = problem = ""
+        try:
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always", RobotMismatchWarning)
+                models = load_models(library.robot, known, action_set=name, folder=place)
+            problem = str(caught[0].message) if caught else ""  # models of another robot mostly come together
+        except NoModelsError as error:
+            absent = str(error)
+        except (FileError, OSError) as error:
+            absent = problem = str(error)
+        if problem and (absent or name == DEFAULT_SET):  # others are seldom used
+            warn(f"action set {name}: {problem}")
+        return ModelSet(models, self._make(library, models, place), absent, problem)
 
     def _look(self) -> None:
         """Take over a set that has been loaded, or begin to load a new one."""
@@ -140,13 +133,12 @@ class LearnedSets(Generic[User]):
             self._seen = place
             self._loading = self._threads.submit(lambda: (read_manifest(place), self._load(place)))
 
-    def _take_over(self, loading: Future[tuple[Manifest, Loaded[User]]]) -> None:
+    def _take_over(self, loading: Future[tuple[Manifest, dict[str, ModelSet[User]]]]) -> None:
         try:
-            self._manifest, loaded = loading.result()
+            self._manifest, self.present = loading.result()
         except Exception as error:  # whatever it is, the node continues with what it has
             self._log_failure(error)
             return
-        self.present = loaded
         self._node.get_logger().info(f"switched to the learned set {_described(self._manifest)}")
 
     def _log_failure(self, error: Exception) -> None:
@@ -155,22 +147,21 @@ class LearnedSets(Generic[User]):
 
     def startup_text(self) -> str:
         """Return what a node logs of its models at the start: those of the default action set."""
-        read = self.present.models[DEFAULT_SET]
-        if not read.models:
-            return f"no models ({read.absent})"
-        return f"{self._source}: {', '.join(read.models)}"
+        read = self.present[DEFAULT_SET]
+        return f"{self._source}: {', '.join(read.models)}" if read.models else f"no models ({read.absent})"
 
     @property
     def problem(self) -> str:
         """The problems of all models in one line; empty if there are none."""
-        models = self.present.models.items()
+        models = self.present.items()
         return "; ".join(f"action set {name}: {read.problem}" for name, read in models if read.problem)
 
     def diagnostics(self) -> dict[str, object]:
         """Return the diagnostics of each action set's models, and of the learned set in use."""
-        values: dict[str, object] = {}
-        for name, read in self.present.models.items():
-            values[f"models of {name}"] = ", ".join(read.models) or read.problem or "no models"
+        values: dict[str, object] = {
+            f"models of {name}": ", ".join(read.models) or read.problem or "no models"
+            for name, read in self.present.items()
+        }
         if self._folder is not None:
             values["learned set"] = "none yet" if self._manifest is None else _described(self._manifest)
         return values
@@ -181,45 +172,36 @@ def _described(manifest: Manifest) -> str:
     return f"{manifest.digest} of {manifest.time} from episodes: {episodes or 'none'}"
 
 
-def load_predictors(node: Node, domain: Domain, libraries: Libraries, place: Path) -> Loaded[Predictor]:
-    """Read the models in a folder of every action set; log what is wrong."""
-    models, predictors = {}, {}
-    for name, library in libraries.items():
-        models[name] = read = read_models(node, library.robot, name, place, domain)
-        predictors[name] = Predictor(library.robot, read.models)
-    return Loaded(models, predictors)
-
-
 def warmed_up_predictors(
     node: Node, settings: Mapping[str, Any], domain: Domain, libraries: Libraries
 ) -> LearnedSets[Predictor]:
     """Return the predictors that the parameters `models` and `learned` name, and warm up all actions."""
-    load = functools.partial(load_predictors, node, domain, libraries)
-    sets = LearnedSets(node, domain, settings["models"], settings["learned"], load)
+    sets = LearnedSets(
+        node, domain, libraries, settings, lambda library, models, _: Predictor(library.robot, models)
+    )
     for name, library in libraries.items():
-        warm_up_actions(library, sets.present.by_set[name])
+        warm_up_actions(library, sets.present[name].user)
     return sets
 
 
-def load_refiners(
-    node: Node, domain: Domain, libraries: Libraries, place: Path, *, fence: Fence
-) -> Loaded[Refiner]:
-    """Read models and gates in a folder of every action set; log what is wrong.
+def warmed_up_refiners(
+    node: Node, settings: Mapping[str, Any], domain: Domain, libraries: Libraries, fence: Fence
+) -> LearnedSets[Refiner | None]:
+    """Return the refiners that the parameters `models` and `learned` name; None for a set without models.
 
-    A set without models has no refiner. Places are searched inside the `fence`.
+    Places are searched inside the `fence`.
     """
-    models, refiners = {}, {}
-    for name, library in libraries.items():
-        models[name] = read = read_models(node, library.robot, name, place, domain)
-        if read.models:
-            refiners[name] = Refiner(
-                library.robot,
-                read.models,
-                _gate(node, models_folder(place, name), name),
-                ranges=fence.narrowed(domain.ranges, library.robot),
-            )
-            warm_up_refinement(library, refiners[name])
-    return Loaded(models, refiners)
+
+    def make(library: TopLibrary, models: Models, place: Path) -> Refiner | None:
+        if not models:
+            return None
+        gate = _gate(node, models_folder(place, library.action_set), library.action_set)
+        ranges = fence.narrowed(domain.ranges, library.robot)
+        refiner = Refiner(library.robot, models, gate, ranges=ranges)
+        warm_up_refinement(library, refiner)
+        return refiner
+
+    return LearnedSets(node, domain, libraries, settings, make)
 
 
 def _gate(node: Node, folder: Path, action_set: str) -> Gate:

@@ -19,7 +19,7 @@ from ator_ros.execution.fence import Fence
 from ator_ros.nodes import messages
 from ator_ros.nodes.diagnostics import Diagnostics, Health
 from ator_ros.nodes.drawing import LazyPublisher, marker_array
-from ator_ros.nodes.models import LEARNED, LearnedSets, load_refiners
+from ator_ros.nodes.models import LEARNED, warmed_up_refiners
 from ator_ros.nodes.parameters import (
     DOMAIN,
     FENCE,
@@ -94,19 +94,13 @@ class RefinementNode(Node):
         self._fence = fence_of(self._settings, robot)
         self._domain = domain = domain_of(self._settings)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
-        models, learned = self._settings["models"], self._settings["learned"]
-        load = functools.partial(load_refiners, self, domain, self._libraries, fence=self._fence)
-        self._sets = LearnedSets(self, domain, models, learned, load)
+        self._sets = warmed_up_refiners(self, self._settings, domain, self._libraries, self._fence)
         self._goals = domain.goals(robot)
         self._variables = known_variables(domain.objects, holder=robot.holder is not None)
         self._answered, self._cut_short, self._last_error = 0, 0, ""
         self._markers = LazyPublisher(self, MarkerArray, "refinement_markers")
-        for kind, name, answer, refused in (
-            (RefineSubgoal, "refine_subgoal", self._refine, messages.refused),
-            (PlanChains, "plan_chains", self._plan, messages.without_plan),
-        ):
-            serve = functools.partial(self._serve, answer, refused)
-            self.create_service(kind, name, serve, qos_profile=SERVICES)
+        self.create_service(RefineSubgoal, "refine_subgoal", self._serve_refinement, qos_profile=SERVICES)
+        self.create_service(PlanChains, "plan_chains", self._serve_plan, qos_profile=SERVICES)
         self._diagnostics = Diagnostics(self, self._health)
         self.get_logger().info(
             f"refining chains for {robot.name} (domain {domain.name}, ROS domain "
@@ -115,7 +109,7 @@ class RefinementNode(Node):
 
     def _gate_text(self) -> str:
         """Return what decides on refinements by the default action set."""
-        refiner = self._sets.present.by_set.get(DEFAULT_SET)
+        refiner = self._sets.present[DEFAULT_SET].user
         if refiner is None:
             return "chains stay as they are sent"
         if not self._settings["gate"]:
@@ -132,31 +126,41 @@ class RefinementNode(Node):
         refiner.failure_cost = cost if cost >= 0.0 else self._domain.time_limit
         return refiner
 
-    def _serve(
-        self, answer: Callable[[Any], Any], refused: Callable[[str, Any], Any], request: Any, _: Any
-    ) -> Any:
-        """Answer a request; a defect must not end the node."""
+    def _serve_refinement(self, request: RefineSubgoal.Request, _: Any) -> RefineSubgoal.Response:
         started = time.monotonic()
-        try:
-            response = answer(request)
-        except (MessageError, RefinementError, PlanningError) as error:
-            self._last_error = printable(str(error), _LONGEST_REASON)
-            response = refused(self._last_error, request)
-            self.get_logger().warning(f"refused: {error}", throttle_duration_sec=_WARNING_PERIOD)
-        except Exception as error:
-            self._last_error = f"internal error: {printable(repr(error), _LONGEST_REASON)}"
-            response = refused(self._last_error, request)
-            self.get_logger().error(traceback.format_exc(), throttle_duration_sec=_WARNING_PERIOD)
+        answer = self._answer(self._refine, request)
+        response = messages.refused(answer, request.chain) if isinstance(answer, str) else answer
         response.computation_time = time.monotonic() - started
         return response
 
+    def _serve_plan(self, request: PlanChains.Request, _: Any) -> PlanChains.Response:
+        started = time.monotonic()
+        answer = self._answer(self._plan, request)
+        response = PlanChains.Response(reason=answer) if isinstance(answer, str) else answer
+        response.computation_time = time.monotonic() - started
+        return response
+
+    def _answer(self, answer: Callable[[Any], Any], request: Any) -> Any:
+        """Return the answer to a request, or why there is none; a defect must not end the node."""
+        try:
+            return answer(request)
+        except (MessageError, RefinementError, PlanningError) as error:
+            reason = printable(str(error), _LONGEST_REASON)
+            self.get_logger().warning(f"refused: {reason}", throttle_duration_sec=_WARNING_PERIOD)
+        except Exception as error:
+            reason = f"internal error: {printable(repr(error), _LONGEST_REASON)}"
+            self.get_logger().error(traceback.format_exc(), throttle_duration_sec=_WARNING_PERIOD)
+        self._last_error = reason
+        return reason
+
     def _refine(self, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
         end = time.monotonic() + self._settings["deadline"]
-        present, frame = self._sets.present, self._settings["frame"]
+        frame = self._settings["frame"]
         action_set = messages.action_set_from(request.chain, allowed=self._libraries)
-        if action_set not in present.by_set:
-            raise RefinementError(f"action set {action_set}: {present.models[action_set].absent}")
-        library, refiner = self._libraries[action_set], self._configured(present.by_set[action_set])
+        present, library = self._sets.present[action_set], self._libraries[action_set]
+        if present.user is None:
+            raise RefinementError(f"action set {action_set}: {present.absent}")
+        refiner = self._configured(present.user)
         choice = refine_request(
             request, refiner, library, frame=frame, fence=self._fence, deadline=lambda: time.monotonic() > end
         )
@@ -179,11 +183,10 @@ class RefinementNode(Node):
         )
 
     def _health(self) -> Health:
-        present = self._sets.present
-        problem = self._sets.problem
+        usable = any(read.user is not None for read in self._sets.present.values())
         return Health(
-            problem if present.by_set else problem or "no models for any action set",
-            error=not present.by_set,
+            self._sets.problem or ("" if usable else "no models for any action set"),
+            error=not usable,
             values={
                 **self._sets.diagnostics(),
                 "requests answered": self._answered,

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from geometry_msgs.msg import TransformStamped, Twist, TwistStamped
+from geometry_msgs.msg import TransformStamped, Twist
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
@@ -78,7 +78,6 @@ _COMMON = (
     ),
     Parameter("lockstep", False, "whether ticks wait for commands at any real_time_factor"),
     Parameter("publish_clock", False, "whether to publish the simulated time on /clock"),
-    Parameter("stamped_commands", False, "whether the robots subscribe to TwistStamped instead of Twist"),
     Parameter(
         "robot_start",
         [-2.0, 0.0, 0.0],
@@ -108,7 +107,7 @@ class SimulationNode(Node):
     are those of the whole world, from any robot's namespace.
 
     Subscribes to
-        cmd_vel (geometry_msgs/Twist or TwistStamped): clipped to the robot's limits; 0.5 s of simulated time
+        cmd_vel (geometry_msgs/Twist): clipped to the robot's limits; 0.5 s of simulated time
         after the last command the robot stands, see `SimulatedBase`.
     Publishes, every tick, as the robot's sensors see it, stamped with the simulated time of what they see
         odom (nav_msgs/Odometry): the middle of the axle, twist in the robot's frame.
@@ -141,18 +140,17 @@ class SimulationNode(Node):
         self._clock_publisher = None
         if settings["publish_clock"]:
             self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR_DATA)
-        self._command_type = TwistStamped if settings["stamped_commands"] else Twist
         self._topics = [self._topics_of(number) for number in range(len(self._world.robots))]
         factor = settings["real_time_factor"]
         self._timer = self.create_timer(_period_at(factor), self._tick, clock=STEADY)
-        commands = {topics.resolved("cmd_vel"): self._command_type for topics in self._topics}
+        commands = {topics.resolved("cmd_vel"): Twist for topics in self._topics}
         self._diagnostics = Diagnostics(self, self._health, commands)
         speed = f"at {factor:g} times real time" if factor else "as fast as possible"
         who = [f"{r.robot.name} as {r.name}" if r.name else r.robot.name for r in self._world.robots]
         domain = domain_for(settings["domain"], settings["robot"]).name
         self.get_logger().info(
             f"simulating {', '.join(who)} {speed} (domain {domain}, ROS domain "
-            f"{self.context.get_domain_id()}): cmd_vel ({self._command_type.__name__}) to "
+            f"{self.context.get_domain_id()}): cmd_vel to "
             f"{', '.join(('odom', *self._world.robots[0].robot.scene.objects))}"
         )
 
@@ -161,7 +159,7 @@ class SimulationNode(Node):
         robot, settings = self._world.robots[number], self._settings
         topics = RobotTopics(self, robot, frame=settings["frame"], robot_frame=settings["robot_frame"])
         callback = partial(self._command, number)
-        self.create_subscription(self._command_type, topics.resolved("cmd_vel"), callback, SENSOR_DATA)
+        self.create_subscription(Twist, topics.resolved("cmd_vel"), callback, SENSOR_DATA)
         services: dict[str, tuple[type[Any], Callable[[Any], str]]] = {
             "place_robot": (PlaceRobot, partial(self._place_robot, number)),
             "reset": (Trigger, self._reset),
@@ -212,14 +210,10 @@ class SimulationNode(Node):
 
     # Commands and services
 
-    def _command(self, number: int, message: Twist | TwistStamped) -> None:
-        topics = self._topics[number]
-        where = topics.resolved("cmd_vel")
+    def _command(self, number: int, message: Twist) -> None:
         try:
-            if isinstance(message, TwistStamped):
-                given = message.header.frame_id
-                checks.frame(given, f"{where}.header.frame_id", expected=topics.robot_frame)
-            self._world.command(checks.command_from(message, where), number)
+            command = checks.command_from(message, self._topics[number].resolved("cmd_vel"))
+            self._world.command(command, number)
         except MessageError as error:
             self._reject(str(error))
             return

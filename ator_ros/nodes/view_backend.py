@@ -7,8 +7,7 @@ import math
 import re
 import time
 import uuid
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ChainPerformance, Outcome, SearchCurve, TopChain
-from ator_interfaces.msg import Objective as ObjectiveMessage
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.domain import Domain
 from ator_ros.execution.chain_executor import Ending
@@ -33,14 +31,12 @@ from ator_ros.nodes.messages import action_set_from, chain_from, chain_of, situa
 from ator_ros.nodes.parameters import STATE, SetupError
 from ator_ros.nodes.qos import LATCHED, LATCHED_BY_MANY, SERVICES
 from ator_ros.printable import printable
-from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.view.backend import (
     OTHERS,
     Answer,
-    Candidate,
     ExecutedChain,
     ExternalGoal,
     History,
@@ -53,14 +49,10 @@ from ator_ros.world.messages import MessageError, pose_from, world_from
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _DISCOVERY = 2.0  # real s after which a simulation, or a service of the executor, counts as missing
-_PLACED = 2.0  # real s after which what the simulation has placed counts as placed, observed or not
-_CHAIN_TIMEOUT = 5.0
-"""Seconds without status after which a chain counts as lost; the executor publishes it twice a second."""
+_PLACED = 0.2  # real s after which all nodes have received what the simulation has placed
+_GONE = 5.0  # real s without an executor after which its chain counts as lost
 _OBJECT_TIMEOUT = 1.0  # s by the stamps after which an object that is not observed is no longer shown
-_FRESH = 3
-"""Messages after which one was surely sent after a request: the first may have been on its way."""
 _WARNING_PERIOD = 2.0
-_ROBOT = ""
 _ROBOT_FROM = {STATE.name: "odom", "robot_frame": "base_link"}
 """The source of the robot's state, unless the executor names another."""
 _OUTCOMES = {ending.value: ending.name.lower().replace("_", " ") for ending in Ending}
@@ -76,7 +68,6 @@ class WorldMonitor:
         self._newest: tuple[float, RobotState] | None = None
         self._objects: dict[str, tuple[float, ObjectState]] = {}
         self._received_at = time.monotonic()
-        self._received = Counter[str]()
         self._source: RobotSource | None = None
         sources = map(domain.source, domain.objects)
         self._sources = ObjectSources(node, sources, self._take_object, self._reject, self._tf, frame=frame)
@@ -93,11 +84,9 @@ class WorldMonitor:
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
         self._newest, self._received_at = (stamp, robot), time.monotonic()
-        self._received[_ROBOT] += 1
 
     def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:
         self._objects[name] = stamp, there
-        self._received[name] += 1
 
     def _reject(self, _: str, error: MessageError) -> None:
         self.warn(f"ignored: {error}")
@@ -115,17 +104,9 @@ class WorldMonitor:
         if self._newest is None:
             return None
         now, robot = self._newest
-        recent = list(self._objects.items())
-        objects = {name: there for name, (stamp, there) in recent if abs(now - stamp) < _OBJECT_TIMEOUT}
+        known = self._objects.items()
+        objects = {name: there for name, (stamp, there) in known if abs(now - stamp) < _OBJECT_TIMEOUT}
         return World(now, robot, objects)
-
-    def expect_messages(self) -> None:
-        """Count messages from now on, for `is_fresh`."""
-        self._received.clear()
-
-    def is_fresh(self, names: Iterable[str]) -> bool:
-        """Return whether robot and objects were surely observed after `expect_messages`."""
-        return all(self._received[name] >= _FRESH for name in (_ROBOT, *names))
 
 
 class GoalMonitor:
@@ -147,7 +128,7 @@ class GoalMonitor:
         self.path: FloatArray | None = None
         self._own_runs: dict[str, Run] = {}
         self._active = ("", Run(OTHERS, ended=True))
-        self._is_new, self._last_status = True, (0.0, 0.0)
+        self._there_at = time.monotonic()  # when an executor was last there
         self._status = node.create_subscription(ChainPerformance, "chain_under_way", self._take, LATCHED)
         node.create_subscription(ChainPerformance, "performance/chain", self._take_record, LATCHED_BY_MANY)
         node.create_subscription(Path, "planned_path", self._take_path, LATCHED)
@@ -155,7 +136,7 @@ class GoalMonitor:
     def expect(self, chain_id: str, run: Run) -> None:
         """Follow a goal that this client is about to send, and keep `run` up to date."""
         self._own_runs[chain_id] = run
-        self._active, self._is_new = (chain_id, run), True
+        self._active = chain_id, run
 
     @property
     def active_goal(self) -> str | None:
@@ -177,7 +158,7 @@ class GoalMonitor:
                 self._world.warn(f"chain_under_way: ignored: {error}")
                 return
         if not run.ended:
-            self._active, self._is_new = (message.chain_id, run), True
+            self._active = message.chain_id, run
             _update(run, message)
 
     def _external_goal(self, message: ChainPerformance, run: Run) -> ExternalGoal:
@@ -215,19 +196,11 @@ class GoalMonitor:
         self.path = np.array(places) if places and np.isfinite(places).all() else None
 
     def watch(self) -> None:
-        """End the active run as lost if its executor has gone, or has published no status for too long.
-
-        While the stamps of the robot's state stand still no status is expected.
-        """
-        world = self._world.world()
-        stamp = 0.0 if world is None else world.time
-        _, run = self._active
+        """End the active run as lost if its executor has gone."""
         now = time.monotonic()
-        if self._is_new:
-            self._is_new, self._last_status = False, (now, stamp)
-        silence, missed = now - self._last_status[0], stamp - self._last_status[1]
-        is_there = self._node.count_publishers(self._status.topic_name) > 0
-        if not run.ended and silence > _CHAIN_TIMEOUT and (missed > _CHAIN_TIMEOUT or not is_there):
+        if self._node.count_publishers(self._status.topic_name):
+            self._there_at = now
+        elif now - self._there_at > _GONE:
             self.lose()
 
     def lose(self) -> None:
@@ -309,7 +282,6 @@ class RosBackend(GoalMonitor):
         self._settings = node.create_client(GetParameters, "executor/get_parameters")
         self._server = ActionClient(node, ExecuteChain, "execute_chain")
         self._cancel = node.create_client(CancelGoal, "execute_chain/_action/cancel_goal")
-        client.start()
 
     def ready(self, *, simulated: bool) -> None:
         """Wait for refinement and executor, and if `simulated` for the simulation.
@@ -322,7 +294,8 @@ class RosBackend(GoalMonitor):
         self._client.until(self._refinement.service_is_ready, f"the service {self._refinement.srv_name}")
         self._client.until(self._server.server_is_ready, "the action execute_chain")
         self._world.follow_robot(self._robot_settings())
-        self.can_place = simulated or self._simulation.is_available(_DISCOVERY)
+        self._client.spin(_DISCOVERY)
+        self.can_place = self._simulation.is_available()
         node = self._client.node
         nodes = node.get_node_names_and_namespaces()
         self._is_shared = ("simulation", node.get_namespace()) not in nodes and ("simulation", "/") in nodes
@@ -346,6 +319,10 @@ class RosBackend(GoalMonitor):
 
     # State
 
+    def spin(self, seconds: float) -> None:
+        """Take messages for so many real s."""
+        self._client.spin(seconds)
+
     def world(self) -> World | None:
         """Return the newest state; objects that are no longer observed are not in it."""
         return self._world.world()
@@ -360,12 +337,9 @@ class RosBackend(GoalMonitor):
         """Ask the node `refinement`; values of open variables are placeholders, unless `as_given`."""
         if not self._refinement.service_is_ready():
             raise UnavailableError(f"expected the service {self._refinement.srv_name}, it is not there")
-        chain, *others = self._chains(draft)
         request = RefineSubgoal.Request(
             situation=situation_of(draft.world, frame=self._frame),
-            chain=chain,
-            objective=objective_of(draft.objective),
-            alternatives=others,
+            chain=self._chain(draft),
             want_curve=True,
             as_given=as_given,
         )
@@ -381,14 +355,10 @@ class RosBackend(GoalMonitor):
             tuple(action.duration for action in answer.before_actions),
             tuple(action.duration for action in answer.after_actions),
             tuple(map(_curve_from, answer.curves)),
-            tuple(Candidate(each.predicted.duration, each.cost, each.reason) for each in answer.alternatives),
-            answer.chosen,
         )
 
-    def _chains(self, draft: Draft) -> list[TopChain]:
-        """Write the chain of a draft and its alternatives."""
-        chains = (draft.chain, *draft.alternatives)
-        return [chain_of(chain, action_set=draft.action_set, frame=self._frame) for chain in chains]
+    def _chain(self, draft: Draft) -> TopChain:
+        return chain_of(draft.chain, action_set=draft.action_set, frame=self._frame)
 
     # Simulation
 
@@ -407,12 +377,8 @@ class RosBackend(GoalMonitor):
         """
         paused = False
         try:
-            placed = self._simulation.place(world)
-            self._world.expect_messages()  # which the executor then has received, too
-            end = time.monotonic() + _PLACED
-            self._client.until(
-                lambda: self._world.is_fresh(placed) or time.monotonic() > end, "robot and objects"
-            )
+            self._simulation.place(world)
+            self._client.spin(_PLACED)
             paused = not self._is_shared
         finally:
             if not paused:
@@ -438,15 +404,10 @@ class RosBackend(GoalMonitor):
     def _start(self, run: Run, draft: Draft, *, refine: bool) -> None:
         if not self._server.server_is_ready():
             raise NodesError("expected the action execute_chain, it is not there")
-        chain, *others = self._chains(draft)
-        goal = ExecuteChain.Goal(
-            chain=chain, refine=refine, objective=objective_of(draft.objective), alternatives=others
-        )
+        goal = ExecuteChain.Goal(chain=self._chain(draft), refine=refine)
         goal_id = uuid.uuid4()
         self.expect(goal_id.hex, run)
-        future = self._client.in_thread(
-            lambda: self._server.send_goal_async(goal, goal_uuid=_goal_info(goal_id.hex).goal_id)
-        )
+        future = self._server.send_goal_async(goal, goal_uuid=_goal_info(goal_id.hex).goal_id)
         try:
             self._client.until(lambda: run.started or _is_rejected(future), "the status of execute_chain")
         except NodesError:
@@ -479,13 +440,6 @@ def _goal_info(chain_id: str) -> GoalInfo:
 
 def _is_rejected(future: Future) -> bool:
     return future.done() and not future.result().accepted
-
-
-def objective_of(objective: Objective) -> ObjectiveMessage:
-    """Write an objective; a measure that it does not name has weight 0, and -1 leaves it to the node."""
-    names = ObjectiveMessage.get_fields_and_field_types()
-    weights = {name: float(objective.weights.get(name, 0.0)) for name in names}
-    return ObjectiveMessage(**weights | dict.fromkeys(objective.where_predicted, -1.0))
 
 
 def _curve_from(curve: SearchCurve) -> SubgoalCurve:

@@ -181,7 +181,7 @@ def all_nodes(
 
 
 class Client:
-    """A node in this process, spun by a thread, that checks `nodes` while it waits."""
+    """A node in this process that checks `nodes` while it waits."""
 
     def __init__(self, nodes: NodeProcesses, objects: Sequence[str]) -> None:
         self._domain = nodes.domain
@@ -193,7 +193,6 @@ class Client:
         self._placing = SimulationClient(self._own, objects)
         self._refine = node.create_client(RefineSubgoal, "refine_subgoal")
         self._server = ActionClient(node, ExecuteChain, "execute_chain")
-        self._own.start()
 
     def _on_odometry(self, message: Odometry) -> None:
         _, robot = robot_from(message, frame=FRAME)
@@ -227,10 +226,8 @@ class Client:
         """Execute a chain, log its path in `path`, and return the record."""
         feedback: list[Any] = []
         goal = ExecuteChain.Goal(chain=chain, refine=refine)
-        future = self._own.in_thread(
-            lambda: self._server.send_goal_async(goal, feedback_callback=feedback.append)
-        )
-        ended = self._own.in_thread(self._own.answer(future, "the goal").get_result_async)
+        future = self._server.send_goal_async(goal, feedback_callback=feedback.append)
+        ended = self._own.answer(future, "the goal").get_result_async()
         # Time continues when the executor has started, as a simulation at full speed does not wait for it.
         self._own.until(lambda: bool(feedback) or ended.done(), "feedback")
         self.path.clear()

@@ -107,7 +107,7 @@ def serve(
         closing.callback(page.close)
         address = f"http://{host}:{page.server.get_port()}"
         print(f"view: open {address} in a browser; Ctrl-C ends it", flush=True)
-        _loop(editor, page, check)
+        _loop(editor, page, check, list(backends.values()))
 
 
 def _models(folder: str, domain: Domain, robot: Robot) -> Mapping[str, Mapping[str, PerformanceModel]]:
@@ -120,14 +120,13 @@ def _models(folder: str, domain: Domain, robot: Robot) -> Mapping[str, Mapping[s
     return found
 
 
-def _loop(editor: Editor, page: Page, check: Callable[[], None]) -> None:
-    due = time.monotonic()
+def _loop(editor: Editor, page: Page, check: Callable[[], None], backends: Sequence[RosBackend]) -> None:
     while True:
         check()
+        for backend in backends:
+            backend.spin(_PERIOD / len(backends))
         editor.step(page.take_commands())
         page.update(time.monotonic())
-        due = max(due + _PERIOD, time.monotonic())
-        time.sleep(max(0.0, due - time.monotonic()))
 
 
 def arguments() -> argparse.ArgumentParser:

@@ -36,18 +36,6 @@ class UnavailableError(NodesError):
     """A node that is needed is not running, but may start later."""
 
 
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """One of several chains for the same end: predicted duration in s, cost, and the reason.
-
-    Both numbers are NaN if the chain was skipped.
-    """
-
-    duration: float
-    cost: float
-    reason: str
-
-
 @dataclass(frozen=True, eq=False)
 class Answer:
     """The answer of refinement: the naive chain, and the one to execute, which differs if it is `refined`.
@@ -58,10 +46,6 @@ class Answer:
         Why the chain was refined or left unchanged: the gate's words.
     before, after : tuple of float
         Predicted durations in s of the steps of `naive`, and of the best chain found; NaN without a model.
-    candidates : tuple of Candidate
-        The chain and its alternatives, in their order; empty without alternatives.
-    chosen : int
-        The number, from 0, of the candidate that all other fields are about.
     """
 
     naive: TopChain
@@ -71,8 +55,6 @@ class Answer:
     before: tuple[float, ...] = ()
     after: tuple[float, ...] = ()
     curves: tuple[SubgoalCurve, ...] = ()
-    candidates: tuple[Candidate, ...] = ()
-    chosen: int = 0
 
 
 @dataclass
@@ -203,7 +185,7 @@ class ExecutedChain:
 
 
 class History:
-    """Executed chains, the newest last; one thread may add while another reads."""
+    """Executed chains, the newest last."""
 
     def __init__(self) -> None:
         self._chains: deque[tuple[ExecutedChain, float]] = deque(maxlen=_MOST)

@@ -10,8 +10,6 @@ from collections.abc import Callable, Mapping
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.trials import open_speeds, random_trial
 from ator_ros.geometry import Pose
-from ator_ros.refinement.objective import Objective, expected_time
-from ator_ros.refinement.refiner import MOST_ALTERNATIVES
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import LeftOutError, TopLibrary
 from ator_ros.tops.objects import followed
@@ -25,21 +23,16 @@ _SAME_PLACE = 0.15  # m up to which a goal counts as lying at an object that its
 class Draft:
     """A start, everything at rest, and a plan with open variables; each change makes a new draft.
 
-    `action_set` executes the plan, and refinement minimizes the `objective`. `alternatives` are other chains
-    for the same end, of which refinement may choose one.
+    `action_set` executes the plan.
     """
 
     world: World
     chain: TopChain
     action_set: str
-    objective: Objective = dataclasses.field(default_factory=Objective)
-    alternatives: tuple[TopChain, ...] = ()
 
     def _with_calls(self, change: Callable[[TopCall], TopCall]) -> Draft:
-        """Return the draft with each call of each chain changed."""
-        chains = (self.chain, *self.alternatives)
-        chain, *others = (TopChain(tuple(change(call) for call in each.calls)) for each in chains)
-        return dataclasses.replace(self, chain=chain, alternatives=tuple(others))
+        """Return the draft with each call changed."""
+        return dataclasses.replace(self, chain=TopChain(tuple(map(change, self.chain.calls))))
 
     def with_robot(self, pose: Pose) -> Draft:
         """Return the draft with the robot standing at `pose`."""
@@ -93,22 +86,6 @@ class Draft:
 
         return dataclasses.replace(self._with_calls(executed), action_set=library.action_set)
 
-    def with_weight(self, measure: str, weight: float) -> Draft:
-        """Return the draft with the weight of a measure; raises RefinementError if all would be 0."""
-        before = self.objective
-        weights, optional = {**before.weights, measure: weight}, before.where_predicted - {measure}
-        objective = dataclasses.replace(before, weights=weights, where_predicted=optional)
-        return dataclasses.replace(self, objective=objective)
-
-    def with_alternative(self) -> Draft:
-        """Return the draft with its chain, as it is now, as one more alternative; the newest are kept."""
-        kept = dict.fromkeys((*self.alternatives, self.chain))
-        return dataclasses.replace(self, alternatives=tuple(kept)[-MOST_ALTERNATIVES:])
-
-    def without_alternatives(self) -> Draft:
-        """Return the draft without alternatives."""
-        return dataclasses.replace(self, alternatives=())
-
     @property
     def movable_goals(self) -> Mapping[int, Pose]:
         """The goals that can be moved by themselves, by step: those that lie at no object."""
@@ -132,17 +109,15 @@ def situation_draft(
     *,
     seed: int,
     index: int,
-    like: Draft | None = None,
+    action_set: str = "",
 ) -> Draft:
-    """Return the draft of a random situation of a chain of the domain.
+    """Return the draft of a random situation of a chain of the domain, `seed` and `index` say which.
 
-    `seed` and `index` say which situation. Action set and objective are those of `like`; by default the first
-    set, and the expected time.
+    Without an action set it has the first one.
     """
-    library = next(iter(libraries.values())) if like is None else libraries[like.action_set]
+    library = libraries[action_set or next(iter(libraries))]
     trial = random_trial(domain, chain, library, seed=seed, index=index)
-    objective = expected_time(domain.time_limit) if like is None else like.objective
-    return Draft(trial.world, open_speeds(trial.chain), library.action_set, objective)
+    return Draft(trial.world, open_speeds(trial.chain), library.action_set)
 
 
 def first_draft(domain: Domain, libraries: Mapping[str, TopLibrary]) -> tuple[str, Draft]:

@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
-from ator_ros.refinement import RefinementError
 from ator_ros.tops.library import TopLibrary
 from ator_ros.view.backend import OTHERS, Answer, Backend, NodesError, Run, UnavailableError
 from ator_ros.view.draft import Draft, first_draft, situation_draft
@@ -55,7 +54,9 @@ class Editor:
         name = chain or self.chain_name
         seed = self.seed if seed is None else seed
         index = self.index if index is None else index
-        draft = situation_draft(self.domain, self.libraries, name, seed=seed, index=index, like=self.draft)
+        draft = situation_draft(
+            self.domain, self.libraries, name, seed=seed, index=index, action_set=self.draft.action_set
+        )
         self.chain_name, self.seed, self.index = name, seed, index  # after this, it exists
         self._go_to(draft)
 
@@ -205,7 +206,7 @@ class Editor:
             return
         except LookupError:  # another client has changed the chain
             self.problem = "expected a step, variable, chain or action set that exists"
-        except (NodesError, RefinementError, ValueError) as error:
+        except (NodesError, ValueError) as error:
             self.problem = str(error)
         self.edition += 1
         self._waiting.clear()
@@ -221,7 +222,7 @@ class Editor:
             return
         self._external, self.runs = state, [goal.run]
         self._displaced, self._follows, self._followed = False, True, -math.inf
-        self.draft, self._stale = dataclasses.replace(goal.draft, objective=self.draft.objective), False
+        self.draft, self._stale = goal.draft, False
         self._refine(as_given=goal.driven and not goal.refined)
         chain = goal.draft.chain
         if self.answer is None:  # it is drawn without predictions
@@ -259,7 +260,7 @@ class Editor:
         self.paused, self._displaced, self._follows = False, True, False
         self.runs.append(run)
         refine = run.label == REFINED
-        naive = dataclasses.replace(self.draft, chain=self.answer.naive, alternatives=())
+        naive = dataclasses.replace(self.draft, chain=self.answer.naive)
         try:
             self.backend.execute(run, self.draft if refine else naive, refine=refine)
         except NodesError:

@@ -15,14 +15,12 @@ import viser
 from ator_ros.geometry import Pose
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.refinement.chain_prediction import chain_situations
-from ator_ros.refinement.objective import MEASURES, MOST_WEIGHT
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.view.backend import OTHERS, Answer, Backend, Run, plain, seconds
-from ator_ros.view.draft import Draft
 from ator_ros.view.editor import NAIVE, REFINED, Editor
 from ator_ros.view.scene import LOOPBACK, Canvas, Handle, RobotModel, serve
-from ator_ros.view.shapes import BLUE, ORANGE, YELLOW, Shape, alternative_shapes, polyline, refinement_shapes
+from ator_ros.view.shapes import BLUE, ORANGE, YELLOW, Shape, polyline, refinement_shapes
 from ator_ros.world.state import World
 
 Commands = SimpleQueue[Callable[[], None]]
@@ -122,9 +120,9 @@ class Page:
     def _show_chain(self) -> None:
         draft, answer = self._editor.draft, self._editor.answer
         start = draft.world.robot.pose
-        shapes: list[Shape] = [*alternative_shapes(start, draft.alternatives)]
+        shapes: list[Shape] = []
         if answer is not None:
-            shapes += refinement_shapes(start, answer.naive, answer.chain, answer.curves)
+            shapes = refinement_shapes(start, answer.naive, answer.chain, answer.curves)
         self._chain.draw(shapes)
         self._panel.show_draft()
 
@@ -195,14 +193,7 @@ def gate_text(answer: Answer | None, problem: str) -> str:
         return f"**not refined:** {plain(problem)}"
     if answer is None:
         return "no chain"
-    text = f"**{'refined' if answer.refined else 'left alone'}:** {plain(answer.reason)}"
-    rows = [
-        f"- {'**chosen:** ' if number == answer.chosen else ''}"
-        f"{f'alternative {number}' if number else 'the chain'} "
-        f"{seconds(each.duration)} s, cost {seconds(each.cost)} s ({plain(each.reason)})"
-        for number, each in enumerate(answer.candidates)
-    ]
-    return "\n".join([text, "", *rows]) if rows else text
+    return f"**{'refined' if answer.refined else 'left alone'}:** {plain(answer.reason)}"
 
 
 def rules_text(world: World, chain: TopChain, robot: Robot, models: Mapping[str, PerformanceModel]) -> str:
@@ -256,11 +247,6 @@ class Panel:
         with gui.add_folder("Situation", expand_by_default=editor.backend.can_place):
             self._seed = self._situation()
         self._open_variables = gui.add_folder("Open variables")
-        with gui.add_folder("What counts", expand_by_default=False):
-            self._objective()
-        with gui.add_folder("Alternatives", expand_by_default=False):
-            self._button("Keep this chain as an alternative", lambda: editor.edit(Draft.with_alternative))
-            self._button("Forget alternatives", lambda: editor.edit(Draft.without_alternatives))
         with gui.add_folder("Rules of the models", expand_by_default=False):
             self._rules = gui.add_markdown("")
 
@@ -276,13 +262,6 @@ class Panel:
         sets = gui.add_dropdown("Actions", tuple(editor.libraries), initial_value=editor.draft.action_set)
         self._on_change(sets, editor.use_actions)
         return seed
-
-    def _objective(self) -> None:
-        for name, measure in MEASURES.items():
-            label = name if measure.unit == "s" else f"{name} (s per {measure.unit})"
-            weight = self._editor.draft.objective.weights.get(name, 0.0)
-            field = self._gui.add_number(label, weight, min=0.0, max=MOST_WEIGHT, step=0.1)
-            self._on_change(field, partial(self._set_weight, name))
 
     def show_draft(self) -> None:
         """Show the draft's seed, and a box for each variable that can be opened."""
@@ -305,9 +284,6 @@ class Panel:
                     box = self._gui.add_checkbox(f"{step + 1}. {call.top.name}: {name}", call.opens(name))
                     self._on_change(box, partial(self._set_open, step, name))
                     self._boxes.append((step, name, box))
-
-    def _set_weight(self, measure: str, weight: float) -> None:
-        self._editor.edit(lambda draft: draft.with_weight(measure, weight))
 
     def _set_open(self, step: int, name: str, is_open: bool) -> None:
         self._editor.edit(lambda draft: draft.with_open(step, name, is_open=is_open))

@@ -11,8 +11,8 @@ from process import PATIENCE
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from spin_thread import SpinThread
 
-from ator_ros.nodes.client_node import SpinThread
 from ator_ros.nodes.network import stay_on_this_machine
 
 

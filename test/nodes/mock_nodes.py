@@ -6,6 +6,7 @@ from typing import Any
 
 from nav_msgs.msg import Odometry
 from rclpy.action import ActionServer, GoalResponse
+from ros_client import Client
 from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 
@@ -13,7 +14,6 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_interfaces.srv import PlaceObject, PlaceRobot, RefineSubgoal
 from ator_ros.geometry import Pose
-from ator_ros.nodes.client_node import ClientNode
 from ator_ros.nodes.messages import object_odometry_of, odometry_of
 from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SERVICES
 from ator_ros.nodes.simulation import transform_of
@@ -28,16 +28,16 @@ class MockNodes:
     """Mocks of simulation, refinement, and an executor whose goals never end.
 
     With `from_tf` the robot's state is on tf only, as the executor reports. `accepts` is whether the
-    executor accepts goals, `silent` whether it publishes no chain status.
+    executor accepts goals.
     """
 
     def __init__(self, domain: int, *, from_tf: bool = False) -> None:
         self.paused, self.robot = False, Pose(0.5, 0.25, 1.0)
         self._ball: tuple[float, float] | None = None
         self._time, self._from_tf, self._sign = 0.0, from_tf, 1.0
-        self.accepts = self.silent = False
+        self.accepts = False
         self._goals: list[Any] = []
-        self._own = ClientNode("executor", domain=domain)
+        self._own = Client(domain, name="executor", steers=False, observes=False)
         node = self._own.node
         node.declare_parameter("robot_from", "tf" if from_tf else "odom")
         node.declare_parameter("robot_frame", "base")
@@ -58,11 +58,15 @@ class MockNodes:
         self._tf = node.create_publisher(TFMessage, "/tf", RESULTS)
         self._status = node.create_publisher(ChainPerformance, "chain_under_way", LATCHED)
         node.create_timer(_PERIOD, self._publish)
-        self._own.start()
         self.close = self._own.close
 
+    def vanish(self) -> None:
+        """Stop publishing the status of goals, as an executor that has ended."""
+        self._goals.clear()
+        self._own.within(lambda: self._own.node.destroy_publisher(self._status))
+
     def _publish(self) -> None:
-        for goal in () if self.silent else self._goals:
+        for goal in self._goals:
             name = bytes(goal.goal_id.uuid).hex()
             self._status.publish(ChainPerformance(chain_id=name, outcome=Outcome(reason="executing")))
         self._time += 0.0 if self.paused else _PERIOD

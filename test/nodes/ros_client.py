@@ -13,10 +13,10 @@ from nav_msgs.msg import Odometry
 from process import PATIENCE
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from spin_thread import SpinThread
 
 from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose
-from ator_ros.nodes.client_node import SpinThread
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import NEWEST, SENSOR_DATA
 from ator_ros.nodes.remote_actions import cancel_request_for_unknown_goal
@@ -40,13 +40,14 @@ class Client:
         namespace: str = "",
         frame: str = "odom",
         *,
+        name: str = "test_client",
         steers: bool = True,
         observes: bool = True,
     ) -> None:
         self.domain, self._frame = domain, frame
         self._context = rclpy.Context()
         self._context.init(domain_id=domain)
-        self.node = Node("test_client", namespace=namespace, context=self._context)
+        self.node = Node(name, namespace=namespace, context=self._context)
         self.robots: list[tuple[float, RobotState]] = []
         self.balls: list[tuple[float, ObjectState]] = []
         self._ball = ObjectReader(ObjectSource("ball"), frame)

@@ -83,8 +83,7 @@ def test_an_object_with_stamps_of_another_clock_is_reported(host: Host, client: 
     client.node.create_timer(0.05, lambda: ball.publish(message))
     outcome = ChainClient(client).send(TO_BALL).outcome()
     assert outcome.code == Outcome.INPUT_LOST
-    expected = "ball: /test_client stamps with the wall clock, odometry with simulated time; set use_sim_time"
-    assert expected in outcome.reason
+    assert "messages of /test_client are ignored: ball.header.stamp: expected about " in outcome.reason
 
 
 @pytest.mark.parametrize("rate", [0.2, pytest.param(0.1, marks=pytest.mark.long)])

@@ -19,7 +19,6 @@ from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.performance.model_file import model_path
 from ator_ros.refinement.gate import ThresholdGate, save_gate
-from ator_ros.robot.description import load_robot
 
 pytestmark = pytest.mark.node
 
@@ -61,7 +60,7 @@ def test_the_free_angle_is_refined(service_client: Client) -> None:
     assert response.chain.calls[1] == response.original.calls[1]
     (curve,) = response.curves
     assert list(curve.variables) == ["yaw"]
-    assert len(curve.values) == len(curve.totals) >= 36
+    assert len(curve.values) == len(curve.totals) >= 24
     assert min(curve.totals) >= response.cost_after - 1e-9
 
 
@@ -121,12 +120,10 @@ def test_the_failure_cost_is_the_parameter_unless_requested(
     assert refine(client, request).cost_before == pytest.approx(by_request)
 
 
-def test_diagnostics_list_the_loaded_files(service_client: Client) -> None:
+def test_diagnostics_list_the_models(service_client: Client) -> None:
     health = service_client.listen(DiagnosticArray, "/diagnostics", RESULTS)
     service_client.eventually(lambda: health, "diagnostics")
     values = {value.key: value.value for value in health[-1].status[0].values}
-    assert values["robot digest"] == load_robot().digest()
-    assert len(values["parameters digest"]) == len(values["models digest of default"]) == 16
     assert values["models of default"] == "dribbleBall, goToPose, shoot"
 
 
@@ -145,5 +142,5 @@ def test_markers_of_the_last_search_are_latched(service_client: Client) -> None:
     received = service_client.listen(MarkerArray, "refinement_markers", LATCHED)
     service_client.eventually(lambda: received, "markers")
     markers = received[0].markers
-    assert any(len(marker.points) == len(marker.colors) >= 72 for marker in markers)
+    assert any(len(marker.points) == len(marker.colors) >= 48 for marker in markers)
     assert all(marker.header.frame_id == "odom" for marker in markers)

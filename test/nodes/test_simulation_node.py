@@ -9,9 +9,7 @@ import signal
 from collections.abc import Iterator
 
 import pytest
-from conftest import Host
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from process import Process, Processes
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -28,7 +26,6 @@ from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SENSOR_DATA
-from ator_ros.robot.description import load_robot
 from ator_ros.world.messages import robot_from
 
 pytestmark = pytest.mark.node
@@ -179,27 +176,6 @@ def test_invalid_commands_are_reported_and_move_nothing(
     assert world.robot().pose.distance(START) < 0.02
 
 
-def test_stamped_commands_must_be_of_that_type_and_in_the_robots_frame(
-    host: Host, domain: int, client: Client
-) -> None:
-    node = host("simulation", real_time_factor=5.0, stamped_commands=True)
-    expected = "cmd_vel: expected geometry_msgs/TwistStamped, /test_client publishes geometry_msgs/Twist"
-    client.eventually(lambda: expected in node.output, expected)
-    driver = Client(domain, "driver")  # a topic has one type in a participant
-    commands = driver.node.create_publisher(TwistStamped, "/cmd_vel", NEWEST)
-    message = TwistStamped()
-    message.twist.linear.x = 0.5
-    message.header.frame_id = "moon"
-    expected = "cmd_vel.header.frame_id: expected the frame 'base_link', got 'moon'"
-    try:
-        client.eventually(lambda: commands.publish(message) or expected in node.output, "a warning")
-        assert client.robot().pose.distance(START) < 0.02
-        message.header.frame_id = "base_link"
-        client.eventually(lambda: commands.publish(message) or client.robot().v > 0.1, "the robot drives")
-    finally:
-        driver.close()
-
-
 def test_clock_description_and_health_are_published(world: Client) -> None:
     client = world
     clocks = client.listen(Clock, "/clock", SENSOR_DATA)
@@ -211,9 +187,7 @@ def test_clock_description_and_health_are_published(world: Client) -> None:
     )
     client.eventually(lambda: health and health[-1].status[0].name == "/simulation", "diagnostics")
     values = {value.key: value.value for value in health[-1].status[0].values}
-    assert values["robot digest"] == load_robot().digest()
-    assert len(values["parameters digest"]) == 16
-    assert float(values["longest time between ticks (ms)"]) > 0.0
+    assert float(values["simulated time (s)"]) > 0.0
 
 
 def test_topics_for_rviz_and_robot_state_publisher(world: Client) -> None:

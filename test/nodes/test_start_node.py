@@ -58,7 +58,7 @@ def test_unknown_arguments_end_a_node(ended: Ended) -> None:
     [
         ("executor", {"odom_timeout": "nan"}, "odom_timeout"),
         ("executor", {"odom_timeout": -1.0}, "odom_timeout"),
-        ("executor", {"odom_timeout": 1}, "; write 5.0 for 5"),
+        ("executor", {"odom_timeout": 1}, "odom_timeout"),
         ("executor", {"frame": 3}, "frame"),
         ("executor", {"domain": "chess"}, "domain: expected an entry point of ator_ros.domains, one of ["),
         ("refinement", {"domain": "chess"}, "got 'chess'"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import signal
@@ -9,17 +10,16 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 from ament_index_python.packages import get_package_prefix
-from nav_msgs.msg import Odometry
+from ros_client import Client
 from view.chromium import Chromium, need_browser
 from view.view_camera import canvas_of, red_around, seen_at
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import random_trial
-from ator_ros.nodes.client_node import ClientNode
-from ator_ros.nodes.qos import SENSOR_DATA
+from ator_ros.geometry import Pose
+from ator_ros.world.state import ObjectState
 
 pytestmark = [pytest.mark.node, pytest.mark.long]
 ROBOT = SOCCER.robot()
@@ -27,26 +27,8 @@ START = random_trial(SOCCER, "dribble", SOCCER.library(ROBOT), seed=0, index=0).
 TARGET = (0.5, 1.0)
 
 
-class Watch:
-    """Subscribes to robot and ball."""
-
-    def __init__(self, domain: int) -> None:
-        self._own = ClientNode("watch", domain=domain)
-        self.at: dict[str, tuple[float, float]] = {}
-        for name in ("odom", "ball"):
-            self._own.node.create_subscription(
-                Odometry, name, lambda message, name=name: self._on_odometry(name, message), SENSOR_DATA
-            )
-        self._own.start()
-        self.close = self._own.close
-
-    def _on_odometry(self, name: str, message: Odometry) -> None:
-        place = message.pose.pose.position
-        self.at[name] = (place.x, place.y)
-
-    def off(self, name: str, x: float, y: float) -> float:
-        there = self.at.get(name, (np.inf, np.inf))
-        return float(np.hypot(there[0] - x, there[1] - y))
+def off(pose: Pose | ObjectState, x: float, y: float) -> float:
+    return math.hypot(pose.x - x, pose.y - y)
 
 
 @pytest.fixture(autouse=True)
@@ -75,12 +57,12 @@ def test_the_page_shows_the_robot_drags_the_ball_and_runs_a_race(
     view: tuple[str, int], tmp_path: Path
 ) -> None:
     address, domain = view
-    watch = Watch(domain)
+    watch = Client(domain, steers=False)
     profile = tmp_path / "profile"
     profile.mkdir()
     with Chromium(profile, address) as browser:
         browser.until(lambda: "Race" in browser.text() and "best, predicted" in browser.text(), "the panel")
-        browser.until(lambda: watch.off("odom", *START.robot.pose[:2]) < 0.02, "the robot at its start")
+        browser.until(lambda: off(watch.robot().pose, *START.robot.pose[:2]) < 0.02, "the robot at its start")
         canvas, radius = canvas_of(browser), ROBOT.scene.radius("ball")
         robot = seen_at(ROBOT, (*START.robot.pose[:2], 0.1), canvas)
         elsewhere = seen_at(ROBOT, (0.0, -2.0, 0.1), canvas)
@@ -92,7 +74,7 @@ def test_the_page_shows_the_robot_drags_the_ball_and_runs_a_race(
         browser.drag(
             seen_at(ROBOT, (ball.x, ball.y, radius), canvas), seen_at(ROBOT, (*TARGET, radius), canvas)
         )
-        browser.until(lambda: watch.off("ball", *TARGET) < 0.1, "the ball where it was dragged to")
+        browser.until(lambda: off(watch.ball(), *TARGET) < 0.1, "the ball where it was dragged to")
         browser.until(lambda: browser.text() != before and "refined:" in browser.text(), "new predictions")
 
         browser.press("Race")

@@ -11,10 +11,11 @@ from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement import RefinementError
+from ator_ros.refinement.objective import expected_time
 from ator_ros.refinement.refiner import Refiner, choose
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
-from ator_ros.view.backend import Answer, Candidate, ExternalGoal, History, NodesError, Run
+from ator_ros.view.backend import Answer, ExternalGoal, History, NodesError, Run
 from ator_ros.view.draft import Draft
 from ator_ros.view.editor import Editor
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -70,13 +71,14 @@ class InProcessBackend:
         violations = draft.chain.violations(draft.world, self.robot)
         if violations:
             raise NodesError(violations[0])
-        chains = (draft.chain, *draft.alternatives)
+        objective = expected_time(self.domain.time_limit)
         try:
-            selection = choose(self.refiner, draft.world, chains, draft.objective, placeholders=not as_given)
+            selection = choose(
+                self.refiner, draft.world, (draft.chain,), objective, placeholders=not as_given
+            )
         except RefinementError as error:
             raise NodesError(str(error)) from error
         found = selection.refinement
-        predictions = [each.prediction for each in selection.judged if draft.alternatives]
         return Answer(
             found.original,
             found.chain,
@@ -84,8 +86,6 @@ class InProcessBackend:
             found.reason,
             *(tuple(action["duration"] for action in whole.actions) for whole in (found.before, found.after)),
             found.curves,
-            tuple(Candidate(each.duration, each.cost, "") for each in predictions if each is not None),
-            selection.number,
         )
 
     def place_robot(self, pose: Pose) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 
-import numpy as np
 import pytest
 from view.in_process import InProcessBackend
 
@@ -63,53 +62,10 @@ def test_commitments_are_not_refined(editor: Editor) -> None:
     assert "nothing is open" in editor.answer.reason
 
 
-def test_refinement_uses_the_weights_of_the_panel(editor: Editor, backend: InProcessBackend) -> None:
-    editor.step(
-        [
-            lambda: editor.edit(lambda draft: draft.with_weight("accuracy", 10.0)),
-            lambda: editor.edit(lambda draft: draft.with_weight("duration", 0.5)),
-        ]
-    )
-    expected = {"duration": 0.5, "success": SOCCER.time_limit, "accuracy": 10.0}
-    assert dict(backend.refined[-1].objective.weights) == expected
-    assert editor.problem == ""
-    editor.situation(seed=3)
-    assert dict(editor.draft.objective.weights) == expected
-    for name in expected:
-        editor.step([lambda name=name: editor.edit(lambda draft: draft.with_weight(name, 0.0))])
-    assert "at least one weight above 0" in editor.problem
-    assert sum(editor.draft.objective.weights.values()) > 0.0
-
-
-def test_the_best_alternative_is_chosen_and_executed(editor: Editor, backend: InProcessBackend) -> None:
-    far = editor.draft.chain.calls[1].goal.pose
-    near = Pose(*editor.draft.chain.calls[0].goal.pose[:2], 0.0).ahead(0.6)
-    editor.step([lambda: editor.edit(Draft.with_alternative), lambda: editor.move_goal(1, near)])
-    editor.step([lambda: editor.edit(Draft.with_alternative), lambda: editor.move_goal(1, far)])
-    assert editor.answer is not None
-    durations = [each.duration for each in editor.answer.candidates]
-    assert len(durations) == 3
-    assert editor.answer.chosen == int(np.argmin(durations)) == 2
-    assert editor.answer.chain.calls[1].goal.pose == near
-    editor.execute(REFINED)
-    editor.step()
-    assert backend.executed[0].calls[1].goal.pose == near
-    editor.step([lambda: editor.move_object("ball", Pose(0.3, 0.3, 0.0))])
-    assert {chain.calls[0].goal.pose[:2] for chain in editor.draft.alternatives} == {(0.3, 0.3)}
-    for x in range(8):
-        editor.edit(Draft.with_alternative)
-        editor.move_goal(1, Pose(0.1 * x, 1.0, 0.0))
-    assert len(editor.draft.alternatives) == 7
-    editor.step([lambda: editor.edit(Draft.without_alternatives)])
-    assert editor.answer is not None
-    assert editor.answer.candidates == ()
-
-
 COMMANDS: dict[str, Callable[[Editor], object]] = {
     "an unknown step": lambda editor: editor.move_goal(7, Pose(0.0, 0.0, 0.0)),
     "an unknown action set": lambda editor: editor.use_actions("chess"),
     "a negative seed": lambda editor: editor.situation(seed=-5),
-    "an unknown measure": lambda editor: editor.edit(lambda draft: draft.with_weight("fun", 1.0)),
 }
 
 

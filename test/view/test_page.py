@@ -17,7 +17,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.view.backend import OTHERS, ExternalGoal, Run
-from ator_ros.view.draft import Draft, situation_draft
+from ator_ros.view.draft import situation_draft
 from ator_ros.view.editor import NAIVE, Editor
 from ator_ros.view.page import Page, clock_text, gate_text, rules_text, times_text
 from ator_ros.view.scene import LOOPBACK, serve
@@ -161,12 +161,6 @@ def test_the_panel_shows_times_reason_and_rules_of_the_situation() -> None:
     assert text.count("here time = ") == 2
     predicted = float(text.split("here time = ")[1].split(" ")[0])
     assert predicted == pytest.approx(answer.after[0], abs=0.01)
-    editor.step(
-        [lambda: editor.edit(Draft.with_alternative), lambda: editor.move_goal(1, Pose(3.0, 2.0, 0.0))]
-    )
-    text = gate_text(editor.answer, "")
-    assert "- **chosen:** the chain " in text
-    assert "- alternative 1 " in text
 
 
 def test_the_clock_reports_a_silent_robot() -> None:
