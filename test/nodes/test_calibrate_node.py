@@ -89,10 +89,9 @@ def test_constant_stamps_are_reported(publish: Callable[..., None], domain: int,
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("stamped", [False, True])
-def test_a_description_is_written(start: Start, domain: int, tmp_path: Path, stamped: bool) -> None:
+def test_a_description_is_written(start: Start, domain: int, tmp_path: Path) -> None:
     timing = {"real_time_factor": 5.0, "command_wait": 0.5, "latency": 0.1}
-    start("simulation", **timing, stamped_commands=stamped, ball_start=AWAY)
+    start("simulation", **timing, ball_start=AWAY)
     file = tmp_path / "mine.yaml"
     shipped = str(resource_path("config", "pioneer.yaml"))
     done = calibrate(domain, "--robot", shipped, "--name", "mine", "--out", str(file))

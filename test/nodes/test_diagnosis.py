@@ -6,15 +6,13 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_client import Client
 
-from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.diagnostics import Diagnosis, rival_senders
 from ator_ros.nodes.inputs import Input, TfListener
-from ator_ros.nodes.qos import NEWEST, SENSOR_DATA
+from ator_ros.nodes.qos import SENSOR_DATA
 
 RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -80,23 +78,3 @@ def test_the_cause_of_missing_odometry(client: Client) -> None:
     unfit = cause(qos=RELIABLE)
     assert unfit.startswith("odom: the quality of service of /test_client does not fit: ")
     assert "reliable" in unfit
-
-
-def test_the_cause_of_a_base_that_does_not_follow(client: Client, domain: int) -> None:
-    node, others = client.node, Client(domain, "base", steers=False, observes=False)
-
-    cause = CommandPublisher(node, stamped="false", frame="").cause
-    try:
-        assert "no node subscribes to /cmd_vel in ROS domain " in cause()
-        others.listen(Twist, "/cmd_vel", 10)
-        client.eventually(lambda: cause() == "cmd_vel is received only by /base/test_client", "a base")
-        others.within(lambda: others.node.create_publisher(Twist, "/cmd_vel", NEWEST))
-        client.eventually(
-            lambda: cause() == "cmd_vel: /base/test_client publishes commands as well", "a rival"
-        )
-        others.listen(Twist, "/cmd_vel", QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
-        client.eventually(
-            lambda: "the quality of service of /base/test_client does not fit: " in cause(), "a strict base"
-        )
-    finally:
-        others.close()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 import subprocess
-from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -35,21 +34,16 @@ TOPICS = {
     "/odom": (Odometry, SENSOR_DATA),
     "/cmd_vel": (Twist, SENSOR_DATA),
 }
-DRIVES, TOUR = 3, 18
+TOUR = 21
 
 
-@dataclass(frozen=True)
-class Recording:
-    """A recording with the published records, and those of single drives with pauses between."""
-
-    recorder: Recorder
-    records: list[ActionPerformance]
-    drives: list[ActionPerformance]
+Recording = tuple[Recorder, list[ActionPerformance]]
+"""A recording, and the published records."""
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    """Execute and record single drives, the paper's chain, and a tour."""
+    """Execute and record the paper's chain, and a tour."""
     with free_domain() as domain:
         processes = Processes(domain, tmp_path_factory.mktemp("logs"))
         processes.start("simulation", real_time_factor=10.0, command_wait=1.0)
@@ -57,20 +51,13 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
         client = Client(domain)
         try:
             chains, recorder = ChainClient(client), Recorder(client, TOPICS)
-            drives = [
-                done
-                for goal in tour(DRIVES, seed=31)
-                for done in execute(chains, [goal]).actions
-                if rest(client) is None
-            ]
-            client.place(robot=Pose(-2.0, 0.0, 0.0), ball=(0.0, 0.0))
             execute(chains, chain_of_the_paper())
             client.place(robot=Pose(0.0, 0.0, 0.0), ball=(3.0, 2.0))
             execute(chains, tour(TOUR, seed=32))
         finally:  # a simulation as fast as possible leaves little CPU time for the tests
             client.close()
             processes.kill()
-    return Recording(recorder, chains.actions, drives)
+    return recorder, chains.actions
 
 
 def tour(length: int, *, seed: int) -> list[TopCall]:
@@ -93,12 +80,6 @@ def execute(chains: ChainClient, calls: list[TopCall]) -> ChainPerformance:
     return result.record
 
 
-def rest(client: Client) -> None:
-    """Wait, so that drives are separable even if messages are received late."""
-    ended = client.time()
-    client.eventually(lambda: client.time() > ended + 4.0, "four seconds of rest")
-
-
 def check_places(frame: pd.DataFrame, records: list[ActionPerformance], *, within: float) -> None:
     """Assert that starts and goals of episodes match the records; `within` in m."""
     for row, record in zip(frame.to_dict("records"), records, strict=True):
@@ -109,11 +90,12 @@ def check_places(frame: pd.DataFrame, records: list[ActionPerformance], *, withi
 
 
 def test_records_of_the_executor_are_the_episodes(recording: Recording, tmp_path: Path) -> None:
-    folder = recording.recorder.write(tmp_path / "bag", *TOPICS)
+    recorder, published = recording
+    folder = recorder.write(tmp_path / "bag", *TOPICS)
     assert (folder / "metadata.yaml").is_file()
     experience = read_recording(folder, load_robot(), SOCCER)
     for action in ("goToPose", "dribbleBall", "shoot"):
-        records = [record for record in recording.records if record.action == action]
+        records = [record for record in published if record.action == action]
         episodes = experience.of(action)
         assert episodes["duration"].tolist() == [record.actual.duration for record in records]
         assert episodes["success"].all()
@@ -121,7 +103,7 @@ def test_records_of_the_executor_are_the_episodes(recording: Recording, tmp_path
 
 
 def test_the_installed_train_learns_from_the_recording(recording: Recording, tmp_path: Path) -> None:
-    folder = recording.recorder.write(tmp_path / "bag", *TOPICS)
+    folder = recording[0].write(tmp_path / "bag", *TOPICS)
     train = Path(get_package_prefix("ator_ros"), "lib", "ator_ros", "train")
     models = tmp_path / "models"
     ended = subprocess.run(
@@ -130,5 +112,5 @@ def test_the_installed_train_learns_from_the_recording(recording: Recording, tmp
     assert ended.returncode == 0, ended.stderr
     assert "dribbleBall: expected at least 20 episodes" in ended.stderr
     model = load_model(models / "goToPose.json", load_robot(), SOCCER.known_features)
-    assert model.metadata["training"]["episodes"] == DRIVES + TOUR + 1
+    assert model.metadata["training"]["episodes"] == TOUR + 1
     assert str(tmp_path) not in (models / "goToPose.json").read_text(encoding="utf-8")

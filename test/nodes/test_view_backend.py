@@ -230,7 +230,7 @@ def execute_two_robots(ann: RosBackend, bob: RosBackend) -> None:
     editor.execute(NAIVE)
     steps(editor, lambda: bool(editor.runs) and editor.runs[-1].ended, "bob's chain")
     assert editor.runs[-1].duration > 0.0, editor.runs[-1].status
-    steps(editor, lambda: bob.history.report().startswith("1 chains"), "bob's record")
+    steps(editor, lambda: bob.history.report().startswith("1 chains"), "bob's record", ann)
     assert ann.history.report().startswith("1 chains")
 
 

@@ -101,18 +101,6 @@ class Chromium:
         for kind, buttons in (("mouseMoved", 0), ("mousePressed", 1), ("mouseReleased", 1)):
             self._mouse(kind, (place[0], place[1]), buttons)
 
-    def drag(self, start: tuple[float, float], end: tuple[float, float], *, steps: int = 20) -> None:
-        """Drag with the left button from one point of the page (pixels) to another, in about 2 s."""
-        self._mouse("mouseMoved", start, 0)
-        time.sleep(0.3)
-        self._mouse("mousePressed", start, 1)
-        for step in range(1, steps + 1):
-            share = step / steps
-            place = (start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1]))
-            self._mouse("mouseMoved", place, 1)
-            time.sleep(0.08)
-        self._mouse("mouseReleased", end, 0)
-
     def _mouse(self, kind: str, place: tuple[float, float], buttons: int) -> None:
         self.call(
             "Input.dispatchMouseEvent",
