@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import os
+import random
 from collections.abc import Iterator, MutableMapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,9 +14,8 @@ RANGE, THIS_MACHINE = "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 _OPEN = ("SUBNET", "SYSTEM_DEFAULT")
 _ELSEWHERE = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
-_DOMAINS = range(1, 101)
+_DOMAINS = 100
 _FIRST_PORT, _PORTS = 7400, 250  # UDP ports of domain 0, and of each domain, in the DDS standard
-_numbers = itertools.count(37 * os.getpid())  # processes started one after the other begin far apart
 
 
 def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:
@@ -35,18 +34,15 @@ def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:
 def free_domain() -> Iterator[int]:
     """Reserve a ROS domain (1 to 100) without nodes on this machine, neither the caller's nor a recent one.
 
-    Nodes that were killed stay in the graph for up to 20 s, and rclpy counts their servers: on the domain
-    of a run that has just ended, a client may wait for a server that is there, or call one that is gone.
     RuntimeError is raised if all domains are reserved or have nodes.
     """
     import domain_coordinator
 
-    callers, used = os.environ.get("ROS_DOMAIN_ID"), domains_in_use()
-    free = [domain for domain in _DOMAINS if domain not in used and str(domain) != callers]
+    used = {*domains_in_use(), int(os.environ.get("ROS_DOMAIN_ID") or 0)}
+    free = [domain for domain in range(1, _DOMAINS + 1) if domain not in used]
     if not free:
         raise RuntimeError("ROS domain: expected one from 1 to 100 without nodes, got nodes in all of them")
-    turns = (_DOMAINS[number % len(_DOMAINS)] for number in _numbers)
-    reserved = domain_coordinator.domain_id(lambda: next(domain for domain in turns if domain in free))
+    reserved = domain_coordinator.domain_id(lambda: random.choice(free))
     domain = reserved.__enter__()
     try:
         yield domain

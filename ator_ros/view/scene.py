@@ -35,13 +35,6 @@ _OPACITY = 0.35
 # The server
 
 
-def camera_over(robot: Robot) -> tuple[tuple[float, float, float], tuple[float, float, float], float]:
-    """Return where a new client's camera is and looks at (m from the center), and its angle of view."""
-    area = robot.scene.area
-    look_at = (0.0, -0.05 * area.width, 0.0)
-    return (0.0, -0.75 * area.width, _CAMERA_HEIGHT * area.length), look_at, math.radians(50.0)
-
-
 class _Server(viser.ViserServer):
     """A server that no client can have forwarded to the internet."""
 
@@ -63,12 +56,13 @@ def serve(domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 808
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a browser that disconnects is no error
     with contextlib.redirect_stdout(io.StringIO()):  # viser prints a banner
         server = _Server(host=host, port=port, label="ator_ros", verbose=False)
-    area, (position, look_at, fov) = robot.scene.area, camera_over(robot)
+    area = robot.scene.area
     server.scene.set_up_direction("+z")
     server.gui.configure_theme(show_logo=False, show_share_button=False)
     server.gui.main_panel.dock_right()
     camera = server.initial_camera
-    camera.position, camera.look_at, camera.fov = position, look_at, fov
+    camera.position = (0.0, -0.75 * area.width, _CAMERA_HEIGHT * area.length)
+    camera.look_at, camera.fov = (0.0, -0.05 * area.width, 0.0), math.radians(50.0)
     size = (area.length + 2.0 * area.margin, area.width + 2.0 * area.margin, 0.02)
     server.scene.add_box(
         "/floor", color=_FLOOR, dimensions=size, position=(0.0, 0.0, -0.01), cast_shadow=False

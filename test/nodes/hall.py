@@ -94,10 +94,6 @@ class Hall:
         self._server = self.client.within(lambda: Server(self.client.node, **options))
         return self._server
 
-    def track(self, x: float, y: float) -> None:
-        """Publish this position of the cart from now on."""
-        self.base.cart = (x, y)
-
     def close(self) -> None:
         """Stop base and server."""
         self.base.close()

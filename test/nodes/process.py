@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -92,7 +91,6 @@ class Processes:
     def __init__(self, domain: int, logs: Path) -> None:
         self._domain, self._logs = domain, logs
         self._started: list[Process] = []
-        self._programs: list[subprocess.Popen[bytes]] = []
 
     def start(
         self,
@@ -116,18 +114,8 @@ class Processes:
         self._started.append(Process(name, log, self._domain, arguments, environment))
         return self._started[-1]
 
-    def program(self, file: str, *arguments: str) -> subprocess.Popen[bytes]:
-        """Start a Python program of this folder on the same domain."""
-        environment = {**os.environ, "ROS_DOMAIN_ID": str(self._domain)}
-        command = [sys.executable, str(Path(__file__).with_name(file)), *arguments]
-        self._programs.append(subprocess.Popen(command, env=environment))
-        return self._programs[-1]
-
     def kill(self) -> None:
         """Kill all of them."""
-        for program in self._programs:
-            program.kill()
-            program.wait()
         for process in self._started:
             process.kill()
         LOGS.clear()

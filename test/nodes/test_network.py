@@ -13,7 +13,14 @@ from process import Process
 from ros_client import Client
 from selection import few
 
-from ator_ros.nodes.network import PROFILES, RANGE, THIS_MACHINE, free_domain, stay_on_this_machine
+from ator_ros.nodes.network import (
+    PROFILES,
+    RANGE,
+    THIS_MACHINE,
+    domains_in_use,
+    free_domain,
+    stay_on_this_machine,
+)
 
 LOOPBACK = "127.0.0.1"
 NODES = {"simulation": "simulating", "executor": "ready for chains", "refinement": "refining chains"}
@@ -80,8 +87,9 @@ def test_other_settings_restrict_discovery_to_this_machine(settings: dict[str, s
 
 def test_a_free_domain_is_unused_and_differs_from_the_callers(monkeypatch: pytest.MonkeyPatch) -> None:
     with free_domain() as own, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        node = own % 100 + 1  # the next candidate
+        node = own % 100 + 1
         other.bind(("127.0.0.1", 7400 + 250 * node + 200))  # one of its ports
+        assert node in domains_in_use()
         monkeypatch.setenv("ROS_DOMAIN_ID", str(node % 100 + 1))
         with free_domain() as domain:
             assert domain not in (own, node, node % 100 + 1)
