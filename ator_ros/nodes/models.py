@@ -94,7 +94,7 @@ class LearnedSets(Generic[User]):
                 self._source, place = f"learned set {self._manifest.digest}", self._seen
             except FileError as error:
                 self._log_failure(error)
-        node.get_logger().info("loading models and code; the first start compiles it for some seconds")
+        node.get_logger().info("loading models; the first start compiles code, which may take a minute")
         self.present = self._load(place)
         if self._folder is not None:
             node.create_timer(_PERIOD, self._look, clock=STEADY)
