@@ -41,39 +41,18 @@ _FIRST = 5.0  # real s to wait for odometry
 _STOPS = 10  # commands to stop at the end, in case some are lost
 
 
-def calibrate(
-    *,
-    robot: Path | None,
-    out: Path,
-    name: str | None,
-    v: float | None,
-    w: float | None,
-    space: float,
-    stamped: str,
-    frame: str,
-    words: Sequence[str],
-) -> None:
+def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
     """Drive a base over ROS, and write a description with the estimated limits and lag.
 
-    Parameters
-    ----------
-    robot : Path or None
-        Description whose sizes are kept; None: the shipped one.
-    name : str or None
-        Name of the robot; None: that of `robot`.
-    v, w : float or None
-        Greatest commands in m/s and rad/s; None: 1.5 times the limits of `robot`.
-    space : float
-        Free space ahead in m.
-    stamped, frame, words
-        As for `drive_over_ros`.
+    `options` are those of `arguments`, `words` the whole command line with arguments for ROS.
     """
-    template = load_robot(robot)
+    template = load_robot(options.robot)
     limits = template.limits
-    drive = ProbeDrive(v=v or _FASTER * limits.v, w=w or _FASTER * limits.w, space=space)
-    samples = drive_over_ros(drive, words, stamped=stamped, frame=frame)
+    fastest = {"v": options.v or _FASTER * limits.v, "w": options.w or _FASTER * limits.w}
+    drive = ProbeDrive(**fastest, space=options.space)
+    samples = drive_over_ros(drive, words, stamped=options.stamped, frame=options.frame)
     estimate = identify(samples)
-    found = described(dataclasses.replace(template, name=name or template.name), estimate)
+    found = described(dataclasses.replace(template, name=options.name or template.name), estimate)
     lines = report(estimate)
     if found.wheel_torque != template.wheel_torque:
         lines.append(
@@ -81,11 +60,11 @@ def calibrate(
         )
     comments = [f"# {line}" for line in ("Written by:", portable_command("calibrate", words), *lines)]
     write_text(
-        out,
+        options.out,
         "\n".join(comments) + "\n" + yaml.safe_dump({**header(KIND), **found.sections()}, sort_keys=False),
     )
-    load_robot(out)  # raises ConfigError where an estimate is not plausible
-    print("\n".join((*lines, f"written to {out}")))
+    load_robot(options.out)  # raises ConfigError where an estimate is not plausible
+    print("\n".join((*lines, f"written to {options.out}")))
 
 
 def described(template: Robot, estimate: BaseEstimate) -> Robot:
@@ -253,4 +232,4 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     options = arguments().parse_args(remove_ros_args(["calibrate", *words])[1:])
-    return guarded("calibrate", lambda: calibrate(**vars(options), words=words))
+    return guarded("calibrate", lambda: calibrate(options, words))

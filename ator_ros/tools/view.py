@@ -44,20 +44,8 @@ _EXECUTED = {"odom_timeout": 60.0}
 """Real s, the greatest allowed: a chain may be paused for so long."""
 
 
-def serve(
-    *,
-    domain: str = "",
-    robot: str = "",
-    models: str = "",
-    host: str = "127.0.0.1",
-    port: int = 8080,
-    attach: bool = False,
-    robots: Sequence[str] = (),
-    frame: str | None = None,
-    real_time_factor: float = 1.0,
-    words: Sequence[str] = (),
-) -> None:
-    """Serve the page until KeyboardInterrupt; `words` are ROS arguments, all others as of the command line.
+def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
+    """Serve the page until KeyboardInterrupt; `options` are those of `arguments`, `words` ROS arguments.
 
     Raises
     ------
@@ -70,42 +58,42 @@ def serve(
         from ator_ros.view.page import Page
     except ImportError as error:
         raise NodesError(f"{error}: docs/install.md says how to install it") from error
-    found = domain_for(domain, robot)
+    found = domain_for(options.domain, options.robot)
     if not found.chains:
         raise DomainError(f"domain: expected one with chains, got {found.name}, which has none")
-    body = found.robot(robot or None)
-    source = ToolsetSource(domain=domain or found.name, robot=robot, models=models)
+    body = found.robot(options.robot or None)
+    source = ToolsetSource(domain=options.domain or found.name, robot=options.robot, models=options.models)
     number, check = None, lambda: None
     with contextlib.ExitStack() as closing:
-        if attach:
+        if options.attach:
             stay_on_this_machine(os.environ)
         else:
-            nodes = closing.enter_context(all_nodes(real_time_factor, source, _SIMULATED, _EXECUTED))
+            nodes = closing.enter_context(all_nodes(options.real_time_factor, source, _SIMULATED, _EXECUTED))
             number, check = nodes.domain, nodes.check
             print(f"view: three nodes start on ROS domain {number} …", flush=True)
         backends: dict[str, RosBackend] = {}
-        for name in dict.fromkeys(robots or [""]):
+        for name in dict.fromkeys(options.robots or [""]):
             space = ["--ros-args", "-r", f"__ns:=/{name}"] if name else []
             backends[name] = RosBackend(
                 found,
                 body,
-                frame=frame or (f"{name}/odom" if name else "odom"),
+                frame=options.frame or (f"{name}/odom" if name else "odom"),
                 ros_domain=number,
                 arguments=[*words, *space],
                 check=check,
             )
             closing.callback(backends[name].close)
         for backend in backends.values():
-            backend.ready(simulated=not attach)
+            backend.ready(simulated=not options.attach)
         libraries = {name: found.library(body, name) for name in found.action_sets}
         editor = Editor(next(iter(backends.values())), found, libraries)
-        if attach:
+        if options.attach:
             editor.select(editor.backend)  # showing running robots must not move them
-        known = _models(models, found, body)
-        shown = backends if robots else {}
-        page = Page(editor, body, robot_urdf(body), known, robots=shown, host=host, port=port)
+        known = _models(options.models, found, body)
+        shown = backends if options.robots else {}
+        page = Page(editor, body, robot_urdf(body), known, robots=shown, host=options.host, port=options.port)
         closing.callback(page.close)
-        address = f"http://{host}:{page.server.get_port()}"
+        address = f"http://{options.host}:{page.server.get_port()}"
         print(f"view: open {address} in a browser; Ctrl-C ends it", flush=True)
         _loop(editor, page, check, list(backends.values()))
 
@@ -169,6 +157,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def run() -> None:
         with contextlib.suppress(KeyboardInterrupt):  # its usual end
-            serve(**vars(options), words=words[len(own) :])
+            serve(options, words[len(own) :])
 
     return guarded("view", run)

@@ -14,7 +14,7 @@ from outside.delivery import CRUISE, DELIVERY, PASS, VISIT
 from refinement_fakes import FakeModel
 
 from ator_ros.actions.base import Goal
-from ator_ros.actions.goal_variables import GoalVariable, with_values
+from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.domains import domain as domains
 from ator_ros.domains.domain import DomainError
 from ator_ros.experience.collect import collect
@@ -30,10 +30,9 @@ from ator_ros.experience.table import (
 from ator_ros.geometry import Pose
 from ator_ros.performance.model_file import load_model
 from ator_ros.performance.training import direct_of
-from ator_ros.refinement.free_variables import allowed_changes
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tools import train as train_tool
-from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopCall, TopChain
+from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.world.state import RobotState, World
 
@@ -172,18 +171,3 @@ def test_committed_and_bound_values_are_kept() -> None:
     assert answer.not_free[0].reason == (
         "bound by the pre-condition of step 1 (pass): robot.v near goal.cruise"
     )
-
-
-@pytest.mark.parametrize(
-    ("opened", "values", "message"),
-    [
-        ({"cruise"}, {"cruise": 1.2}, "expected a number from 0.2 to 1, got 1.2"),
-        ({"yaw"}, {"cruise": 0.7}, "expected 0.5 as planned, got 0.7"),
-        ({"cruise"}, {"cruise": 0.7, "hurry": 1.0}, "expected the goal variables"),
-    ],
-)
-def test_an_answer_changes_only_open_values(opened: set[str], values: dict[str, float], message: str) -> None:
-    asked = plan(frozenset(opened))
-    answer = asked.with_goal(0, with_values(asked.calls[0].goal, values))
-    with pytest.raises(InvalidChainError, match=rf"step 1 \(visit\): {message}"):
-        allowed_changes(asked, answer, ROBOT, LIBRARY.ranges)
