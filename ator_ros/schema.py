@@ -1,4 +1,4 @@
-"""Files as typed classes: parsed data are structured strictly, and the first field that is wrong is reported.
+"""Files as typed classes: cattrs structures parsed data strictly, and reports the first field that is wrong.
 
 A schema is a dataclass. Its annotations define the fields: numbers are finite, nothing is converted
 silently (no "3" for 3, no true for 1), a union is the first of its types that fits, and `Within`, `OneOf`,
@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterable, Mapping, Sequence, Sized
+from collections.abc import Callable, Iterator, Mapping, Sized
 from dataclasses import MISSING, dataclass, fields, is_dataclass
-from functools import cache
 from types import NoneType, UnionType
 from typing import (
     TYPE_CHECKING,
@@ -26,6 +25,10 @@ from typing import (
     get_origin,
     get_type_hints,
 )
+
+from cattrs import ClassValidationError, Converter, IterableValidationError
+from cattrs.errors import ForbiddenExtraKeysError
+from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, make_mapping_structure_fn, override
 
 from ator_ros.printable import printable, quoted
 
@@ -107,10 +110,10 @@ def structured(data: object, schema: type[T], where: str = "", *, closed: bool =
         It does not fit; the message names the first field that does not.
     """
     try:
-        return cast("T", _structured(data, schema, closed))
-    except _MisfitError as error:
-        path = "".join([where, *error.path]).removeprefix(".")
-        raise SchemaError(f"{printable(path, _LONGEST)}: {error}" if path else str(error)) from error
+        return (_CLOSED if closed else _OPEN).structure(data, schema)
+    except Exception as error:  # cattrs raises groups, schemas raise ValueError
+        path, text = next(_problems(error, where))
+        raise SchemaError(f"{printable(path, _LONGEST)}: {text}" if path else text) from error
 
 
 def unstructured(data: DataclassInstance) -> dict[str, Any]:
@@ -118,16 +121,8 @@ def unstructured(data: DataclassInstance) -> dict[str, Any]:
 
     Fields whose value and default are None are left out.
     """
-    values = [(item, getattr(data, item.name)) for item in fields(data)]
-    return {i.name: _plain(value) for i, value in values if value is not None or i.default is not None}
-
-
-def _plain(value: Any) -> Any:
-    if is_dataclass(value) and not isinstance(value, type):
-        return unstructured(value)
-    if isinstance(value, Mapping):
-        return {name: _plain(item) for name, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+    plain: dict[str, Any] = _OPEN.unstructure(data)
+    return plain
 
 
 def require(holds: bool, name: str, expected: str, value: object) -> None:
@@ -136,16 +131,176 @@ def require(holds: bool, name: str, expected: str, value: object) -> None:
         raise ValueError(f"{name}: expected {expected}; got {quoted(value)}")
 
 
-class _MisfitError(ValueError):
-    """Data that do not fit, with their path, from the outside in."""
+def _problems(error: BaseException, path: str) -> Iterator[tuple[str, str]]:
+    """Yield the errors in an exception group of cattrs, each with its path in the file."""
+    if isinstance(error, ClassValidationError):
+        named, others = error.group_exceptions()
+        for inner, note in named:
+            if not isinstance(inner, KeyError):
+                yield from _problems(inner, f"{path}.{note.name}" if path else note.name)
+        for inner in others:
+            if not isinstance(inner, ForbiddenExtraKeysError):
+                yield from _problems(inner, path)
+        missing = [note.name for inner, note in named if isinstance(inner, KeyError)]
+        unknown = [str(n) for e in others if isinstance(e, ForbiddenExtraKeysError) for n in e.extra_fields]
+        if missing or unknown:
+            found = [f"missing {', '.join(sorted(missing))}"] if missing else []
+            found += [f"unknown {', '.join(sorted(unknown))}"] if unknown else []
+            text = printable(" and ".join(found), _LONGEST)
+            yield path, f"expected the fields {_names_of_fields(error.cl)}; {text}"
+    elif isinstance(error, IterableValidationError):
+        for inner, item in error.group_exceptions()[0]:
+            place = f"[{item.index}]" if isinstance(item.index, int) else f".{item.index}"
+            yield from _problems(inner, path + place)
+    else:
+        yield path, str(error)
 
-    def __init__(self, text: str) -> None:
-        super().__init__(text)
-        self.path: list[str] = []
+
+def _wrong(expected: str, value: object) -> ValueError:
+    """Return the error for an unexpected value."""
+    return ValueError(f"expected {expected}; got {quoted(value)}")
 
 
-def _wrong(expected: str, value: object) -> _MisfitError:
-    return _MisfitError(f"expected {expected}; got {quoted(value)}")
+def _names_of_fields(schema: Any) -> str:
+    """Return the fields of a schema for a message, optional ones in brackets."""
+    needed = [item for item in fields(schema) if item.default is item.default_factory is MISSING]
+    others = sorted(item.name for item in fields(schema) if item not in needed)
+    there = ", ".join(sorted(item.name for item in needed))
+    return f"{there} [{', '.join(others)}]" if others else there
+
+
+def _number(value: Any, _: object = None) -> float:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not abs(value) <= sys.float_info.max:  # an int may be greater, too
+        raise _wrong("a finite number", value)
+    return float(value)
+
+
+def _exactly(kind: type[T], name: str) -> Callable[[object, object], T]:
+    def structure(value: object, _: object) -> T:
+        if type(value) is not kind:
+            raise _wrong(name, value)
+        return value
+
+    return structure
+
+
+def _list(converter: Converter, kind: Any) -> Callable[[object, object], tuple[Any, ...]]:
+    inner: Any = list[get_args(kind)[0]]  # type: ignore[misc]
+
+    def structure(value: object, _: object) -> tuple[Any, ...]:
+        if not isinstance(value, list):
+            raise _wrong("a list", value)
+        return tuple(converter.structure(value, inner))
+
+    return structure
+
+
+def _as(converter: Converter, kind: Any) -> Callable[[object, object], Any]:
+    return lambda value, _: converter.structure(value, kind)
+
+
+def _table(converter: Converter, kind: Any, *, closed: bool) -> Callable[[Any, Any], Any]:
+    inner: Any
+    if is_dataclass(kind):
+        wanted = f"a table with {_names_of_fields(kind)}"
+        # cattrs itself drops Annotated from the annotations of a dataclass.
+        hints = get_type_hints(kind, include_extras=True)
+        hooks: Any = {
+            item.name: override(struct_hook=_as(converter, hints[item.name])) for item in fields(kind)
+        }
+        inner = make_dict_structure_fn(
+            cast("type[Any]", kind),
+            converter,
+            _cattrs_forbid_extra_keys=closed,
+            _cattrs_detailed_validation=True,
+            **hooks,
+        )
+    else:
+        wanted = "a table"
+        inner = make_mapping_structure_fn(kind, converter, dict, detailed_validation=True)
+
+    def structure(value: object, to: object) -> Any:
+        if not isinstance(value, Mapping):
+            raise _wrong(wanted, value)
+        return inner(value, to)
+
+    return structure
+
+
+def _narrowed(converter: Converter, kind: Any) -> Callable[[object, object], Any]:
+    inner, *limits = get_args(kind)
+
+    def structure(value: object, _: object) -> Any:
+        result = converter.structure(value, inner)
+        for limit in limits:
+            if expected := limit.check(result):
+                raise _wrong(expected, value)
+        return result
+
+    return structure
+
+
+def _either(converter: Converter, kind: Any) -> Callable[[object, object], Any]:
+    """Return the hook of a union: the first table with all fields, else the first type that fits."""
+    kinds = [inner for inner in get_args(kind) if inner is not NoneType]
+    tables: list[Any] = [inner for inner in kinds if is_dataclass(inner)]
+
+    def structure(value: object, _: object) -> Any:
+        if value is None and NoneType in get_args(kind):
+            return None
+        if len(kinds) == 1:
+            return converter.structure(value, kinds[0])
+        if tables and isinstance(value, Mapping):
+            suited = [inner for inner in tables if set(value) <= {item.name for item in fields(inner)}]
+            return converter.structure(value, (suited or tables)[0])
+        for inner in kinds:
+            try:
+                return converter.structure(value, inner)
+            except ValueError:
+                continue
+        words = (
+            f"a table with {_names_of_fields(one)}" if one in tables else _WORDS.get(one, "a list")
+            for one in kinds
+        )
+        raise _wrong(" or ".join(words), value)
+
+    return structure
+
+
+def _plain(converter: Converter, kind: Any) -> Callable[[Any], dict[str, Any]]:
+    """Return the hook that turns a dataclass into plain data, without fields that are None by default."""
+    optional = {item.name for item in fields(kind) if item.default is None}
+    whole = make_dict_unstructure_fn(cast("type[Any]", kind), converter)
+
+    def unstructure(data: Any) -> dict[str, Any]:
+        values = whole(data).items()  # cattrs itself would move optional fields to the end
+        return {name: value for name, value in values if value is not None or name not in optional}
+
+    return unstructure
+
+
+def _converter(*, closed: bool) -> Converter:
+    converter = Converter()
+    for kind, hook in _HOOKS.items():
+        converter.register_structure_hook(kind, hook)
+    factories: tuple[tuple[Callable[[Any], bool], Callable[[Any], Any]], ...] = (
+        (lambda kind: get_origin(kind) is tuple, lambda kind: _list(converter, kind)),
+        (
+            lambda kind: get_origin(kind) in (dict, Mapping) or is_dataclass(kind),
+            lambda kind: _table(converter, kind, closed=closed),
+        ),
+        (lambda kind: get_origin(kind) is Annotated, lambda kind: _narrowed(converter, kind)),
+        (
+            lambda kind: get_origin(kind) is Literal,
+            lambda kind: _narrowed(converter, Annotated[str, OneOf(get_args(kind))]),
+        ),
+        (lambda kind: get_origin(kind) in (Union, UnionType), lambda kind: _either(converter, kind)),
+    )
+    for applies, factory in factories:
+        converter.register_structure_hook_factory(applies, factory)
+    converter.register_unstructure_hook_factory(is_dataclass, lambda kind: _plain(converter, kind))
+    return converter
 
 
 _WORDS: Mapping[Any, str] = {
@@ -154,108 +309,8 @@ _WORDS: Mapping[Any, str] = {
     bool: "true or false",
     str: "a text",
 }
-
-
-def _structured(value: Any, kind: Any, closed: bool) -> Any:
-    """Return a value as an instance of any type that the annotations of a schema contain."""
-    origin, arguments = get_origin(kind), get_args(kind)
-    if origin is Annotated:
-        return _narrowed(_structured(value, arguments[0], closed), arguments[1:], value)
-    if origin is Literal:
-        return _narrowed(_structured(value, str, closed), [OneOf(arguments)], value)
-    if origin in (Union, UnionType):
-        return _either(value, arguments, closed)
-    if is_dataclass(kind):
-        return _table(value, kind, closed)
-    if origin is tuple:
-        if not isinstance(value, list):
-            raise _wrong("a list", value)
-        return tuple(_inside(f"[{n}]", item, arguments[0], closed) for n, item in enumerate(value))
-    if origin in (dict, Mapping):
-        if not isinstance(value, Mapping):
-            raise _wrong("a table", value)
-        names = [_inside(f".{name}", name, str, closed) for name in value]
-        return {name: _inside(f".{name}", value[name], arguments[1], closed) for name in names}
-    if kind is float and type(value) in (int, float) and abs(value) <= sys.float_info.max:
-        return float(value)
-    if kind is not Any and (type(value) is not kind or kind is float):
-        raise _wrong(_WORDS[kind], value)
-    return value
-
-
-def _inside(place: str, value: Any, kind: Any, closed: bool) -> Any:
-    """Return a part of a list or a table; an error gets its place."""
-    try:
-        return _structured(value, kind, closed)
-    except _MisfitError as error:
-        error.path.insert(0, place)
-        raise
-
-
-def _narrowed(result: Any, limits: Iterable[Any], value: Any) -> Any:
-    for limit in limits:
-        if expected := limit.check(result):
-            raise _wrong(expected, value)
-    return result
-
-
-@cache
-def _hints(schema: Any) -> dict[str, Any]:
-    return get_type_hints(schema, include_extras=True)
-
-
-def _table(value: Any, schema: Any, closed: bool) -> Any:
-    if not isinstance(value, Mapping):
-        raise _wrong(f"a table with {_names_of_fields(schema)}", value)
-    hints = _hints(schema)
-    given = {
-        item.name: _inside(f".{item.name}", value[item.name], hints[item.name], closed)
-        for item in fields(schema)
-        if item.name in value
-    }
-    missing = sorted(_needed(schema) - given.keys())
-    unknown = sorted(map(str, value.keys() - hints.keys())) if closed else []
-    if missing or unknown:
-        found = [f"missing {', '.join(missing)}"] if missing else []
-        found += [f"unknown {', '.join(unknown)}"] if unknown else []
-        text = printable(" and ".join(found), _LONGEST)
-        raise _MisfitError(f"expected the fields {_names_of_fields(schema)}; {text}")
-    try:
-        return schema(**given)
-    except ValueError as error:  # of its __post_init__
-        raise _MisfitError(str(error)) from error
-
-
-def _needed(schema: Any) -> set[str]:
-    return {item.name for item in fields(schema) if item.default is item.default_factory is MISSING}
-
-
-def _names_of_fields(schema: Any) -> str:
-    """Return the fields of a schema for a message, optional ones in brackets."""
-    needed = _needed(schema)
-    others = sorted(item.name for item in fields(schema) if item.name not in needed)
-    there = ", ".join(sorted(needed))
-    return f"{there} [{', '.join(others)}]" if others else there
-
-
-def _either(value: Any, kinds: Sequence[Any], closed: bool) -> Any:
-    """Return a value as the first table with all its fields, else as the first type that fits."""
-    if value is None and NoneType in kinds:
-        return None
-    kinds = [kind for kind in kinds if kind is not NoneType]
-    tables: list[Any] = [kind for kind in kinds if is_dataclass(kind)]
-    if tables and isinstance(value, Mapping):
-        suited = [kind for kind in tables if value.keys() <= _hints(kind).keys()]
-        kinds = (suited or tables)[:1]
-    if len(kinds) == 1:
-        return _structured(value, kinds[0], closed)
-    for kind in kinds:
-        try:
-            return _structured(value, kind, closed)
-        except _MisfitError:
-            continue
-    words = (
-        f"a table with {_names_of_fields(kind)}" if kind in tables else _WORDS.get(kind, "a list")
-        for kind in kinds
-    )
-    raise _wrong(" or ".join(words), value)
+_HOOKS: Mapping[Any, Callable[[object, object], Any]] = {
+    float: _number,
+    **{kind: _exactly(kind, _WORDS[kind]) for kind in (int, bool, str)},
+}
+_OPEN, _CLOSED = _converter(closed=False), _converter(closed=True)
