@@ -245,16 +245,13 @@ class ChainExecutor:
             blocked = name is not None and is_in_the_way(world, self._library.robot, name)
             if self._run.stage is Stage.SETTLING or (self._run.begun and blocked):
                 return False
-            if self._run.begun and not self._begins(world, run):
-                return False
+            if self._run.begun:
+                self._planned = world.time
+                if run.begin(world) is not None:
+                    return False
             self._replace_run(world, run)
         self.chain = chain
         return True
-
-    def _begins(self, world: World, run: StepRun) -> bool:
-        """Begin `run` while the robot drives; return whether it can begin from here."""
-        self._planned = world.time
-        return run.begin(world) is None
 
     def _follow(self, world: World) -> Step | None:
         """Move the goal with an object that has left it; return a stop if the robot must stand first."""

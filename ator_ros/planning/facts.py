@@ -11,7 +11,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ator_ros.actions.base import Point
 from ator_ros.geometry import wrap_angle
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition, Relation, State, Statement
@@ -56,18 +55,14 @@ def after(top: Top, binding: Binding) -> dict[str, Value]:
 
 def _arrival(top: Top, binding: Binding) -> dict[str, Value]:
     """Return the robot's own variables at the goal, whose errors no condition bounds."""
-    at, other = ("hold", "robot") if top.point is Point.HOLD else ("robot", "hold")
-    goal = {name: binding.get(name, _chosen(top.name, name)) for name in (*AXES, "speed")}
-    beside = {axis: f"{goal[axis]} beside, heading {goal['yaw']}" for axis in "xy"}
-    return {
-        f"{at}.x": Value(goal["x"], *_ANYWHERE),
-        f"{at}.y": Value(goal["y"], *_ANYWHERE),
-        f"{other}.x": Value(beside["x"], *_ANYWHERE),
-        f"{other}.y": Value(beside["y"], *_ANYWHERE),
-        "robot.yaw": Value(goal["yaw"], *_ANYWHERE),
-        "robot.v": Value(binding.get("speed", 0.0), *_ANYWHERE),
-        "robot.w": Value(0.0, *_ANYWHERE),
-    }
+    goal = {name: binding.get(name, _chosen(top.name, name)) for name in AXES}
+    goal["speed"] = binding.get("speed", 0.0)
+    values = {}
+    for name, by in top.arrival().items():
+        known = [goal[each] for each in by] or [0.0]
+        symbol = known[0] if len(known) == 1 else f"{known[0]} beside, heading {known[1]}"
+        values[name] = Value(symbol, *_ANYWHERE)
+    return values
 
 
 def _chosen(top: str, name: str) -> str:

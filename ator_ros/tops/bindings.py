@@ -13,7 +13,6 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import NamedTuple
 
-from ator_ros.actions.base import Point
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition, Region, Statement
 
@@ -59,7 +58,7 @@ def _collect(found: dict[Variable, str], condition: Condition, state: _State, st
 
 def _after(top: Top, state: _State, step: int) -> _State:
     """Return the state after a step, as `ator_ros.tops.chain.projected` does, in terms of goal variables."""
-    arrival = _arrival(top.point, step) if top.arrives else {}
+    arrival = {name: _of_goal(step, *by) for name, by in top.arrival().items()} if top.arrives else {}
     after = {**state, **arrival}
     others = (term for term in top.post.terms if term.variable not in arrival)
     return after | {term.variable: _placed(term, _value(term.target, after, step)) for term in others}
@@ -72,21 +71,10 @@ def _placed(term: Statement, target: _Value) -> _Value:
     return target._replace(text=f"{target.text} with {term!r}")
 
 
-def _arrival(point: Point, step: int) -> _State:
-    """Return the robot's variables when it has reached the goal of a step."""
-    at, other = ("hold", "robot") if point is Point.HOLD else ("robot", "hold")
-    return {
-        f"{at}.x": _of_goal(step, "x"),
-        f"{at}.y": _of_goal(step, "y"),
-        f"{other}.x": _of_goal(step, "x", "yaw"),
-        f"{other}.y": _of_goal(step, "y", "yaw"),
-        "robot.yaw": _of_goal(step, "yaw"),
-        "robot.v": _of_goal(step, "speed"),
-        "robot.w": _number(0.0),
-    }
-
-
 def _of_goal(step: int, *names: str) -> _Value:
+    """Return the value that goal variables of a step determine; 0 without any."""
+    if not names:
+        return _number(0.0)
     return _Value(f"{step}: {' '.join(names)}", frozenset((step, name) for name in names))
 
 

@@ -65,6 +65,13 @@ class Top:
         """Whether the robot ends at the goal: the post-condition places its axle or its hold."""
         return any(term.variable in ("robot.x", "hold.x") for term in self.post.terms)
 
+    def arrival(self) -> dict[str, tuple[str, ...]]:
+        """Return the robot's variables after an arrival, each with the goal variables that determine it."""
+        at, other = ("hold", "robot") if self.point is Point.HOLD else ("robot", "hold")
+        beside = {f"{other}.{axis}": (axis, "yaw") for axis in "xy"}
+        robot = {"robot.yaw": ("yaw",), "robot.v": ("speed",), "robot.w": ()}
+        return {f"{at}.x": ("x",), f"{at}.y": ("y",), **beside, **robot}
+
     def unmet(self, world: World, goal: Goal, robot: Robot) -> list[str]:
         """Return why the post-condition does not hold in `world`; empty if it holds."""
         return self.post.violations(state_of(world, robot), goal_values(goal))

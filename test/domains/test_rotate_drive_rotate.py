@@ -66,11 +66,6 @@ def test_the_learned_rules_split_where_the_behavior_changes(capsys: pytest.Captu
     assert {45, 83, 126} <= {round(float(split)) for split in splits}
 
 
-def test_the_law_fails_after_its_time_limit() -> None:
-    phase, _, _ = phases(Pose(-2.0, 0.0, 0.0), Pose(2.0, 0.0, 0.0), Tuning(time_limit=1.0))
-    assert phase[-1] is Phase.TOO_LONG
-
-
 def test_the_simulated_action_waits_for_the_robot_to_stop_and_succeeds() -> None:
     with Simulation(ROBOT) as simulation:
         place(simulation, World(0.0, RobotState(Pose(-1.0, 0.0, 0.0), 0.4)))

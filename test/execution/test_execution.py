@@ -7,13 +7,10 @@ import dataclasses
 import pytest
 from executions import FORWARD, FORWARD_LEFT, ROBOT, chain, execution, world
 
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.execution.chain_executor import Ending
-from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.geometry import Pose
-from ator_ros.performance.model_file import load_models
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import STOP, ObjectState, World
 
@@ -43,15 +40,6 @@ def test_a_robot_that_never_stops_does_not_block_the_goal_forever() -> None:
     for tick in range(102):
         run.tick(world(1.0 + 0.05 * tick, v=0.5), 100.0)
     assert run.phase is Phase.ENDED
-
-
-def test_a_goal_canceled_before_the_first_odometry_ends() -> None:
-    run = execution(FORWARD)
-    run.end(Ending.CANCELED, "canceled by the client")
-    assert run.executor.records == []
-    assert run.phase is Phase.STOPPING  # the robot may still move from the previous goal
-    run.watch(100.35)
-    assert (run.phase, run.ending, run.reason) == (Phase.ENDED, Ending.CANCELED, "canceled by the client")
 
 
 def test_odometry_is_late_after_half_of_the_timeout() -> None:
@@ -166,14 +154,6 @@ def test_open_variables_are_filled_in_without_refinement() -> None:
     run.tick(dataclasses.replace(state, time=1.05), 100.1)
     assert run.executor.chain == filled
     assert (run.refining.refined, run.refining.reason) == (False, "the gate is closed")
-
-
-def test_the_remaining_time_is_predicted_while_waiting_for_refinement() -> None:
-    models = load_models(ROBOT, SOCCER.known_features)
-    run = execution(FORWARD, refine=True, predictor=Predictor(ROBOT, models))
-    run.tick(world(), 100.0)
-    assert run.phase is Phase.REFINING
-    assert run.predicted_remaining(1.0) > 0.0
 
 
 @pytest.mark.parametrize("ending", [Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN, Ending.INPUT_LOST])

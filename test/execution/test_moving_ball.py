@@ -154,10 +154,3 @@ def test_a_lost_ball_is_fetched_again() -> None:
     assert fetch.goal.pose.distance(drive.executor.records[1].goal.pose) > 0.8
     assert abs(fetch.start.robot.v) < 0.02
     assert drive.executor.records[3].position_error < 0.06
-
-
-def test_a_chain_without_a_fetching_step_does_not_fetch() -> None:
-    start = call("goToPose", -ROBOT.hold, 0.0)
-    chain = TopChain((start, call("dribbleBall", 2.0, 0.5, 0.3)))
-    drive = Drive(chain, once(1, 1.0, away), fetches=3)
-    assert (drive.status, drive.executor.fetch_count) == (Status.FAILED, 0)

@@ -186,14 +186,6 @@ def test_an_invalid_choice_is_ignored(
     assert drive.run.refining.refined_again == 0
 
 
-def test_a_robot_on_its_path_causes_no_question(simulation: Simulation) -> None:
-    drive = Drive(simulation, ANYWHERE)
-    while drive.run.ending is None:
-        drive.tick()
-        assert drive.run.question is None
-    assert drive.run.ending is Ending.SUCCEEDED
-
-
 def test_a_robot_pushed_off_its_path_causes_one_question(simulation: Simulation) -> None:
     drive = Drive(simulation, ANYWHERE)
     drive.tick(30)

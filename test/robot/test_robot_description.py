@@ -58,23 +58,6 @@ def test_base_and_holder_identify_a_robot(plain: Robot) -> None:
     assert len({robot.digest() for robot in (ROBOT, *others)}) == 1 + len(others)
 
 
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("stop", {"forward": 3.0}),
-        ("grip", 3.0),
-        ("build", {"mass_behind": 0.05}),
-    ],
-)
-def test_optional_fields_of_a_file_are_used(field: str, value: Any, tmp_path: Path) -> None:
-    data = ROBOT.sections()
-    assert field not in data["robot"]
-    data["robot"][field] = value
-    robot = loaded(data, tmp_path)
-    assert robot.digest() != DIGEST
-    assert loaded(robot.sections(), tmp_path) == robot
-
-
 def test_a_described_build_is_simulated(tmp_path: Path) -> None:
     data = ROBOT.sections()
     numbers = {"mass_behind": 0.05, "mass_height": 0.11, "caster_behind": 0.19}

@@ -12,16 +12,15 @@ from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.tops import DRIBBLE_BALL, GO_TO_BALL, GO_TO_POSE, SHOOT
-from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.experience.episode import run_episode
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.run import judge, place, run_action
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.bindings import bindings
-from ator_ros.tops.chain import Top, TopCall, TopChain
+from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition, Region
-from ator_ros.tops.library import TopLibrary, top_of
+from ator_ros.tops.library import top_of
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 ROBOT = load_robot()
@@ -149,26 +148,3 @@ class TestJudge:
         assert lie.reason == (
             "pushed; but post-condition of push: expected ball.x 0 to 1 of goal.x, it is -1"
         )
-
-
-class TestExecutor:
-    def executor(self, settles: float) -> tuple[ChainExecutor, list[Push]]:
-        made: list[Push] = []
-
-        def make(robot: object) -> Push:
-            made.append(Push(ROBOT))
-            return made[-1]
-
-        library = TopLibrary(ROBOT, "push", tops=(pushing(ROLLED, settles),), actions={"push": make})
-        return ChainExecutor(library, TopChain((TopCall(library["push"], AHEAD),))), made
-
-    def world(self, time: float, x: float, vx: float) -> World:
-        return World(time, HERE, {BALL: ObjectState(x, 0.0, vx)})
-
-    def test_it_stops_and_waits_for_moving_objects(self) -> None:
-        executor, made = self.executor(1.0)
-        step = executor.step(self.world(0.0, 1.5, 1.0))
-        assert (step.status, step.command, made[0].ends) == (Status.RUNNING, STOP, 1)
-        assert executor.step(self.world(0.4, 1.9, 1.0)).status is Status.RUNNING
-        step = executor.step(self.world(0.6, 2.1, 1.0))
-        assert (step.status, executor.elapsed, made[0].ends) == (Status.SUCCEEDED, 0.6, 1)
