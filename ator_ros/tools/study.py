@@ -41,7 +41,7 @@ from ator_ros.tools.gate import learn_gate
 from ator_ros.tools.train import train
 
 KIND = "study"
-POLICIES = ("naive", "refined", "gated", "refined_speed", "gated_speed")
+POLICIES = ("naive", "analytic", "refined", "gated", "analytic_speed", "refined_speed", "gated_speed")
 EXPLAINED = 50
 """Situations in which open variables are explained, at most."""
 MARGIN = 1.0
