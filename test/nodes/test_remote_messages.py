@@ -42,15 +42,22 @@ def test_poses_have_the_frame_of_the_states_unless_declared() -> None:
 @pytest.mark.parametrize(
     ("filling", "expected"),
     [
-        (Filling("pose", source="goal"), "goal: expected one of chain, refine, .*got 'pose'"),
-        (Filling("chain", source="goal"), "goal: The 'chain' field must be a sub message of type 'TopChain'"),
-        (Filling("chain.calls.speed", source="goal.speed"), r"goal.chain: expected calls\[0\], as it is of"),
-        (Filling("refine.x", constant=1), "goal.refine: expected one of no fields, got 'x'"),
-        (Filling("refine[0]", constant=1), "goal: expected refine, as it is of the type boolean"),
-        (Filling("fetches", source="goal.speed"), "goal: The 'fetches' field must be of type 'int'"),
-        (Filling("fetches", constant=256), "goal: The 'fetches' field must be an unsigned integer in"),
-        (Filling("refine", constant=1), "goal: The 'refine' field must be of type 'bool'"),
-        (Filling("objective.duration", constant="a"), "goal.objective: The 'duration' field must be of type"),
+        (Filling("pose", source="goal"), r"goal\[0\].field: expected one of chain, refine, .*got 'pose'"),
+        (Filling("chain", source="goal"), r"goal\[0\]: expected a field of type geometry_msgs/Pose or"),
+        (
+            Filling("chain.calls.speed", source="goal.speed"),
+            r"goal\[0\].field: expected chain\.calls\[0\]\.speed, as it is a list, got 'speed'",
+        ),
+        (Filling("refine.x", constant=1), r"goal\[0\].field: expected nothing within boolean"),
+        (Filling("refine[0]", constant=1), r"goal\[0\]: expected a sequence for refine\[0\], got boolean"),
+        (Filling("fetches", source="goal.speed"), r"goal\[0\]: expected a field for a float, got uint8"),
+        (Filling("fetches", source="frame"), r"goal\[0\]: expected a field for a text, got uint8"),
+        (Filling("fetches", constant=256), r"goal\[0\]: expected a constant of type uint8, got 256"),
+        (Filling("fetches", constant=1.5), r"goal\[0\]: expected a constant of type uint8, got 1.5"),
+        (Filling("refine", constant=1), r"goal\[0\]: expected a constant of type boolean, got 1"),
+        (Filling("chain.action_set", constant=1), r"goal\[0\]: expected a constant of type string, got 1"),
+        (Filling("objective.duration", constant="a"), r"goal\[0\]: expected a constant of type double, got"),
+        (Filling("chain", constant=1), r"goal\[0\]: expected a field for a text, a number or a truth value"),
     ],
 )
 def test_a_goal_that_does_not_match_its_type_is_reported(filling: Filling, expected: str) -> None:
@@ -73,8 +80,12 @@ def test_a_missing_type_is_reported(name: str, expected: str) -> None:
 @pytest.mark.parametrize(
     ("success", "expected"),
     [
-        (Success(fields=(Expectation("code", 0),)), "success: code: expected one of outcome, record, got"),
-        (Success(reason="why"), "success: why: expected one of outcome, record, got 'why'"),
+        (Success(fields=(Expectation("code", 0),)), r"success.fields\[0\].field: expected one of outcome"),
+        (
+            Success(fields=(Expectation("outcome.code", "a"),)),
+            r"success.fields\[0\]: expected a constant of type uint8",
+        ),
+        (Success(reason="why"), "success.reason.field: expected one of outcome, record, got 'why'"),
     ],
 )
 def test_an_invalid_success_declaration_is_reported(success: Success, expected: str) -> None:
