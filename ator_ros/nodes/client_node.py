@@ -23,7 +23,7 @@ from ator_ros.view.backend import NodesError
 from ator_ros.world.state import World
 
 _POLL = 0.002
-_LONG = 10.0  # s after which what is waited for is logged
+_LOG_AFTER = 10.0  # s of waiting after which a warning names the cause
 _SPIN = 0.1
 _RETRY = 3.0
 """Real s after which a request is sent again: DDS drops an answer to a client not yet discovered."""
@@ -141,7 +141,7 @@ class ClientNode:
         last = begun + self.timeout if end is None else end
         while not happened():
             self._check()
-            if not is_logged and time.monotonic() > begun + _LONG:
+            if not is_logged and time.monotonic() > begun + _LOG_AFTER:
                 is_logged = True
                 self.node.get_logger().warning(f"waiting for {what}")
             if time.monotonic() > last:

@@ -155,7 +155,7 @@ def test_a_base_may_brake_at_half_its_described_deceleration() -> None:
     assert "not commanded to" in (fault_of_coasting(0.0) or "")
 
 
-def test_latency_is_real_time_for_any_rate_of_simulated_time() -> None:
+def test_a_fault_needs_real_time_at_any_rate_of_simulated_time() -> None:
     watch = MotionWatch(ROBOT, 0.0)
     faults = []
     for tick in range(60):
