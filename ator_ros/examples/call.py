@@ -6,8 +6,7 @@
     python3 -m ator_ros.examples.call echo /performance/chain
 
 The values are YAML; fields that are not named keep their defaults. With --feedback, the feedback of a goal is
-printed as it comes. Ctrl-C cancels the goal. The program needs rclpy, PyYAML and the interfaces, and nothing
-else.
+printed as it comes. Ctrl-C cancels the goal. The program needs only rclpy, PyYAML and the interfaces.
 """
 
 from __future__ import annotations

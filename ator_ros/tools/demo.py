@@ -152,7 +152,8 @@ def table(situations: Sequence[DemoSituation]) -> str:
         changes = ["", "-" if math.isnan(gain) else f"{gain:+.2f} s ({percent:+.0f} %)"]
         for (name, run), change in zip(situation.runs.items(), changes, strict=True):
             rows.append({"": f"{number} {name}", **_times(run, situation.chain), "gain": change})
-    text = pd.DataFrame(rows).fillna("").to_string(index=False)
+    frame, last = pd.DataFrame(rows).fillna(""), ["chain", "gain"]  # later chains may have more steps
+    text = frame[[*frame.columns.difference(last, sort=False), *last]].to_string(index=False)
     return "\n".join(["predicted / actual time in s", text, "", summary(situations)])
 
 
