@@ -102,12 +102,14 @@ def is_name(value: object) -> bool:
 
 def portable_command(name: str, words: Sequence[str]) -> str:
     """Return a command line to be recorded: absolute paths without the folders of this machine."""
-    return shlex.join([name, *(Path(word).name if _is_path(word) else word for word in words)])
+    return shlex.join([name, *map(_portable, words)])
 
 
-def _is_path(word: str) -> bool:
-    parent = Path(word).parent
-    return word.startswith("/") and parent != Path("/") and parent.is_dir()  # else the name of a topic
+def _portable(word: str) -> str:
+    option, equals, value = word.rpartition("=") if word.startswith("-") else ("", "", word)
+    path = Path(value)
+    is_file = path.is_absolute() and path.parent != Path("/") and path.parent.is_dir()  # else a topic
+    return f"{option}{equals}{path.name if is_file else value}"
 
 
 class FileError(ValueError):

@@ -79,7 +79,7 @@ NOT_HERE = {
     r"make setup PYTHON=python3\.12": "compiles pybullet, nine minutes, over this very environment",
     r"(sudo )?apt install .*|rosdep install .*|export PIP_BREAK_.*": "changes the system; needs ROS from apt",
     r"python3 -m pip install --user .*|pip install distributed": "changes the user's packages",
-    r"python3 scripts/lock\.py": "asks the package registry for every version anew",
+    r"python3 scripts/lock\.py": "asks the package registry for every version again",
     r"make run EXE=evaluate ARGS='…'": "shows the form; others of this form are executed",
     r"mkdir -p ~/ws/src .*|cd ~/ws && ~/ator_ros/.*|\. ~/ws/install/.*": "see test_environment.py",
     r"ros2 action info -t": "ros2cli is not among the wheels",

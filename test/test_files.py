@@ -96,5 +96,11 @@ def test_an_invalid_file_is_rejected_with_its_name(tmp_path: Path, text: str, me
 
 
 def test_a_recorded_command_has_full_topics_but_no_local_folders(tmp_path: Path) -> None:
-    words = [str(tmp_path / "bag"), "--odom", "/robot1/odom", "--cmd-vel", "robot1/cmd_vel"]
-    assert portable_command("train", words) == "train bag --odom /robot1/odom --cmd-vel robot1/cmd_vel"
+    words = [
+        str(tmp_path / "bag"),
+        f"--models={tmp_path / 'm'}",
+        "--odom=/robot1/odom",
+        "--cmd-vel",
+        "cmd_vel",
+    ]
+    assert portable_command("train", words) == "train bag --models=m --odom=/robot1/odom --cmd-vel cmd_vel"

@@ -22,6 +22,7 @@ from ator_ros.actions.remote import Duration, RemoteCall
 from ator_ros.actions.situation import NoPlaceError, Situation, drawn_until, short_goal
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose
+from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.robot.description import Robot
 from ator_ros.schema import Name, Within, require
 from ator_ros.tops.chain import Top, TopCall, TopChain
@@ -37,7 +38,6 @@ STATE_VARIABLES = (*(f"robot.{name}" for name in ("x", "y", "yaw", "v", "w")), "
 
 T = TypeVar("T")
 
-_MOST_STEPS = 32  # as many as refinement accepts
 _MOST_PLACES = 1000
 """Draws of one place before all places of a drive or a chain are drawn again."""
 _MOST_SEQUENCES = 100
@@ -213,8 +213,8 @@ class DeclaredStep:
         """Check places and numbers."""
         _check_places("goal", self.goal)
         times = self.times
-        good = len(times) in (1, 2) and 0 <= times[0] <= times[-1] and 1 <= times[-1] <= _MOST_STEPS
-        require(good, "times", f"[a number] or [least, greatest] from 0 to {_MOST_STEPS}", list(times))
+        good = len(times) in (1, 2) and 0 <= times[0] <= times[-1] and 1 <= times[-1] <= LONGEST_CHAIN
+        require(good, "times", f"[a number] or [least, greatest] from 0 to {LONGEST_CHAIN}", list(times))
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,7 +233,7 @@ class DeclaredChain:
         """Check places and the number of steps."""
         _check_places("start", self.start)
         least, most = (sum(step.times[end] for step in self.steps) for end in (0, -1))
-        require(least >= 1 and most <= _MOST_STEPS, "steps", f"1 to {_MOST_STEPS} of them", (least, most))
+        require(least >= 1 and most <= LONGEST_CHAIN, "steps", f"1 to {LONGEST_CHAIN} of them", (least, most))
 
     def drawn(self, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
         """Draw a situation and a chain; raises NoPlaceError."""

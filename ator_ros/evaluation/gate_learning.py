@@ -213,7 +213,7 @@ def _utility(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
     return _gain(examples, refine) - HARM * _worse(examples, refine)
 
 
-def compare_gates(examples: GateExamples, fit: Fit = fit_threshold) -> dict[str, dict[str, float]]:
+def compare_gates(examples: GateExamples, fit: Fit) -> dict[str, dict[str, float]]:
     """Evaluate both kinds of gate by cross-validation over situations; `fit` learns the threshold.
 
     Returns

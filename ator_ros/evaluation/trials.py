@@ -100,7 +100,9 @@ def possible_actions(
     named = {top.action for top in domain.tops}
     for name, spec in domain.actions(action_set).items():
         if name not in named:
-            left_out[name] = f"no TOP has the action {name}, the TOPs have {', '.join(sorted(named))}"
+            left_out[name] = (
+                f"expected a TOP with the action {name}, got TOPs with {', '.join(sorted(named))}"
+            )
         elif not over_ros and spec.over_ros_only is not None:
             left_out[name] = spec.over_ros_only
         elif name not in left_out:

@@ -5,8 +5,8 @@
     python3 -m ator_ros.examples.call /execute_chain ator_interfaces/action/ExecuteChain "{refine: true, ...}"
     python3 -m ator_ros.examples.call echo /performance/chain
 
-The values are YAML; fields that are not named keep their defaults. With --feedback that of a goal is printed
-as it comes. Ctrl-C cancels the goal. The program needs rclpy, PyYAML and the interfaces, and nothing else.
+The values are YAML; fields that are not named keep their defaults. With --feedback, the feedback of a goal is
+printed as it comes. Ctrl-C cancels the goal. The program needs only rclpy, PyYAML and the interfaces.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def call(node: Node, service: str, kind: Any, values: Any) -> None:
 
 
 def send_goal(node: Node, action: str, kind: Any, values: Any, *, feedback: bool) -> None:
-    """Send a goal to an action, and print its result, before it `feedback` too; Ctrl-C cancels the goal."""
+    """Send a goal to an action and print its result, with `feedback` also its feedback; Ctrl-C cancels it."""
     client = ActionClient(node, kind, action)
     if not client.wait_for_server(timeout_sec=_TIMEOUT):
         raise CallError(f"expected the action {action} of this type within {_TIMEOUT:g} s, found none")

@@ -282,10 +282,8 @@ class ChainExecutor:
         name = held_first(top) or (object_fetched_by(top) if self._run.begun else None)
         if name is None or self.fetch_count >= self._fetches or not is_lost(world, self._library.robot, name):
             return None
-        for index in range(self.index, -1, -1):
-            if (
-                object_fetched_by(self.chain.calls[index].top) == name
-            ):  # the step that fetches the lost object again
+        for index in range(self.index, -1, -1):  # back to the step that fetches the lost object
+            if object_fetched_by(self.chain.calls[index].top) == name:
                 self.fetch_count += 1
                 return index, True
         return None

@@ -180,8 +180,9 @@ class Axis:
         fast = [0.0, before, *self._fast(since, before, time, commands)[-round(_COASTING / _STEP) :]]
         if not min(fast) - _BEYOND * tolerance <= self._measured[-1][1] <= max(fast) + _BEYOND * tolerance:
             return Fault.EXCESS
-        fastest = max(self._smooth, key=lambda each: abs(each[1]))  # at first it may have just begun to move
-        share = min(0.99, max(self._share_then(*each, commands) for each in (self._smooth[0], fastest)))
+        # At the beginning of the window the base may have just begun to move.
+        fastest = max(self._smooth, key=lambda each: abs(each[1]))
+        share = min(0.99, max(self._share_at(*each, commands) for each in (self._smooth[0], fastest)))
         slow, part = (self._slow(since, before, time, commands, each) for each in (1.0, share))
         # The magnitudes between which the speed should be now, in the direction of the commands.
         least = max(0.0, min(part, share * min(recent))) + min(0.0, max(part, share * max(recent)))
@@ -190,7 +191,7 @@ class Axis:
             math.copysign(1.0, least) * (speed - before),
         )
         approached = ahead > 0.0 and gained >= _QUARTER * ahead
-        if abs(least) >= tolerance and speed * least < _QUARTER * least * least and not approached:
+        if abs(least) >= tolerance and _is_below_quarter(speed, least) and not approached:
             return Fault.STILL
         if gap.elapsed > _LONG_GAP:
             return None  # a base with a watchdog of its own has stopped, and started again
@@ -199,9 +200,9 @@ class Axis:
         had, has = sign * before, sign * speed
         if had - most >= tolerance and had - has < _QUARTER * (had - most):
             return Fault.EXCESS
-        hardly = all(speed * command < _QUARTER * command * command for command in recent)
-        # Below a quarter of the commands it is judged over the window as well, in which these vary more.
-        spans = (_CONSTANT + self.thresholds.lag, self.thresholds.window)[: 2 if hardly else 1]
+        spans = [_CONSTANT + self.thresholds.lag]
+        if all(_is_below_quarter(speed, command) for command in recent):
+            spans.append(self.thresholds.window)  # in which the commands vary more
         if any(self._is_constant(time, seconds, recent, commands) for seconds in spans):
             return Fault.CONSTANT
         return None
@@ -240,8 +241,8 @@ class Axis:
         possible = [share * command for pair in self._shares for share in pair for command in recent]
         return not (possible and min(possible) - axis.tolerance <= speed <= max(possible) + axis.tolerance)
 
-    def _share_then(self, time: float, speed: float, commands: Commands) -> float:
-        """Return the speed as a share of the commands then: 1 if there was none, at least a quarter."""
+    def _share_at(self, time: float, speed: float, commands: Commands) -> float:
+        """Return the speed as a share of the commands at `time`, at least a quarter; 1 without a command."""
         command = max(commands.between(time - _DELAY - 2.0 * self.thresholds.lag, time), key=abs)
         if abs(command) < self.thresholds.tolerance or speed * command <= 0.0:
             return 1.0
@@ -431,12 +432,12 @@ class MotionWatch:
     @property
     def remark(self) -> str:
         """A sentence on a base that is slower than commanded; empty if it is not."""
-        said = [
+        parts = [
             f"{verb} at about {100 * round(axis.share, 1):.0f} % of the commanded speed"
             for verb, axis in (("drives", self._v), ("turns", self._w))
             if axis.share < 1.0
         ]
-        return f"the base {' and '.join(said)}" if said else ""
+        return f"the base {' and '.join(parts)}" if parts else ""
 
     def sent(self, time: float, command: Command | None, now: float = -math.inf) -> None:
         """Note a command that was sent as the answer to a state of `time` (s).
@@ -504,24 +505,24 @@ class MotionWatch:
         """Return the fault if the pose is constant while the velocity is not zero."""
         for axis, name, unit in ((0, "position", "m/s"), (1, "heading", "rad/s")):
             thresholds = (self._driving, self._turning)[axis]
-            said = (robot.v, robot.w)[axis]
-            seconds = min(max(thresholds.moved / max(abs(said), _ROUNDING), _PERSISTS), 0.35)
+            reported = (robot.v, robot.w)[axis]
+            seconds = min(max(thresholds.moved / max(abs(reported), _ROUNDING), _PERSISTS), 0.35)
             since = [
                 index for index, (then, _) in enumerate(self._states) if then <= time - seconds + _ROUNDING
             ]
-            if abs(said) < thresholds.tolerance or not since:
+            if abs(reported) < thresholds.tolerance or not since:
                 continue
             states = [state for _, state in self._states][since[-1] :]
-            least = min((state.v, state.w)[axis] * math.copysign(1.0, said) for state in states)
+            least = min((state.v, state.w)[axis] * math.copysign(1.0, reported) for state in states)
             moved = max(abs(_moved(states[0], state)[axis]) for state in states)
             elapsed = time - self._states[since[-1]][0]
             if elapsed > _LONG_GAP * len(states):
                 continue  # messages are missing: between these the robot may have gone to and fro
             if least >= thresholds.tolerance and moved < _QUARTER * least * elapsed:
                 return (
-                    f"odometry is frozen: it says that the robot moves at {robot.v:.2f} m/s and "
-                    f"{robot.w:.2f} rad/s, but its {name} has been constant for {elapsed:.2f} s "
-                    f"(velocity {said:.2f} {unit})"
+                    f"odometry is frozen: it reports {robot.v:.2f} m/s and {robot.w:.2f} rad/s, "
+                    f"but its {name} has been constant for {elapsed:.2f} s "
+                    f"(velocity {reported:.2f} {unit})"
                 )
         return None
 
@@ -547,8 +548,13 @@ def _steps(seconds: float) -> tuple[int, float]:
     return count, seconds / count
 
 
+def _is_below_quarter(speed: float, command: float) -> bool:
+    """Return whether a speed is less than a quarter of the command, or in the other direction."""
+    return speed * command < _QUARTER * command * command
+
+
 def _moved(before: RobotState, after: RobotState) -> tuple[float, float]:
     """Return how far in m, with its direction along the heading, and by which angle in rad a robot moved."""
-    way, turned = before.pose.distance(after.pose), wrap_angle(after.pose.yaw - before.pose.yaw)
+    distance, turned = before.pose.distance(after.pose), wrap_angle(after.pose.yaw - before.pose.yaw)
     ahead = before.pose.relative(after.pose).x
     return math.copysign(way, ahead), turned

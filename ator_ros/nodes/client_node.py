@@ -108,7 +108,7 @@ class ClientNode:
         last = begun + self.timeout if end is None else end
         while not happened():
             self._check()
-            if not is_logged and time.monotonic() > begun + _LONG:
+            if not is_logged and time.monotonic() > begun + _LOG_AFTER:
                 is_logged = True
                 self.node.get_logger().warning(f"waiting for {what}")
             if time.monotonic() > last:

@@ -59,7 +59,7 @@ _COMMON = (
     ROBOT,
     Parameter("robots", [""], "names of the robots, namespaces of their topics and frames; '': none"),
     Parameter("descriptions", [""], "files of robots' descriptions; missing or empty: what `robot` names"),
-    # At most: faster than any computer.
+    # The maximum is faster than any computer.
     Parameter(
         "real_time_factor",
         1.0,
@@ -94,17 +94,16 @@ _ASIDE = 1.0
 """m between objects, and between robots, that are where they start by default."""
 _FASTEST_PERIOD, _LONGEST_PERIOD = 0.0005, 60.0
 _PAUSED_PERIOD = 0.05
-_REAL_TIME_TICKS = round(5.0 / TICK)  # ticks at real time, after those that a command held for
+_REAL_TIME_TICKS = round(5.0 / TICK)  # ticks at real-time speed after the last command has expired
 _WARNING_PERIOD = 2.0
 
 
 class SimulationNode(Node):
     """Simulates one robot, or several, in one world; 20 ticks a second of simulated time.
 
-    Parameters: see `PARAMETERS`; `real_time_factor` and `command_wait` can change while it runs.
-    Where `robots` names robots, each has all topics and services that follow in the namespace of its name,
-    and frames that begin with it. `reset`, `pause` and the objects
-    are those of the whole world, from any robot's namespace.
+    `real_time_factor` and `command_wait` can change while it runs. Where `robots` names robots, each has all
+    topics and services that follow in the namespace of its name, and frames that begin with it. `reset`,
+    `pause` and the objects are those of the whole world, from any robot's namespace.
 
     Subscribes to
         cmd_vel (geometry_msgs/Twist): clipped to the robot's limits; 0.5 s of simulated time

@@ -67,15 +67,15 @@ def new_figure(width: float, height: float) -> Any:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def draw_robot(axes: Any, robot: Robot, pose: Pose, color: str, *, alpha: float = 0.85) -> None:
+def draw_robot(axes: Any, robot: Robot, pose: Pose, color: str) -> None:
     """Draw the robot's outline at `pose`, with a line that shows its front."""
     front, rear, half = robot.front, -robot.rear, robot.half_width
     corners = ((front, half), (front, -half), (rear, -half), (rear, half))
     outline = np.array([pose.compose(Pose(x, y, 0.0))[:2] for x, y in corners])
-    axes.fill(outline[:, 0], outline[:, 1], facecolor=color, edgecolor="none", alpha=0.25 * alpha)
-    axes.plot(*np.append(outline, outline[:1], axis=0).T, color=color, lw=1.0, alpha=alpha)
+    axes.fill(outline[:, 0], outline[:, 1], facecolor=color, edgecolor="none", alpha=0.2)
+    axes.plot(*np.append(outline, outline[:1], axis=0).T, color=color, lw=1.0, alpha=0.85)
     tip = pose.ahead(robot.front)
-    axes.plot([pose.x, tip.x], [pose.y, tip.y], color=color, lw=1.6, alpha=alpha)
+    axes.plot([pose.x, tip.x], [pose.y, tip.y], color=color, lw=1.6, alpha=0.85)
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,8 @@ def table(situations: Sequence[DemoSituation]) -> str:
         changes = ["", "-" if math.isnan(gain) else f"{gain:+.2f} s ({percent:+.0f} %)"]
         for (name, run), change in zip(situation.runs.items(), changes, strict=True):
             rows.append({"": f"{number} {name}", **_times(run, situation.chain), "gain": change})
-    text = pd.DataFrame(rows).fillna("").to_string(index=False)
+    frame, last = pd.DataFrame(rows).fillna(""), ["chain", "gain"]  # later chains may have more steps
+    text = frame[[*frame.columns.difference(last, sort=False), *last]].to_string(index=False)
     return "\n".join(["predicted / actual time in s", text, "", summary(situations)])
 
 

@@ -232,7 +232,7 @@ class Client:
         self._own.until(lambda: bool(feedback) or ended.done(), "feedback")
         self.path.clear()
         self._placing.pause(paused=False)
-        record: ChainPerformance = self._own.answer(ended, "the goal's end").result.record
+        record: ChainPerformance = self._own.answer(ended, "the goal").result.record
         return record
 
     def close(self) -> None:

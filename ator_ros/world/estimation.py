@@ -157,7 +157,7 @@ class VelocityCheck:
         there : ObjectState
             The sighting with a plausible velocity.
         remark : str or None
-            What was wrong with its velocity, once until a velocity is right again.
+            What is wrong with its velocity; not repeated until a velocity is plausible again.
         """
         if self._sights and not 0.0 <= time - self._sights[-1][0] <= _FORGET:
             self.reset()
@@ -178,7 +178,7 @@ class VelocityCheck:
         said, self._said = self._said, True
         remark = (
             f"{self._name}.twist.twist.linear: expected about ({vx:.2f}, {vy:.2f}) m/s, as its "
-            f"positions tell, got ({there.vx:.2f}, {there.vy:.2f}) m/s: not trusted"
+            f"positions show, got ({there.vx:.2f}, {there.vy:.2f}) m/s: not trusted"
         )
         return ObjectState(there.x, there.y, vx, vy), None if said else remark
 

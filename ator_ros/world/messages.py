@@ -227,7 +227,7 @@ def command_from(message: Any, where: str) -> Command:
     )
 
 
-def robot_from(odometry: Any, *, frame: str = "", where: str = "odom") -> tuple[float, RobotState]:
+def robot_from(odometry: Any, *, frame: str = "") -> tuple[float, RobotState]:
     """Read time in s and state of a robot from a nav_msgs/Odometry.
 
     The twist is the robot's own, unless `child_frame_id` is the frame of the pose: then it is rotated.
@@ -236,19 +236,17 @@ def robot_from(odometry: Any, *, frame: str = "", where: str = "odom") -> tuple[
     ----------
     frame : str
         The frame that the pose must be in; empty: any.
-    where : str
-        How errors name the message.
     """
     given = odometry.header.frame_id
-    _expect_frame(given, f"{where}.header.frame_id", frame)
-    pose = pose_from(odometry.pose.pose, f"{where}.pose.pose")
+    _expect_frame(given, "odom.header.frame_id", frame)
+    pose = pose_from(odometry.pose.pose, "odom.pose.pose")
     twist = odometry.twist.twist
-    v = velocity(twist.linear.x, f"{where}.twist.twist.linear.x")
+    v = velocity(twist.linear.x, "odom.twist.twist.linear.x")
     if _is_pose_frame(odometry.child_frame_id, given, frame):
-        sideways = velocity(twist.linear.y, f"{where}.twist.twist.linear.y")
+        sideways = velocity(twist.linear.y, "odom.twist.twist.linear.y")
         v = v * math.cos(pose.yaw) + sideways * math.sin(pose.yaw)
-    w = velocity(twist.angular.z, f"{where}.twist.twist.angular.z", "rad/s")
-    return seconds_from(odometry.header.stamp, f"{where}.header.stamp"), RobotState(pose, v, w)
+    w = velocity(twist.angular.z, "odom.twist.twist.angular.z", "rad/s")
+    return seconds_from(odometry.header.stamp, "odom.header.stamp"), RobotState(pose, v, w)
 
 
 def robot_from_placement(

@@ -83,7 +83,7 @@ def synthetic(features: FloatArray, gained: FloatArray) -> GateExamples:
 
 
 def test_cross_validation_uses_other_situations() -> None:
-    compared = compare_gates(examples())
+    compared = compare_gates(examples(), fit_threshold)
     assert compared["open"]["kept_gain_percent"] == 100.0
     assert compared["open"]["lower"] > 100
     for kind in ("threshold", "tree"):

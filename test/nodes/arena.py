@@ -18,7 +18,7 @@ from ator_ros.nodes.network import free_domain
 
 START = Pose(-1.2, 0.0, 0.0)
 BALL = (0.0, 0.0)
-LONGEST_STOP_TIME = 0.5
+STOP_DEADLINE = 0.5
 """Simulated seconds from the last command to move until the robot stands."""
 LONG_START = 60.0
 """Real seconds that a node may need to start on a loaded machine."""
@@ -127,8 +127,8 @@ class Arena:
 
     def check(self) -> None:
         """Assert that the robot always stopped in time."""
-        late = [stop for stop in self.stops() if stop[1] - stop[0] > LONGEST_STOP_TIME + 1e-6]
-        assert not late, f"expected the robot to stand within {LONGEST_STOP_TIME} s, (sent, stood): {late}"
+        late = [stop for stop in self.stops() if stop[1] - stop[0] > STOP_DEADLINE + 1e-6]
+        assert not late, f"expected the robot to stand within {STOP_DEADLINE} s, (sent, stood): {late}"
         nodes = [node for nodes in self._started.values() for node in nodes]
         assert not [node.output for node in nodes if "Traceback" in node.output]
 

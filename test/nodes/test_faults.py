@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from arena import LONGEST_STOP_TIME, Arena, ArenaClient, arena_with
+from arena import STOP_DEADLINE, Arena, ArenaClient, arena_with
 from chain_client import SentGoal
 from nav_msgs.msg import Odometry
 from ros_client import Client, stamp
@@ -96,7 +96,7 @@ def test_an_input_stops(arena: Arena, relay: Relay, name: str, stage: Stage) -> 
     assert outcome.code == Outcome.INPUT_LOST
     assert f"{name} is missing" in outcome.reason
     _, stopped = arena.stops()[stops]
-    assert stopped - relay.last[name] <= LONGEST_STOP_TIME + 1e-6
+    assert stopped - relay.last[name] <= STOP_DEADLINE + 1e-6
 
 
 @pytest.mark.long

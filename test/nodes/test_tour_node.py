@@ -97,7 +97,7 @@ def test_drives_are_kept_until_the_table_is_written(tmp_path: Path, monkeypatch:
 @pytest.mark.parametrize(
     ("right", "wrong", "message"),
     [
-        ("action: drive_to\n", "action: drive_too\n", "no TOP has the action drive_to"),
+        ("action: drive_to\n", "action: drive_too\n", "expected a TOP with the action drive_to"),
         ("field: goal", "field: gaol", "action server drive_to: goal[0].field: expected one of goal"),
     ],
 )

@@ -15,6 +15,7 @@ from ator_ros.evaluation.trials import random_trial
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.demo import DemoRun, DemoSituation, table
 from ator_ros.tools.own_nodes import NodeProcesses
+from ator_ros.tops.chain import TopChain
 from ator_ros.view.backend import NodesError
 
 ROBOT = load_robot()
@@ -32,9 +33,10 @@ def run(*, total: float, success: bool = True, refined: bool = False) -> DemoRun
 
 
 def test_the_table_shows_gains_and_failures() -> None:
+    shorter = TopChain(TRIAL.chain.calls[:2])
     text = table(
         [
-            DemoSituation(TRIAL.world, TRIAL.chain, run(total=10.0), run(total=8.0, refined=True)),
+            DemoSituation(TRIAL.world, shorter, run(total=10.0), run(total=8.0, refined=True)),
             DemoSituation(TRIAL.world, TRIAL.chain, run(total=10.0), run(total=9.0, success=False)),
         ]
     )
@@ -43,6 +45,7 @@ def test_the_table_shows_gains_and_failures() -> None:
     assert "situation 2, refined: lost the ball" in text
     assert "left alone: no gain" in text
     assert "3.10 / 3.00" in text
+    assert text.splitlines()[1].split()[-4:] == ["3", "shoot", "chain", "gain"]
 
 
 def test_a_command_runs_in_its_folder_and_a_missing_one_is_reported(tmp_path: Path) -> None:

@@ -48,6 +48,8 @@ class TestRegions:
             assert beyond.violations({"cup.x": side * 3.9}, {"x": side * 4.0})
             assert beyond.shortfall({"cup.x": side * 3.5}, {"x": side * 4.0}) == 0.5
             assert beyond.apply({}, {"x": side * 4.0}) == {"cup.x": side * 4.0}
+        moved = Condition((Region("cup.x", "goal.x", 0.0, 0.7, outward=True, center=5.0),))
+        assert moved.violations({"cup.x": 3.7}, {"x": 4.0}) == []
 
     def test_a_region_binds_the_goal_variable_that_it_names(self) -> None:
         put = Top("put", "put", Condition((Region("cup.x", "goal.x", -1.0, 1.0),)), Condition())

@@ -49,7 +49,7 @@ def dribble(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tupl
 
 
 def rolling(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
-    """Draw the chain `dribble` with a ball that rolls; the plan knows where it is, not where it will rest.
+    """Draw the chain `dribble` with a ball that rolls; the plan has its place now, not where it rests.
 
     It rests before the robot could be there: no action of ours catches a ball in motion.
     """

@@ -80,7 +80,7 @@ class Partition:
         order = np.ascontiguousarray(np.argsort(self.X, axis=0, kind="stable").T)
         # What the sides of splits are fitted to: the rows, with the residuals of their node for a target.
         self._residuals = self.rows.copy()
-        # The values of feature j have the j-th place in one long row.
+        # The codes of feature j begin at j times the number of rows: one search serves all features.
         self._offset = len(self.X) * np.arange(len(order))[:, None]
         self._codes = _value_codes(self.X, order) + self._offset
         self._goes_left = np.zeros(len(self.X), dtype=bool)

@@ -76,7 +76,7 @@ class LagEstimator:
 
 _LEAST_STRENGTH_SHARE = 0.9  # of the described acceleration that is asked: with less, a weak base keeps up
 _STEADY = 0.05  # by which a share changes from tick to tick where it is the strength's, not the lag's
-_LONGEST_LAG = 0.1  # s, described, beyond which a few ticks do not tell weakness from lag
+_LONGEST_LAG = 0.1  # s, described, beyond which a few ticks do not distinguish weakness from lag
 _WEAK, _HELD = 0.85, 0.3  # shares of what is asked below which a base is weak, or can't at all: at top speed
 _USED = 0.97  # of what it has shown; the rest is for feedback
 _STEP = 0.05  # to which shares are rounded, so that they settle
