@@ -557,4 +557,4 @@ def _moved(before: RobotState, after: RobotState) -> tuple[float, float]:
     """Return how far in m, with its direction along the heading, and by which angle in rad a robot moved."""
     distance, turned = before.pose.distance(after.pose), wrap_angle(after.pose.yaw - before.pose.yaw)
     ahead = before.pose.relative(after.pose).x
-    return math.copysign(way, ahead), turned
+    return math.copysign(distance, ahead), turned

@@ -20,7 +20,7 @@ from ator_ros.nodes.qos import SERVICES
 from ator_ros.view.backend import NodesError
 from ator_ros.world.state import World
 
-_LONG = 10.0  # s after which what is waited for is logged
+_LOG_AFTER = 10.0  # s of waiting after which a warning names the cause
 _SPIN = 0.02
 _RETRY = 3.0
 """Real s after which a request is sent again: DDS drops an answer to a client not yet discovered."""
