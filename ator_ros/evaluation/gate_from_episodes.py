@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.gate_learning import GateExamples, LearnedGates, fit_threshold, learn_gates
+from ator_ros.evaluation.gate_learning import GateExamples, fit_threshold
 from ator_ros.evaluation.policies import reopened
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.experience.table import ExperienceError
@@ -53,10 +52,10 @@ def gate_of_episodes(
     seed: int,
     situations: int,
     features: Mapping[str, tuple[Feature, ...]] | None = None,
-) -> tuple[ThresholdGate, LearnedGates]:
-    """Learn the gate of models from tables of episodes; return it and how it compares.
+) -> ThresholdGate:
+    """Learn the gate of models from tables of episodes.
 
-    The gate is always the threshold: it grows with the spread, so it also holds for models that are learned
+    The threshold grows with the spread, so it also holds for models that are learned
     later from more or fewer episodes. It is at least one `CONTROL_PERIOD`, the resolution of executed chains.
 
     Parameters
@@ -88,20 +87,9 @@ def gate_of_episodes(
                 f"each half judge those of the other, got {succeeded}"
             )
     known = {action: (features or {}).get(action, CANDIDATES) for action in used}
-    learned = learn_gates(
-        _CrossFit(domain, library.robot, used, known).examples(trials, seed),
-        partial(fit_threshold, keep=KEPT),
-    )
-    gain = max(learned.threshold.gain, CONTROL_PERIOD)
-    comparison = {kind: _per_chain(judged) for kind, judged in learned.comparison.items()}
-    gate = dataclasses.replace(learned.threshold, gain=gain)
-    return gate, learned._replace(comparison=comparison)
-
-
-def _per_chain(judged: Mapping[str, float]) -> dict[str, float]:
-    """Return the comparison of a gate with sums over chains instead of drawn errors."""
-    sums = {name: round(judged[name] / DRAWS) for name in ("higher", "equal", "lower")}
-    return {**judged, **sums, "utility": round(judged["utility"] / DRAWS, 3)}
+    examples = _CrossFit(domain, library.robot, used, known).examples(trials, seed)
+    gate = fit_threshold(examples, keep=KEPT)
+    return dataclasses.replace(gate, gain=max(gate.gain, CONTROL_PERIOD))
 
 
 class _CrossFit:
@@ -147,7 +135,7 @@ class _CrossFit:
                 before = self._judged(trial, naive, judge, rng)
                 after = self._judged(trial, refinement.chain, judge, rng)
                 for times in zip(before, after, strict=True):
-                    yield values, *times, trial.index, kind, True
+                    yield values, *times, kind
 
     def _judged(self, trial: Trial, chain: TopChain, judge: _Models, rng: np.random.Generator) -> list[float]:
         """Return `DRAWS` costs of a chain: the judge's prediction and drawn errors."""

@@ -13,7 +13,7 @@ from ator_ros.evaluation.statistics import prediction_errors, summarize
 from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.parallel import HERE, Workers, progress, run_tasks
 from ator_ros.experience.table import library_versions
-from ator_ros.files import save
+from ator_ros.files import FileError, load, save
 
 PARTIAL = "situations.jsonl"
 RESULT = "evaluation.json"
@@ -63,6 +63,49 @@ def run_situations(
     return [records[index] for index in range(situations)]
 
 
+def earlier_oracle(folder: Path, settings: Settings, situations: int) -> list[Record]:
+    """Return what the oracle of an earlier evaluation recorded of the same situations.
+
+    Parameters
+    ----------
+    folder : Path
+        Of an `evaluation.json` with an oracle.
+    settings : Settings
+        Seed, chain, domain, action set and robot must be those of the earlier evaluation.
+    situations : int
+        Number of situations, from index 0.
+
+    Raises
+    ------
+    FileError
+        The file cannot be read, has no oracle or too few situations, or is of other situations.
+    """
+    file = folder / RESULT
+    earlier = load(file, KIND, dict[str, Any])
+    theirs, ours = (
+        {name: each[name] for name in ("seed", "chain")}
+        | {name: each["source"][name] for name in ("domain", "action_set", "robot")}
+        for each in (earlier["settings"], asdict(_portable(settings)))
+    )
+    if theirs != ours:
+        raise FileError(f"{file}: expected an evaluation of {ours}, got {theirs}")
+    columns = {name: earlier["runs"][name] for name in ("oracle", "oracle_speed") if name in earlier["runs"]}
+    found = len(earlier["runs"]["index"]) if "oracle" in columns else 0
+    if found < situations:
+        raise FileError(f"{file}: expected an oracle of at least {situations} situations, got {found}")
+    return [
+        {name: {key: values[index] for key, values in column.items()} for name, column in columns.items()}
+        for index in range(situations)
+    ]
+
+
+def _portable(settings: Settings) -> Settings:
+    """Return the settings with names of files instead of paths."""
+    source = settings.source
+    names = {"robot": Path(source.robot).name, "models": Path(source.models).name}
+    return replace(settings, source=replace(source, **names))
+
+
 def write_result(folder: Path, settings: Settings, records: Sequence[Record], command: str) -> dict[str, Any]:
     """Write `evaluation.json`, with all runs by columns in one line; return its contents."""
     summary: dict[str, Any] = {
@@ -74,13 +117,11 @@ def write_result(folder: Path, settings: Settings, records: Sequence[Record], co
     for name in settings.policies:
         if "predicted" in records[0]["policies"][name]:
             summary[name]["prediction"] = prediction_errors(records, name)
-    source = settings.source
-    portable = replace(source, robot=Path(source.robot).name, models=Path(source.models).name)
     result = {
         "summary": summary,
-        "settings": asdict(replace(settings, source=portable)),
+        "settings": asdict(_portable(settings)),
         "executed": sum(record["executed"] for record in records),
-        "digest": source.digest(),
+        "digest": settings.source.digest(),
         "versions": library_versions(),
         "machine": platform.platform(),
         "runs": to_columns(records),

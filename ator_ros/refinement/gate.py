@@ -71,6 +71,10 @@ class Gate:
         """Return whether to refine, and the reason in words."""
         raise NotImplementedError
 
+    def rules(self) -> list[str]:
+        """Return the gate in words, one sentence per rule."""
+        raise NotImplementedError
+
 
 _NO_GAIN = "no gain predicted"
 
@@ -85,6 +89,10 @@ class OpenGate(Gate):
         """Return whether the predicted gain is above 0."""
         gain = features["gain"]
         return gain > 0.0, f"predicted gain {gain:.2f} s" if gain > 0.0 else _NO_GAIN
+
+    def rules(self) -> list[str]:
+        """Return the gate in words."""
+        return ["refines where any gain is predicted"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +121,12 @@ class ThresholdGate(Gate):
         digits = 2 if f"{gain:.2f}" != f"{needed:.2f}" else 4
         reason = f"predicted gain {gain:.{digits}f} s {relation} the gate's {needed:.{digits}f} s"
         return gain > needed, reason
+
+    def rules(self) -> list[str]:
+        """Return the threshold in words."""
+        factor = self.spread_factor
+        spread = f" + {factor:g} times the spread of the two predictions" if factor else ""
+        return [f"refines where the predicted gain is above {self.gain:.2f} s{spread}"]
 
 
 @dataclass(frozen=True, slots=True)

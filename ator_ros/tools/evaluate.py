@@ -10,7 +10,7 @@ from pathlib import Path
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.policies import POLICIES, unavailable
 from ator_ros.evaluation.report import policy_table, prediction_table, write_report
-from ator_ros.evaluation.running import PARTIAL, RESULT, run_situations, write_result
+from ator_ros.evaluation.running import PARTIAL, RESULT, earlier_oracle, run_situations, write_result
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import make_toolset
 from ator_ros.evaluation.trials import EvaluationError
@@ -34,14 +34,18 @@ def evaluate(
     *,
     command: str,
     situations: int = 100,
+    oracle_from: Path | None = None,
     workers: Workers = EVERY_CORE,
 ) -> None:
     """Execute situations with every policy; write `evaluation.json` and the report, and print the tables.
 
-    `command` is the command line, for the result.
+    `command` is the command line, for the result; `oracle_from` the folder of an earlier evaluation of the
+    same situations, whose oracle is taken.
     """
     make_toolset(settings.source)  # a damaged file is reported before anything is executed
+    oracles = earlier_oracle(oracle_from, settings, situations) if oracle_from else [{}] * situations
     records = run_situations(settings, situations=situations, folder=out, workers=workers)
+    records = [record | oracle for record, oracle in zip(records, oracles, strict=True)]
     result = write_result(out, settings, records, command)
     for table in (policy_table(result["summary"]), prediction_table(result["summary"])):
         if len(table):
@@ -59,6 +63,10 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument(
         "--oracle", type=whole(), metavar="K", help="also execute K approach headings each time"
     )
+    parser.add_argument(
+        "--oracle-from", type=Path, metavar="DIR",
+        help="take the oracle of an earlier evaluation of the same situations, with other models perhaps",
+    )  # fmt: skip
     parser.add_argument(
         "--oracle-jointly",
         action="store_true",
@@ -98,6 +106,8 @@ def _check_oracle_options(options: argparse.Namespace) -> None:
             raise EvaluationError(f"--{name.replace('_', '-')}: expected --oracle, too")
     if options.oracle_jointly and options.oracle_speeds:
         raise EvaluationError("--oracle-speeds: expected none beside --oracle-jointly")
+    if options.oracle is not None and options.oracle_from is not None:
+        raise EvaluationError("--oracle-from: expected without --oracle")
 
 
 def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
@@ -122,8 +132,9 @@ def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
         joint_oracle=options.oracle_jointly,
     )
     evaluate(
-        settings, options.out, command=command, situations=options.situations, workers=workers_of(options)
-    )
+        settings, options.out, command=command, situations=options.situations,
+        oracle_from=options.oracle_from, workers=workers_of(options),
+    )  # fmt: skip
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -175,7 +175,7 @@ def _evaluated(
         print("study: gate", flush=True)
         learn_gate(
             source, chain, out / "gate", command="gate of study", situations=settings.situations,
-            seed=settings.seed + 2, draw_errors=True, workers=workers,
+            seed=settings.seed + 2, workers=workers,
         )  # fmt: skip
     folder = out / "evaluation"
     if not (folder / RESULT).exists():

@@ -133,15 +133,13 @@ def _learn_gate(
         if chain is None:
             raise ExperienceError(f"domain {domain.name} has no chain with only {', '.join(rows)}")
         print(f"train: learning the gate in {_GATE_SITUATIONS} situations of the chain {chain} …", flush=True)
-        gate, learned = gate_of_episodes(domain, library, rows, chain, **sizes, features=features)
+        gate = gate_of_episodes(domain, library, rows, chain, **sizes, features=features)
     except (ExperienceError, ConfigError) as error:
         result = f"{file} stays as it is" if file.exists() else "refinement accepts every predicted gain"
         print(f"{file.parent}: no gate: {error}; {result}")
         return
-    save_gate(file, gate, learned.training(command=command, **sizes), action_set)
-    factor = gate.spread_factor
-    spread = f" + {factor:g} times the spread of the two predictions" if factor else ""
-    print(f"{file}: refines where the predicted gain is above {gate.gain:.2f} s{spread}")
+    save_gate(file, gate, {"command": command, **sizes}, action_set)
+    print(f"{file}: {gate.rules()[0]}")
 
 
 def _is_own(robot: Robot, domain: Domain) -> bool:

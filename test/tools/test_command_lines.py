@@ -134,7 +134,6 @@ DAMAGED = [
     ("train --rules odd.json", "odd.json"),
     ("train bag --models out", "bag/metadata.yaml"),
     ("train store --models out", "store/store.json"),
-    ("gate --episodes odd.parquet --work out", "odd.parquet"),
     *((f"{tool} --robot odd.yaml --out out", "odd.yaml") for tool in ("evaluate", "calibrate", "study")),
     ("collect --robot odd.yaml --out out.parquet", "odd.yaml"),
     ("view --robot odd.yaml", "odd.yaml"),

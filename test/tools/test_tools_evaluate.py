@@ -101,30 +101,37 @@ def test_evaluation_continues_after_an_interruption(models: Path, tmp_path: Path
         run_situations(dataclasses.replace(settings, seed=406), situations=2, folder=tmp_path / "parts")
 
 
-def test_a_gate_is_learned(models: Path, tmp_path: Path) -> None:
-    work = tmp_path / "work"
-    options = ["--situations", "10", "--seed", "305", "--models", str(models), "--work", str(work)]
-    before = (models / GATE).read_text()
-    try:
-        assert gate_main([*options, "--jobs", "1"]) == 0
-        training = json.loads((models / GATE).read_text())["training"]
-        assert training["seed"] == 305
-        assert set(training["cross_validation"]) == {"open", "threshold", "tree"}
-        assert training["tree_rules"]
-        load_gate(models / GATE)
-    finally:
-        (models / GATE).write_text(before)
+@pytest.mark.parametrize(("words", "kind"), [((), "threshold"), (("--tree",), "tree")])
+def test_a_gate_is_learned(words: tuple[str, ...], kind: str, models: Path, tmp_path: Path) -> None:
+    ours = shutil.copytree(models, tmp_path / "models")
+    options = ["--situations", "10", "--seed", "305", "--jobs", "1", "--work", str(tmp_path / "work")]
+    assert gate_main([*options, "--models", str(ours), *words]) == 0
+    assert json.loads((ours / GATE).read_text())["training"]["seed"] == 305
+    assert load_gate(ours / GATE).kind == kind
 
 
-@pytest.mark.long
-def test_with_drawn_errors_the_gate_is_a_threshold(tmp_path: Path) -> None:
-    ours, work = tmp_path / "models", tmp_path / "work"
-    ours.mkdir()
-    for action in ("goToPose", "dribbleBall"):
-        shutil.copy(SOCCER.shipped_models / f"{action}.json", ours)
-    sizes = ["--situations", "24", "--seed", "306", "--jobs", "1", "--draw-errors"]
-    assert gate_main([*sizes, "--models", str(ours), "--work", str(work)]) == 0
-    assert load_gate(ours / GATE).kind == "threshold"
+def test_the_oracle_of_an_earlier_evaluation_is_taken(
+    models: Path,
+    finished: tuple[Path, dict[str, Any]],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    earlier, whole = finished
+    found = evaluate(models, tmp_path / "again", "--oracle-from", str(earlier), situations=2)
+    for name in ("oracle", "oracle_speed"):
+        assert found["runs"][name]["best"] == whole["runs"][name]["best"][:2]
+    assert {"oracle", "oracle_speed"} <= found["summary"].keys()
+    assert found["executed"] < whole["executed"] / 2
+    assert "the best of the executed headings" in (tmp_path / "again" / "report.html").read_text()
+    same = ["--models", str(models), "--oracle-from", str(earlier), "--out", str(tmp_path / "other")]
+    for words, expected in (
+        (["--seed", "405", "--situations", "4"], "expected an oracle of at least 4 situations, got 3"),
+        (["--seed", "406"], "expected an evaluation of {'seed': 406, "),
+        (["--oracle", "4"], "--oracle-from: expected without --oracle"),
+    ):
+        assert main([*same, *words]) == 1
+        assert expected in capsys.readouterr().err
+    assert not (tmp_path / "other").exists()
 
 
 def test_action_durations_add_up_and_refined_chains_are_predicted(
