@@ -98,19 +98,15 @@ def squared_error(models: FloatArray, moments: FloatArray) -> FloatArray:
     return clipped
 
 
-def corrected_error(
-    squared: FloatArray, weight: FloatArray, samples: FloatArray, terms: FloatArray
-) -> FloatArray:
+def corrected_error(squared: FloatArray, samples: FloatArray, terms: FloatArray) -> FloatArray:
     """Return M5's estimate of the root-mean-square error on new rows: RMSE × (n + v) / (n − v).
 
     Parameters
     ----------
     squared : array of float, shape (n_nodes,)
         Sum of squared residuals on the learning rows.
-    weight : array of float, shape (n_nodes,)
-        Number of these rows.
     samples : array of float, shape (n_nodes,)
-        n: how many of them are independent.
+        n: number of these rows.
     terms : array of float, shape (n_nodes,)
         v: how many terms the model has, the constant included.
 
@@ -122,11 +118,11 @@ def corrected_error(
     spare = samples - terms
     factor = np.where(spare > 0, (samples + terms) / np.where(spare > 0, spare, 1.0), np.inf)
     # The floor keeps a perfect fit with too few samples (0 × infinity) infinitely bad.
-    estimate: FloatArray = np.sqrt(np.maximum(squared / weight, 1e-24)) * factor
+    estimate: FloatArray = np.sqrt(np.maximum(squared / samples, 1e-24)) * factor
     return estimate
 
 
-def fit_node_models(moments: FloatArray, samples: FloatArray) -> tuple[FloatArray, FloatArray]:
+def fit_node_models(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Fit every node's linear model and greedily remove terms while the corrected error does not grow.
 
     The work is done by sweeping all nodes' normal equations together: sweeping a column in or out adds or
@@ -136,8 +132,6 @@ def fit_node_models(moments: FloatArray, samples: FloatArray) -> tuple[FloatArra
     ----------
     moments : array of float, shape (n_nodes, 2 + n_features, 2 + n_features)
         Normal equations of the nodes over standardized rows.
-    samples : array of float, shape (n_nodes,)
-        Independent samples of each node.
 
     Returns
     -------
@@ -146,22 +140,20 @@ def fit_node_models(moments: FloatArray, samples: FloatArray) -> tuple[FloatArra
     error : array of float, shape (n_nodes,)
         Corrected error of each model.
     """
-    weight = moments[:, 0, 0]
-    swept = moments / weight[:, None, None]
+    samples = moments[:, 0, 0]
+    swept = moments / samples[:, None, None]
     n_terms = moments.shape[1] - 1
     features = np.arange(1, n_terms)
     swept[:, features, features] += _RIDGE
     for term in range(n_terms):
         swept = _sweep(swept, np.full(len(swept), term, dtype=np.intp))
     kept = np.ones((len(swept), n_terms), dtype=bool)
-    error = corrected_error(
-        swept[:, -1, -1] * weight, weight, samples, np.full(len(swept), TERM_COST * n_terms)
-    )
+    error = corrected_error(swept[:, -1, -1] * samples, samples, np.full(len(swept), TERM_COST * n_terms))
     active = np.arange(len(swept))
     while len(active):
         column, squared = _cheapest_removal(swept[active], kept[active])
         terms = TERM_COST * (kept[active].sum(axis=1) - 1)
-        candidate = corrected_error(squared * weight[active], weight[active], samples[active], terms)
+        candidate = corrected_error(squared * samples[active], samples[active], terms)
         better = np.isfinite(squared) & (candidate <= error[active])
         active, column, candidate = active[better], column[better], candidate[better]
         swept[active] = _sweep(swept[active], column)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from numbers import Integral, Real
 from typing import Any, Self
 
 import numpy as np
@@ -29,7 +28,7 @@ Children = Sequence[tuple[int, int] | None]
 """Nodes below each node, which have higher numbers; None at a grown leaf."""
 
 
-def prune(children: Children, error: FloatArray, weight: FloatArray) -> BoolArray:
+def prune(children: Children, error: FloatArray, samples: FloatArray) -> BoolArray:
     """Return the nodes that become leaves: their own model is expected to err no more than the tree below.
 
     Parameters
@@ -38,7 +37,7 @@ def prune(children: Children, error: FloatArray, weight: FloatArray) -> BoolArra
         Nodes below, which have higher numbers; None at a grown leaf.
     error : array of float, shape (n_nodes,)
         Corrected error of each node's own linear model.
-    weight : array of float, shape (n_nodes,)
+    samples : array of float, shape (n_nodes,)
         Number of each node's rows.
 
     Returns
@@ -53,7 +52,7 @@ def prune(children: Children, error: FloatArray, weight: FloatArray) -> BoolArra
         if below is None:
             continue
         first, second = below
-        of_subtree = (weight[first] * best[first] + weight[second] * best[second]) / weight[node]
+        of_subtree = (samples[first] * best[first] + samples[second] * best[second]) / samples[node]
         is_leaf[node] = error[node] <= of_subtree
         best[node] = min(error[node], of_subtree)
     return is_leaf
@@ -165,11 +164,10 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         X : array of float, shape (n, n_features)
         y : array of float, shape (n,)
         """
-        self._check_parameters()
         checked = validate_data(self, X, y, dtype=np.float64, y_numeric=True, order="C")
         features, target = (np.asarray(part, dtype=np.float64) for part in checked)
         standard = Standardized.from_rows(features, target)
-        nodes = Partition(features, standard.rows, float(self.min_samples_leaf), self.max_leaves).grow()
+        nodes = Partition(features, standard.rows, self.min_samples_leaf, self.max_leaves).grow()
         names = getattr(self, "feature_names_in_", [f"x{column}" for column in range(features.shape[1])])
         self.tree_ = self._finish(nodes, standard, tuple(str(name) for name in names))
         return self
@@ -180,31 +178,19 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         tree: ModelTree = self.tree_
         return tree.predict(validate_data(self, X, dtype=np.float64, order="C", reset=False))
 
-    def _check_parameters(self) -> None:
-        for name, kind, least in (
-            ("min_samples_leaf", Real, 1),
-            ("max_leaves", Integral, 1),
-            ("smoothing", Real, 0),
-            ("extrapolation", Real, 0),
-        ):
-            value: Any = getattr(self, name)
-            if not isinstance(value, kind) or not least <= float(value) < np.inf:
-                wanted = "an integer" if kind is Integral else "a finite number"
-                raise ValueError(f"expected {name} to be {wanted} of at least {least}, got {value!r}")
-
     def _finish(self, nodes: list[GrownNode], standard: Standardized, names: tuple[str, ...]) -> ModelTree:
         """Fit the linear models, prune, smooth, and lay out what is left as flat arrays in preorder."""
         children = [node.children for node in nodes]
         moments = np.stack([node.moments for node in nodes])
-        weight = samples = moments[:, 0, 0]
-        fitted, error = fit_node_models(moments, samples)
-        is_leaf = prune(children, error, weight)
+        samples = moments[:, 0, 0]
+        fitted, error = fit_node_models(moments)
+        is_leaf = prune(children, error, samples)
         smoothed = smooth(children, fitted, samples, smoothing=self.smoothing)
-        models = drop_traces(smoothed, moments, np.sqrt(squared_error(smoothed, moments) / weight))
+        models = drop_traces(smoothed, moments, np.sqrt(squared_error(smoothed, moments) / samples))
         terms = TERM_COST * np.count_nonzero(fitted, axis=1).clip(1)
         squared = squared_error(models, moments)
-        spread = corrected_error(squared, weight, samples, terms)
-        spread = np.where(np.isfinite(spread), spread, np.sqrt(squared / weight)) * standard.scale[-1]
+        spread = corrected_error(squared, samples, terms)
+        spread = np.where(np.isfinite(spread), spread, np.sqrt(squared / samples)) * standard.scale[-1]
         ranges = np.array([node.target_range for node in nodes]) * standard.scale[-1] + standard.mean[-1]
         margin = self.extrapolation * np.ptp(ranges, axis=1)
         intercept, slopes = standard.to_units(models)

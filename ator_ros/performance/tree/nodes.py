@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,10 +54,6 @@ class ModelTree:
     spread: FloatArray
     samples: FloatArray
 
-    def __post_init__(self) -> None:
-        constant = float(np.clip(self.intercept[0], self.lower[0], self.upper[0]))
-        object.__setattr__(self, "_constant", None if self.used_features() else constant)
-
     @property
     def is_leaf(self) -> BoolArray:
         """Which nodes are leaves, shape (n_nodes,)."""
@@ -89,10 +86,11 @@ class ModelTree:
         """
         return self.evaluate(*self._rows_of(X))[1]
 
-    @property
+    @cached_property
     def constant(self) -> float | None:
         """What is predicted everywhere, in the target's unit; None where that depends on features."""
-        return self._constant  # type: ignore[attr-defined,no-any-return]
+        constant = float(np.clip(self.intercept[0], self.lower[0], self.upper[0]))
+        return None if self.used_features() else constant
 
     def predict(self, X: FloatArray) -> FloatArray:
         """Predict the target of each row, in its unit; shapes as in `apply`."""

@@ -46,13 +46,8 @@ class GrownNode:
     children: tuple[int, int] | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class _Split:
-    """A split of a node, by position in the order of its feature."""
-
-    feature: int
-    position: int
-    reduction: float
+Split = tuple[float, int, int, int]
+"""Negative reduction, so that the best comes first, number of the node, feature, position in its order."""
 
 
 @dataclass(eq=False)
@@ -80,43 +75,36 @@ class Partition:
         order = np.ascontiguousarray(np.argsort(self.X, axis=0, kind="stable").T)
         # What the sides of splits are fitted to: the rows, with the residuals of their node for a target.
         self._residuals = self.rows.copy()
-        # The codes of feature j begin at j times the number of rows: one search serves all features.
-        self._offset = len(self.X) * np.arange(len(order))[:, None]
-        self._codes = _value_codes(self.X, order) + self._offset
         self._goes_left = np.zeros(len(self.X), dtype=bool)
-        queue: list[tuple[float, int, _Split]] = []
+        queue: list[Split] = []
         self._add(order, queue)
         leaves = 1
         while queue and leaves < self.max_leaves:
-            _, number, split = heapq.heappop(queue)
-            self._split(self.nodes[number], split, queue)
+            _, number, feature, position = heapq.heappop(queue)
+            self._split(self.nodes[number], feature, position, queue)
             leaves += 1
         return self.nodes
 
-    def _add(self, order: IntArray, queue: list[tuple[float, int, _Split]]) -> int:
+    def _add(self, order: IntArray, queue: list[Split]) -> int:
         """Add a node with its normal equations, queue its best split, and return its number."""
-        rows = order[0]
-        table = self.rows[rows]
+        table = self.rows[order[0]]
         target = table[:, -1]
-        node = GrownNode(
-            order=order,
-            moments=table.T @ table,
-            target_range=(float(target.min()), float(target.max())),
-        )
+        node = GrownNode(order, table.T @ table, (float(target.min()), float(target.max())))
         self.nodes.append(node)
         number = len(self.nodes) - 1
         split = self._best_split(node, table)
         if split is not None:
-            heapq.heappush(queue, (-split.reduction, number, split))
+            reduction, feature, position = split
+            heapq.heappush(queue, (-reduction, number, feature, position))
         return number
 
-    def _split(self, node: GrownNode, split: _Split, queue: list[tuple[float, int, _Split]]) -> None:
-        along = node.order[split.feature]
-        below, above = self.X[along[split.position - 1 : split.position + 1], split.feature]
+    def _split(self, node: GrownNode, feature: int, position: int, queue: list[Split]) -> None:
+        along = node.order[feature]
+        below, above = self.X[along[position - 1 : position + 1], feature]
         middle = below + (above - below) / 2
-        node.feature, node.threshold = split.feature, float(middle if middle < above else below)
+        node.feature, node.threshold = feature, float(middle if middle < above else below)
         self._goes_left[node.order[0]] = False
-        self._goes_left[along[: split.position]] = True
+        self._goes_left[along[:position]] = True
         left: BoolArray = self._goes_left.take(node.order)
         n_features = len(node.order)
         first = self._add(node.order[left].reshape(n_features, -1), queue)
@@ -124,8 +112,8 @@ class Partition:
         node.children = (first, second)
         node.order = node.order[:, :0]
 
-    def _best_split(self, node: GrownNode, table: FloatArray) -> _Split | None:
-        """Return the split with the greatest standard-deviation reduction of the node's rows, if any."""
+    def _best_split(self, node: GrownNode, table: FloatArray) -> tuple[float, int, int] | None:
+        """Return the greatest standard-deviation reduction by a split, if any, with feature and position."""
         total = node.moments[0, 0]
         minimum = self.min_samples_leaf
         if total < 2 * minimum:
@@ -149,17 +137,16 @@ class Partition:
         best = np.round(after / before, 6).argmin()
         feature, candidate = np.unravel_index(int(best), after.shape)
         reduction = float(before - after[feature, candidate])
-        return _Split(int(feature), int(positions[feature, candidate]), reduction)
+        return reduction, int(feature), int(positions[feature, candidate])
 
     def _candidates(self, node: GrownNode, count: int) -> tuple[IntArray, BoolArray]:
         """Return splits per feature at quantiles, by the rows to the left, and which are splits at all."""
-        n_features, n = node.order.shape
-        total = node.moments[0, 0]
-        targets = total * np.arange(1, count + 1) / (count + 1)
-        at = np.broadcast_to(np.ceil(targets).astype(np.intp) - 1, (n_features, count))
-        codes = self._codes.take(node.order + self._offset)
-        after = np.searchsorted(codes.ravel(), np.take_along_axis(codes, at, axis=1).ravel(), side="right")
-        positions = after.reshape(n_features, count) - n * np.arange(n_features)[:, None]
+        n = node.order.shape[1]
+        targets = n * np.arange(1, count + 1) / (count + 1)
+        at = np.ceil(targets).astype(np.intp) - 1
+        values = (column[order] for column, order in zip(self.X.T, node.order, strict=True))
+        # No split falls between equal values.
+        positions = np.array([np.searchsorted(sorted_, sorted_[at], side="right") for sorted_ in values])
         return np.minimum(positions, n - 1), positions < n
 
     def _moments_left(self, node: GrownNode, positions: IntArray) -> FloatArray:
@@ -181,16 +168,6 @@ def _deviation(moments: FloatArray) -> FloatArray:
     """Return rows × corrected deviation around the linear models of sides, given by their moments."""
     weight = moments[..., 0, 0]
     terms = np.full(weight.shape, moments.shape[-1] - 1.0)
-    error = corrected_error(residual_squares(moments), weight, weight, terms)
+    error = corrected_error(residual_squares(moments), weight, terms)
     deviation: FloatArray = weight * np.where(np.isfinite(error), error, _WORST)
     return deviation
-
-
-def _value_codes(X: FloatArray, order: IntArray) -> IntArray:
-    """Return codes of the values of each feature, (n_features, n); no split falls between equal ones."""
-    values = np.take_along_axis(X.T, order, axis=1)
-    rises = np.zeros(order.shape, dtype=np.intp)
-    rises[:, 1:] = values[:, 1:] != values[:, :-1]
-    codes = np.empty(order.shape, dtype=np.intp)
-    np.put_along_axis(codes, order, rises.cumsum(axis=1), axis=1)
-    return codes
