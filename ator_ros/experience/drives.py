@@ -64,8 +64,8 @@ def _in_order(rows: Rows, width: int) -> FloatArray:
     return table[np.argsort(table[:, 0], kind="stable")]
 
 
-class RobotReader:
-    """Sorts the messages of one robot: its segments, and the executor's records.
+class Reader:
+    """Sorts the messages of a robot: its segments, and the executor's records.
 
     A new segment begins after a reset or a long silence.
 

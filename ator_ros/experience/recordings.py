@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.experience.drives import CMD_VEL, ODOM, RECORDS, SHORTEST, TF, RobotReader
+from ator_ros.experience.drives import CMD_VEL, ODOM, RECORDS, SHORTEST, TF, Reader
 from ator_ros.experience.records import Vocabulary
 from ator_ros.experience.store import is_store, read_store
 from ator_ros.experience.table import (
@@ -32,10 +32,6 @@ from ator_ros.world.messages import ObjectSource
 
 Topic = tuple[str, str]
 """Name of a topic, and type of its messages as in nav_msgs/msg/Odometry."""
-Routes = dict[Topic, list[tuple[str, str]]]
-"""The robots, by their namespaces, and the roles that each topic is read for."""
-ABSOLUTE = ""
-"""The namespace of topics that are selected by absolute names."""
 TYPES = {
     ODOM: {"nav_msgs/msg/Odometry"},
     CMD_VEL: {"geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"},
@@ -44,27 +40,11 @@ _LARGEST_MESSAGE = 100_000  # bytes; odometry and records have about a thousand
 
 
 class Wanted(NamedTuple):
-    """A topic that is read.
-
-    Attributes
-    ----------
-    role : str
-        What it is read as: odometry, commands, an object.
-    name : str
-        Absolute, or relative to the namespace of a robot.
-    types : collection of str
-        Types of its messages, as nav_msgs/msg/Odometry.
-    """
+    """A topic that is read as a role, such as odometry: absolute, or in any namespace; and its types."""
 
     role: str
     name: str
     types: Collection[str]
-
-    def namespace(self, topic: str) -> str | None:
-        """Return the namespace in which a topic has this name, or `ABSOLUTE`; None: it has another name."""
-        if self.name.startswith("/"):
-            return ABSOLUTE if topic == self.name else None
-        return topic.removesuffix(self.name) if topic.endswith(f"/{self.name}") else None
 
 
 def objects_wanted(sources: Sequence[ObjectSource]) -> list[Wanted]:
@@ -80,47 +60,44 @@ def objects_wanted(sources: Sequence[ObjectSource]) -> list[Wanted]:
     return wanted
 
 
-def select(topics: Iterable[Topic], wanted: Sequence[Wanted]) -> tuple[Routes, list[str], list[str]]:
+def select(
+    topics: Sequence[Topic], wanted: Sequence[Wanted]
+) -> tuple[defaultdict[Topic, list[str]], list[str]]:
     """Select topics by name and type.
 
-    A robot reads the topics of its namespace, else those of the nearest namespace around it. The only robot
-    also reads what is in any other namespace.
-
-    Parameters
-    ----------
-    topics : iterable of Topic
-        The topics of a recording.
-    wanted : sequence of Wanted
-        What is read.
+    Records are read from every namespace. Of several other topics with one name, the one in the namespace of
+    the odometry is read, by default the one without a namespace.
 
     Returns
     -------
-    routes, robots, skipped
-        Which topics are read; the namespaces of the robots; a line for each topic that has a wanted name but
-        another type, and for several of which one is expected.
+    roles, skipped
+        The roles of the topics that are read; a line for each topic of another type, and for several of which
+        one is expected.
     """
-    routes: Routes = defaultdict(list)
+    roles: defaultdict[Topic, list[str]] = defaultdict(list)
     skipped: list[str] = []
-    found: dict[str, dict[str, list[Topic]]] = defaultdict(lambda: defaultdict(list))
-    for (topic, kind), item in itertools.product(topics, wanted):
-        space = item.namespace(topic)
-        if space is not None and kind in item.types:
-            found[item.role][space].append((topic, kind))
-        elif space is not None:
-            expected = " or ".join(sorted(item.types))
-            skipped.append(f"skipped {printable(topic)}: expected {expected}, got {printable(kind)}")
-    robots = sorted(found[ODOM] or found[RECORDS])
-    for (role, there), robot in itertools.product(found.items(), robots):
-        spaces = [space for space in there if robot.startswith(space)]
-        if not spaces and len(robots) == 1:
-            spaces = list(there)
-            if len(spaces) > 1:
-                several = (topic for space in sorted(there) for topic, _ in there[space])
-                skipped.append(f"skipped {_listed(several)}: expected one of them as {role}")
-                continue
-        for link in there[max(spaces, key=len)] if spaces else ():
-            routes[link].append((robot, role))
-    return routes, robots, skipped
+    namespace = "/"
+    for role, name, types in wanted:  # the odometry first
+        there = []
+        for topic, kind in topics:
+            if topic == name or topic.endswith(f"/{name}"):
+                if kind in types:
+                    there.append((topic, kind))
+                else:
+                    expected = " or ".join(sorted(types))
+                    skipped.append(f"skipped {printable(topic)}: expected {expected}, got {printable(kind)}")
+        if len(there) > 1 and role != RECORDS:
+            near = [topic for topic in there if topic[0] == f"{namespace}{name}"]
+            if not near:
+                skipped.append(
+                    f"skipped {_listed(topic for topic, _ in there)}: expected one of them as {role}"
+                )
+            there = near
+        if role == ODOM and there:
+            namespace = there[0][0].removesuffix(name)
+        for link in there:
+            roles[link].append(role)
+    return roles, skipped
 
 
 @contextlib.contextmanager
@@ -185,11 +162,10 @@ def read_recording(
         of several sets or with an invalid name.
     """
     file = Path(path)
-    robots, skipped, topics = _read(file, domain, robot, names or {})
-    episodes = [episode for recorded in robots for episode in recorded.episodes()]
-    remarks = skipped + [line for recorded in robots for line in recorded.remarks()]
+    reader, skipped, topics = _read(file, domain, robot, names or {})
+    episodes, remarks = reader.episodes(), skipped + reader.remarks()
     if not episodes:
-        if wrong := next((each.errors[RECORDS] for each in robots if RECORDS in each.errors), ""):
+        if wrong := reader.errors.get(RECORDS, ""):
             raise ExperienceError(f"{file}: {RECORDS}: expected a record that can be used, got none: {wrong}")
         there = [topic for topic, kind in topics if kind in TYPES[ODOM] | TYPES[CMD_VEL]]
         found = f"topics of these types: {_listed(there)}; name them with --odom and --cmd-vel"
@@ -200,7 +176,7 @@ def read_recording(
         found = found if there else "there are no topics of these types"
         raise ExperienceError(f"{file}: {'; '.join([expected, found, *remarks[:3]])}")
     objects = tuple(dict.fromkeys([*domain.objects, *(name for each in episodes for name in each.objects)]))
-    action_sets = sorted(set().union(*(recorded.action_sets for recorded in robots)))
+    action_sets = sorted(reader.action_sets)
     if len(action_sets) > 1:
         raise ExperienceError(f"{file}: expected records of one action set, got {_listed(action_sets)}")
     numbers: dict[str, Iterator[int]] = defaultdict(itertools.count)
@@ -211,7 +187,7 @@ def read_recording(
         "domain": domain.name,
         "action_set": action_sets[0] if action_sets else None,  # odometry and commands name none
         "command": f"recording {file.name}",
-        "records_left_out": sum(recorded.left_out[RECORDS] for recorded in robots),
+        "records_left_out": reader.left_out[RECORDS],
         "versions": library_versions(),
     }
     rows = checked_rows(file, join(frames), metadata["action_set"] or DEFAULT_SET)
@@ -220,8 +196,8 @@ def read_recording(
 
 def _read(
     file: Path, domain: Vocabulary, robot: Robot, names: Mapping[str, str]
-) -> tuple[list[RobotReader], list[str], list[Topic]]:
-    """Return the messages of each robot, a line for each topic that was skipped, and all topics."""
+) -> tuple[Reader, list[str], list[Topic]]:
+    """Return the messages, a line for each topic that was skipped, and all topics."""
     wanted = [
         *(Wanted(role, names.get(role, role), TYPES[role]) for role in (ODOM, CMD_VEL)),
         Wanted(RECORDS, RECORDS, {"ator_interfaces/msg/ActionPerformance"}),
@@ -230,11 +206,11 @@ def _read(
     try:
         with _opened(file) as readers:
             topics = _topics(readers)
-            routes, spaces, skipped = select(topics, wanted)
-            by_robot = {space: RobotReader(robot, domain) for space in spaces}
-            for topic, message in _messages(readers, routes.keys()):
-                for space, role in routes[topic]:
-                    by_robot[space].take(role, message)
+            roles, skipped = select(topics, wanted)
+            reader = Reader(robot, domain)
+            for topic, message in _messages(readers, roles.keys()):
+                for role in roles[topic]:
+                    reader.take(role, message)
     except ImportError as error:
         raise ExperienceError(
             "recordings need the package mcap-ros2-support: pip install mcap-ros2-support"
@@ -244,7 +220,7 @@ def _read(
         raise ExperienceError(
             f"{file}: expected {expected}: {printable(str(error) or repr(error), 200)}"
         ) from error
-    return list(by_robot.values()), skipped, topics
+    return reader, skipped, topics
 
 
 def _listed(names: Iterable[str]) -> str:
