@@ -1,4 +1,4 @@
-"""Files of JSON objects, one a line, that lose no line when their process is killed."""
+"""Results of a computation in a file of JSON objects, one a line, from which it can be resumed."""
 
 from __future__ import annotations
 
@@ -12,69 +12,13 @@ from typing import Any, Self
 from ator_ros.files import FileError, try_lock
 
 
-class JsonLines:
-    """A file to which this process appends, unbuffered.
-
-    Parameters
-    ----------
-    path : Path
-        The file; made when missing, with its folder. A last line that was cut off is dropped.
-    locked : bool
-        Whether to lock it against other processes until it is closed.
-
-    Attributes
-    ----------
-    lines : list of bytes
-        The lines that were there.
-    count : int
-        Number of lines.
-
-    Raises
-    ------
-    FileError
-        The file is locked by another process.
-    OSError
-        The file cannot be written.
-    """
-
-    def __init__(self, path: Path, *, locked: bool = False) -> None:
-        self.path = path
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = path.open("ab", buffering=0)
-        if locked and not try_lock(self._file.fileno()):
-            self._file.close()
-            raise FileError(f"{path}: expected a file of its own, another command is writing it")
-        *self.lines, cut_off = path.read_bytes().split(b"\n")
-        self.count, self._size = len(self.lines), path.stat().st_size - len(cut_off)
-        self._file.truncate(self._size)
-
-    def append(self, row: Mapping[str, Any]) -> None:
-        """Append an object; it is written whole or, when OSError is raised, not at all."""
-        line = json.dumps(row, separators=(",", ":")).encode() + b"\n"
-        try:
-            if self._file.write(line) < len(line):
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        except OSError:
-            self._file.truncate(self._size)
-            raise
-        self._size, self.count = self._size + len(line), self.count + 1
-
-    def sync(self) -> None:
-        """Flush appended lines to the disk, which protects them against a loss of power."""
-        os.fsync(self._file.fileno())
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-
-class PartialResults(JsonLines):
+class PartialResults:
     """Results of a computation, which can resume with them; the first line holds what they depend on.
 
     Parameters
     ----------
     path : Path
-        The file.
+        The file; made when missing, with its folder. A last line that was cut off is dropped.
     identity : mapping
         What the results depend on, as JSON can hold it.
     expected : str
@@ -94,18 +38,36 @@ class PartialResults(JsonLines):
     """
 
     def __init__(self, path: Path, identity: Mapping[str, Any], expected: str) -> None:
-        super().__init__(path, locked=True)
+        self.path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = path.open("ab", buffering=0)
+        if not try_lock(self._file.fileno()):
+            self._file.close()
+            raise FileError(f"{path}: expected a file of its own, another command is writing it")
+        *lines, cut_off = path.read_bytes().split(b"\n")
+        self._file.truncate(path.stat().st_size - len(cut_off))
         try:
-            there = [dict(json.loads(line)) for line in self.lines]
+            there = [dict(json.loads(line)) for line in lines]
         except (TypeError, ValueError) as error:
             raise FileError(f"{path}: expected {expected}, one a line: {error}") from error
+        self._has_results = len(there) > 1
         if not there:
-            self.append(identity)
+            self._write(identity)
         elif there[0] != json.loads(json.dumps(identity)):
             raise FileError(
                 f"{path}: expected {expected}, got others: choose another --out, or delete that file"
             )
         self.results: list[dict[str, Any]] = there[1:]
+
+    def append(self, result: Mapping[str, Any]) -> None:
+        """Append a result, which a killed process does not lose."""
+        self._write(result)
+        self._has_results = True
+
+    def _write(self, row: Mapping[str, Any]) -> None:
+        line = json.dumps(row, separators=(",", ":")).encode() + b"\n"
+        if self._file.write(line) < len(line):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path))
 
     def __enter__(self) -> Self:
         """Return this object, whose file is closed when the block ends."""
@@ -113,6 +75,6 @@ class PartialResults(JsonLines):
 
     def __exit__(self, *_: object) -> None:
         """Close the file; delete it if it holds no result."""
-        self.close()
-        if self.count == 1:
+        self._file.close()
+        if not self._has_results:
             self.path.unlink()

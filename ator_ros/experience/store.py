@@ -1,26 +1,23 @@
-"""A bounded store of episodes on disk; a node appends while others read.
+"""A bounded store of episodes, FOLDER/records.db: a node appends while others read.
 
-    FOLDER/store.json                      of which robot and domain
-    FOLDER/default/000000.jsonl ...        parts of an action set: one episode a line
-
-A killed process loses no appended episode, see `JsonLines`; `sync` protects against a loss of power.
+It is an SQLite database: a process that is killed loses no appended episode.
 """
 
 from __future__ import annotations
 
+import errno
 import json
-import math
-import re
-from dataclasses import dataclass
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import astuple, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.episode import Episode
-from ator_ros.experience.json_lines import JsonLines
 from ator_ros.experience.table import (
     Experience,
     ExperienceError,
@@ -29,30 +26,30 @@ from ator_ros.experience.table import (
     library_versions,
     start_row,
 )
-from ator_ros.files import FileError, is_name, load, save
+from ator_ros.files import FileError
 
-KIND = "record store"
-STORE = "store.json"
-PART = 1000
-"""Episodes of a part, the unit that is dropped when the store is full."""
+STORE = "records.db"
 NUMBER = "number"
 """Column of the numbers of episodes, which increase with time and are never used twice."""
-_NUMBER = re.compile(r"(\d{6,})\.jsonl")
+_TABLES = """
+PRAGMA journal_mode = WAL;
+CREATE TABLE IF NOT EXISTS source (robot_digest TEXT, domain TEXT);
+CREATE TABLE IF NOT EXISTS episodes (number INTEGER PRIMARY KEY AUTOINCREMENT, action_set TEXT, row TEXT);
+CREATE INDEX IF NOT EXISTS by_set ON episodes (action_set, number);
+"""
+_APPEND = "INSERT INTO episodes (action_set, row) VALUES (:set, :row)"
+_DROP_OLDEST = """
+DELETE FROM episodes WHERE action_set = :set AND number <=
+(SELECT number FROM episodes WHERE action_set = :set ORDER BY number DESC LIMIT 1 OFFSET :most)
+"""
 
 
 @dataclass(frozen=True)
 class StoreInfo:
-    """The fields of store.json: robot and domain of all episodes."""
+    """Robot and domain of all episodes of a store."""
 
     robot_digest: str
     domain: str
-
-
-def _parts_of(place: Path) -> dict[int, Path]:
-    """Return the parts of an action set by number, in order."""
-    files = place.glob("*.jsonl")  # empty if the folder is missing
-    found = {int(match[1]): file for file in files if (match := _NUMBER.fullmatch(file.name))}
-    return dict(sorted(found.items()))
 
 
 class RecordStore:
@@ -67,82 +64,62 @@ class RecordStore:
     info : StoreInfo
         Robot and domain of the episodes.
     most : int
-        Episodes of each action set that are kept, and up to a part more.
+        Episodes of each action set that are kept.
 
     Raises
     ------
     FileError
-        The folder is a store of another robot or domain.
+        The folder is a store of another robot or domain, or damaged.
     OSError
         It cannot be written.
     """
 
     def __init__(self, folder: Path, info: StoreInfo, *, most: int) -> None:
-        self._folder, self._most = folder, most
         folder.mkdir(parents=True, exist_ok=True)
-        if not is_store(folder):
-            save(folder / STORE, KIND, info)
-        elif (there := load(folder / STORE, KIND, StoreInfo)) != info:
-            raise FileError(f"{folder / STORE}: expected {info}, got {there}: choose another folder")
-        self._parts = {name: max(_parts_of(folder / name)) for name in action_sets_in(folder)}
-        self._files = {name: self._open(name, number) for name, number in self._parts.items()}
-        self._unsynced: set[str] = set()
+        self._most = most
+        with _refusing_damage(folder):
+            self._database = sqlite3.connect(folder / STORE, check_same_thread=False)
+            self._database.executescript(_TABLES)
+            if (there := _info_in(self._database)) is None:
+                with self._database:
+                    self._database.execute("INSERT INTO source VALUES (?, ?)", astuple(info))
+            elif there != info:
+                raise FileError(f"{folder / STORE}: expected {info}, got {there}: choose another folder")
 
     @property
-    def ends(self) -> dict[str, int]:
-        """The number that the next episode of each action set gets; numbers are never used twice."""
-        return {name: self._parts[name] * PART + file.count for name, file in self._files.items()}
+    def stored(self) -> int:
+        """Episodes that were ever stored."""
+        query = "SELECT seq FROM sqlite_sequence WHERE name = 'episodes'"
+        row = self._database.execute(query).fetchone()
+        return 0 if row is None else int(row[0])
 
     def append(self, action_set: str, episode: Episode) -> None:
         """Append an episode; it is written whole or, when OSError is raised, not at all."""
-        if action_set not in self._files:
-            self._begin_part(action_set, 0)
-        elif (full := self._files[action_set]).count >= PART:
-            full.sync()
-            self._begin_part(action_set, self._parts[action_set] + 1)
-            full.close()
-        row = {name: None if value != value else value for name, value in start_row(episode).items()}  # NaN
-        self._files[action_set].append(row)
-        self._unsynced.add(action_set)
-
-    def _begin_part(self, action_set: str, number: int) -> None:
-        """Begin a part; drop those that are too old."""
-        self._files[action_set] = self._open(action_set, number)
-        self._parts[action_set] = number
-        for older, file in _parts_of(self._folder / action_set).items():
-            if older < number - math.ceil(self._most / PART):
-                file.unlink()
-
-    def _open(self, action_set: str, number: int) -> JsonLines:
-        return JsonLines(self._folder / action_set / f"{number:06d}.jsonl")
-
-    def sync(self) -> None:
-        """Flush appended episodes to the disk."""
-        for action_set in self._unsynced:
-            self._files[action_set].sync()
-        self._unsynced.clear()
+        values = {"set": action_set, "row": json.dumps(start_row(episode)), "most": self._most}
+        try:
+            with self._database:
+                self._database.execute(_APPEND, values)
+                self._database.execute(_DROP_OLDEST, values)
+        except sqlite3.Error as error:
+            raise OSError(errno.EIO, str(error)) from error
 
     def close(self) -> None:
-        """Close the files."""
-        for file in self._files.values():
-            file.close()
-        self._files.clear()
+        """Close the file."""
+        self._database.close()
 
 
-@dataclass(frozen=True)
-class StoredRecords:
-    """The episodes of one action set in a store.
+@contextmanager
+def _refusing_damage(folder: Path) -> Iterator[None]:
+    """Raise FileError in place of the errors of SQLite."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise FileError(f"{folder / STORE}: expected a store of records: {error}") from error
 
-    Attributes
-    ----------
-    rows : pandas.DataFrame
-        The starts of the episodes, oldest first, with the columns of a table and `NUMBER`.
-    damaged : int
-        Lines that could not be read, and were left out.
-    """
 
-    rows: pd.DataFrame
-    damaged: int
+def _info_in(database: sqlite3.Connection) -> StoreInfo | None:
+    row = database.execute("SELECT robot_digest, domain FROM source").fetchone()
+    return None if row is None else StoreInfo(*row)
 
 
 def is_store(path: Path) -> bool:
@@ -152,8 +129,9 @@ def is_store(path: Path) -> bool:
 
 def action_sets_in(folder: Path) -> list[str]:
     """Return the action sets with episodes in a store."""
-    places = [place for place in folder.iterdir() if place.is_dir() and is_name(place.name)]
-    return sorted(place.name for place in places if _parts_of(place))
+    with _refusing_damage(folder), closing(sqlite3.connect(folder / STORE)) as database:
+        found = database.execute("SELECT DISTINCT action_set FROM episodes ORDER BY action_set")
+        return [name for (name,) in found]
 
 
 def read_store(folder: Path, action_set: str | None = None) -> Experience:
@@ -173,13 +151,14 @@ def read_store(folder: Path, action_set: str | None = None) -> Experience:
     ExperienceError
         It holds no episodes of the set.
     """
-    info = load(folder / STORE, KIND, StoreInfo)
+    with _refusing_damage(folder), closing(sqlite3.connect(folder / STORE)) as database:
+        info = _info_in(database)
     there = action_sets_in(folder)
     if action_set is None and len(there) > 1:
         raise ExperienceError(f"{folder}: expected --action-set, one of {', '.join(there)}")
     name = action_set or (there[0] if there else DEFAULT_SET)
-    stored = read_records(folder, name)
-    if stored.rows.empty:
+    rows = read_records(folder, name)
+    if info is None or rows.empty:
         raise ExperienceError(f"{folder}: expected episodes of the action set {name}, found none")
     metadata = {
         "seed": None,
@@ -188,48 +167,17 @@ def read_store(folder: Path, action_set: str | None = None) -> Experience:
         "action_set": name,
         "command": "learning",
         "versions": library_versions(),
-        "records_left_out": stored.damaged,
     }
-    return Experience(stored.rows.drop(columns=NUMBER), metadata)
+    return Experience(rows.drop(columns=NUMBER), metadata)
 
 
-def read_records(folder: Path, action_set: str) -> StoredRecords:
-    """Read all episodes of an action set; damaged lines are left out and counted."""
-    frames: list[pd.DataFrame] = []
-    numbers: list[np.ndarray] = []
-    damaged = 0
-    for number, file in _parts_of(folder / action_set).items():
-        try:
-            lines = file.read_bytes().split(b"\n")[:-1]
-        except FileNotFoundError:  # dropped in the meantime
-            continue
-        rows = [row for n, line in enumerate(lines) if (row := _row(line, n)) is not None]
-        frame = _checked(file, rows, action_set)
-        if frame is None:  # leave out the lines that are no episodes
-            rows = [row for row in rows if _checked(file, [row], action_set) is not None]
-            frame = _checked(file, rows, action_set)
-        damaged += len(lines) - len(rows)
-        if frame is not None:
-            frames.append(frame)
-            numbers.append(number * PART + frame["episode"].to_numpy(dtype=np.int64))
-    joined = join(frames)
-    joined["episode"] = np.arange(len(joined), dtype=np.int32)
-    joined[NUMBER] = np.concatenate(numbers) if numbers else np.empty(0, dtype=np.int64)
-    return StoredRecords(joined, damaged)
-
-
-def _row(line: bytes, number: int) -> dict[str, Any] | None:
-    """Return the columns of a line, with its number as `episode`; None if the line is damaged."""
-    try:
-        row = json.loads(line)
-        return {**{name: math.nan if row[name] is None else row[name] for name in row}, "episode": number}
-    except (ValueError, TypeError, RecursionError):
-        return None
-
-
-def _checked(file: Path, rows: list[dict[str, Any]], action_set: str) -> pd.DataFrame | None:
-    """Return lines as checked rows of experience; None if there are none, or if one is no episode."""
-    try:
-        return checked_rows(file, pd.DataFrame(rows), action_set)
-    except (ValueError, TypeError, OverflowError):  # ExperienceError among them
-        return None
+def read_records(folder: Path, action_set: str) -> pd.DataFrame:
+    """Return the starts of the episodes of an action set, oldest first: columns of a table, and `NUMBER`."""
+    query = "SELECT number - 1, row FROM episodes WHERE action_set = ? ORDER BY number"
+    with _refusing_damage(folder), closing(sqlite3.connect(folder / STORE)) as database:
+        stored = database.execute(query, (action_set,)).fetchall()
+    if not stored:
+        return join([]).assign(**{NUMBER: np.empty(0, dtype=np.int64)})
+    numbers, texts = zip(*stored, strict=True)
+    rows = pd.DataFrame(map(json.loads, texts)).assign(episode=range(len(texts)))
+    return checked_rows(folder / STORE, rows, action_set).assign(**{NUMBER: numbers})

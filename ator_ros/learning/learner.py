@@ -24,8 +24,6 @@ from ator_ros.schema import SchemaError
 
 ROUND, KIND = "round.json", "round of learning"
 FROZEN = "frozen"
-_SYNC_PERIOD = 0.5
-"""Real s between two syncs of the store: what a loss of power costs at most."""
 _LONGEST_ROUND = 300.0  # real s; a round of 20,000 episodes takes some seconds
 _MOST_WAITING = 1000  # records; older ones are lost
 _SHARE = 0.02
@@ -58,7 +56,7 @@ class Learner:
         remove_old(folder)
         self._waiting: deque[tuple[str, Episode]] = deque(maxlen=_MOST_WAITING)
         self._round: RoundProcess | None = None
-        self._began, self._synced, self._ends = 0.0, 0.0, 0
+        self._began, self._ends = 0.0, 0
         self._wanted = False
         self._last: dict[str, Any] = {}
         with contextlib.suppress(FileError, SchemaError):  # without the file a round is due
@@ -102,11 +100,8 @@ class Learner:
         self._store_waiting()
 
     def work(self, now: float) -> str | None:
-        """Sync, start or finish a round at the real time `now` (s); return a message when a round ends."""
-        if now - self._synced >= _SYNC_PERIOD:
-            self._synced = now
-            self._store_waiting()
-            self._guarded(self._store.sync)
+        """Start or finish a round at the real time `now` (s); return a message when a round ends."""
+        self._store_waiting()
         due = max(self._batch, _SHARE * min(self.stored, self._most))
         if self._round is not None:
             if self._round.done:
@@ -123,7 +118,7 @@ class Learner:
     @property
     def stored(self) -> int:
         """Records that were ever stored in the folder."""
-        return sum(self._store.ends.values())
+        return self._store.stored
 
     @property
     def new(self) -> int:
@@ -167,7 +162,6 @@ class Learner:
             "learning": "under way" if self._round is not None else "waiting for records",
             "set": "that of the start" if self.manifest is None else self.manifest.digest,
             "last switch": "never" if self.manifest is None else self.manifest.time,
-            "damaged records": self._last.get("damaged", 0),
         }
         for name, verdict in self._last.get("actions", {}).items():
             values[f"{name}: episodes"] = verdict["episodes"]
@@ -185,7 +179,6 @@ class Learner:
         self._store_waiting()
         self.lost += len(self._waiting)
         self._waiting.clear()
-        self._guarded(self._store.sync)
         self._store.close()
 
     def _end_round(self) -> None:

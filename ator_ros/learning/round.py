@@ -147,20 +147,16 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
     Returns
     -------
     dict
-        "made": the folder of the new set, "" without one; "digest" of it; "damaged": records that could not
-        be read; "actions": by "SET/ACTION" for durations, "SET/ACTION/MEASURE" for others, the fields of
-        `RoundVerdict` but the tree.
+        "made": the folder of the new set, "" without one; "digest" of it; "actions": by "SET/ACTION" for
+        durations, "SET/ACTION/MEASURE" for others, the fields of `RoundVerdict` but the tree.
     """
     records, place = source.folder / RECORDS, current_set(source.folder)
     seen = read_manifest(place).seen if place is not None else {}
     verdicts: dict[str, Verdicts] = {}
     models: dict[str, PerformanceModel] = {}
     ends: dict[str, int] = {}
-    damaged = 0
     for action_set in filter(source.domain.action_sets.__contains__, action_sets_in(records)):
-        stored = read_records(records, action_set)
-        damaged += stored.damaged
-        for action, rows in stored.rows.groupby("action", sort=True):
+        for action, rows in read_records(records, action_set).groupby("action", sort=True):
             if action not in source.domain.actions(action_set):
                 continue
             name = f"{action_set}/{action}"
@@ -185,7 +181,7 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
             if verdict.tree is not None:
                 reasons[key] = verdict.reason
                 seen = {**seen, key: ends[name]}
-    result = {"made": "", "digest": "", "damaged": damaged, "actions": actions}
+    result = {"made": "", "digest": "", "actions": actions}
     if models:
         made = _make_set(source, place or source.models, models, verdicts)
         episodes = {name: max(v.episodes for v in of_action.values()) for name, of_action in verdicts.items()}

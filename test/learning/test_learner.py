@@ -8,12 +8,11 @@ from typing import Any
 import pytest
 from stored import INFO, episodes
 
-from ator_ros.experience.json_lines import JsonLines
-from ator_ros.experience.store import read_records
+from ator_ros.experience.store import RecordStore, read_records
 from ator_ros.learning.learner import Learner
 from ator_ros.learning.sets import RECORDS
 
-NOTHING = {"made": "", "digest": "", "damaged": 0, "actions": {}}
+NOTHING = {"made": "", "digest": "", "actions": {}}
 
 
 class FakeRound:
@@ -102,7 +101,7 @@ def test_records_wait_while_the_disk_is_full(
     def full(*_: object) -> int:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(JsonLines, "append", full)
+    monkeypatch.setattr(RecordStore, "append", full)
     take(learner, 5)
     learner.work(5.0)
     assert "expected room on the disk: No space left" in learner.problem
@@ -113,7 +112,7 @@ def test_records_wait_while_the_disk_is_full(
     assert learner.has_room
     learner.close()
     assert learner.lost == 0
-    assert len(read_records(tmp_path / RECORDS, "default").rows) == 8
+    assert len(read_records(tmp_path / RECORDS, "default")) == 8
 
 
 def test_freezing_ends_a_round_and_persists(

@@ -13,7 +13,7 @@ from experience_rows import synthetic_model
 from stored import ROBOT, episodes, round_of, stored
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.store import PART, read_records
+from ator_ros.experience.store import read_records
 from ator_ros.learning.sets import RECORDS, current_set, digest_of, read_manifest
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, save_model
@@ -63,7 +63,7 @@ def test_a_slower_robot_gets_new_models_soon(tmp_path: Path, shipped: Path, befo
     assert manifest.digest == digest_of(place) == result["digest"]
     assert manifest.reasons[NAME] == verdict["reason"]
     assert manifest.seen[NAME] == before + 45
-    rows = read_records(stored_again(tmp_path / "fresh"), "default").rows
+    rows = read_records(stored_again(tmp_path / "fresh"), "default")
     model = load_model(place / "goToPose.json", ROBOT, SOCCER.known_features)
     assert np.mean(np.abs(predicted(model, rows) - rows["duration"])) < 0.25
     assert load_gate(place / "gate.json") == load_gate(SOCCER.shipped_models / "gate.json")
@@ -104,7 +104,7 @@ def test_a_set_with_larger_errors_is_rolled_back(tmp_path: Path, shipped: Path) 
     old, new = (
         load_model(folder / "goToPose.json", ROBOT, SOCCER.known_features) for folder in (shipped, place)
     )
-    rows = read_records(tmp_path / RECORDS, "default").rows
+    rows = read_records(tmp_path / RECORDS, "default")
     assert np.array_equal(predicted(old, rows), predicted(new, rows))
 
 
@@ -120,16 +120,6 @@ def test_cold_start_waits_until_predictions_are_useful(tmp_path: Path) -> None:
     place = current_set(folder)
     assert place is not None
     assert load_gate(place / "gate.json") == ThresholdGate(gain=0.05, spread_factor=0.5)
-
-
-def test_learning_from_a_partly_damaged_store(tmp_path: Path, shipped: Path) -> None:
-    store = stored(tmp_path / RECORDS)
-    for episode in episodes(2 * PART + 200, slower=1.3):
-        store.append("default", episode)
-    (tmp_path / RECORDS / "default" / "000000.jsonl").write_bytes(b"\xff" * 1000 + b"\n")
-    result = round_of(tmp_path, shipped)
-    assert result["made"]
-    assert result["damaged"] == 1
 
 
 def test_a_new_set_keeps_the_search_ranges_of_the_previous_experience(tmp_path: Path, shipped: Path) -> None:

@@ -21,7 +21,7 @@ from test_models_node import status_of
 from ator_interfaces.msg import ActionPerformance, ObjectState, Outcome
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.episode import Episode
-from ator_ros.experience.store import read_records
+from ator_ros.experience.store import action_sets_in, read_records
 from ator_ros.files import exclusive_folder
 from ator_ros.learning.round import Source, learn
 from ator_ros.learning.sets import RECORDS, current_set, point_to, publish, read_manifest
@@ -66,7 +66,7 @@ def publish_records(client: Client) -> Callable[..., None]:
 
 
 def stored_in(folder: Path) -> int:
-    return len(read_records(folder / RECORDS, "default").rows)
+    return len(read_records(folder / RECORDS, "default"))
 
 
 def values_of(client: Client) -> dict[str, str]:
@@ -116,7 +116,7 @@ def test_impossible_records_and_aborted_actions_are_omitted(
     values = values_of(client)
     assert (values["records taken"], values["records left out"]) == ("1", "9")
     assert "record left out: expected finite numbers" in node.output
-    assert sorted(place.name for place in (folder / RECORDS).iterdir()) == ["default", "store.json"]
+    assert action_sets_in(folder / RECORDS) == ["default"]
 
 
 def test_learning_can_be_frozen_and_requested(

@@ -133,7 +133,7 @@ DAMAGED = [
     ("train odd.mcap --models out", "odd.mcap"),
     ("train --rules odd.json", "odd.json"),
     ("train bag --models out", "bag/metadata.yaml"),
-    ("train store --models out", "store/store.json"),
+    ("train store --models out", "store/records.db"),
     *((f"{tool} --robot odd.yaml --out out", "odd.yaml") for tool in ("evaluate", "calibrate", "study")),
     ("collect --robot odd.yaml --out out.parquet", "odd.yaml"),
     ("view --robot odd.yaml", "odd.yaml"),
