@@ -12,7 +12,7 @@ import numpy as np
 from ator_ros.compiled import compiled
 from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
 from ator_ros.motion.durations import turn_time
-from ator_ros.motion.families import Family, Motions, fastest_motions
+from ator_ros.motion.shapes import PathTimes, ShapeSet, fastest_paths
 from ator_ros.performance.direct import HOLD, SPEEDG, XG, YAW, YAWG, YG, Direct, V, W, X, Y, direct_table
 from ator_ros.performance.driving import DrivingStyle, plain_driving
 from ator_ros.robot.description import Limits, Robot
@@ -102,36 +102,23 @@ def derive_angles(direct: FloatArray, bearing: FloatArray, rows: FloatArray) -> 
 
 
 @compiled
-def write_relative_ends(
-    openings: FloatArray,
-    speeds: FloatArray,
-    x: FloatArray,
-    y: FloatArray,
-    headings: FloatArray,
-    arrivals: FloatArray,
-    ends: FloatArray,
-) -> None:
+def write_relative_ends(direct: FloatArray, rows: FloatArray, ends: FloatArray) -> None:
     """Write destinations as seen from the openings.
 
     Parameters
     ----------
-    openings : ndarray, shape (4, n)
-        Rows OPENING to OPENING + 3.
-    speeds : ndarray, shape (n,)
-        There, in m/s.
-    x, y, headings, arrivals : ndarray, shape (m, n)
-        Destinations: m, m, rad, m/s.
-    ends : ndarray, shape (5, m, n)
-        Result, see `ator_ros.motion.families.fastest_motions`.
+    direct, rows
+        As for `derive_positions`.
+    ends : ndarray, shape (5, n)
+        Result, see `ator_ros.motion.shapes.fastest_paths`.
     """
-    for at in range(openings.shape[1]):
-        cos, sin = math.cos(openings[2, at]), math.sin(openings[2, at])
-        for choice in range(len(x)):
-            dx, dy = x[choice, at] - openings[0, at], y[choice, at] - openings[1, at]
-            ends[0, choice, at] = cos * dx + sin * dy
-            ends[1, choice, at] = cos * dy - sin * dx
-            ends[2, choice, at] = wrapped(headings[choice, at] - openings[2, at])
-            ends[3, choice, at], ends[4, choice, at] = speeds[at], arrivals[choice, at]
+    for at in range(direct.shape[1]):
+        heading = rows[OPENING + 2, at]
+        cos, sin = math.cos(heading), math.sin(heading)
+        dx, dy = rows[TO_X, at] - rows[OPENING, at], rows[TO_Y, at] - rows[OPENING + 1, at]
+        ends[0, at], ends[1, at] = cos * dx + sin * dy, cos * dy - sin * dx
+        ends[2, at] = wrapped(direct[YAWG, at] - heading)
+        ends[3, at], ends[4, at] = direct[V, at], direct[SPEEDG, at]
 
 
 NEAR = 0.04
@@ -205,17 +192,17 @@ class Geometry:
         d = self.direct
         return np.asarray(AT_REST.holds(d["v"], d["w"]) & (d["speedg"] <= AT_REST.v))
 
-    def with_turns(self, motions: Motions, limits: Limits) -> Motions:
-        """Return the motions, with turns on the spot where a robot at rest is within `NEAR` of its goal.
+    def with_turns(self, paths: PathTimes, limits: Limits) -> PathTimes:
+        """Return the paths, with turns on the spot where a robot at rest is within `NEAR` of its goal.
 
         With an object in front only slight turns are possible, up to `ALIGNED`.
         """
         angle = self.rows[ANGLE_BETWEEN]
         near = self.at_rest & (self.dist < NEAR) & ((self.direct["hold"] < 0.5) | (angle <= ALIGNED))
         if not near.any():
-            return motions
+            return paths
         turning = turn_time(angle, limits.w, limits.aw)
-        return Motions(np.where(near, turning, motions.time), np.where(near, angle, motions.turn))
+        return PathTimes(np.where(near, turning, paths.time), np.where(near, angle, paths.turn))
 
     @property
     def destination(self) -> tuple[FloatArray, FloatArray]:
@@ -240,30 +227,19 @@ class Geometry:
         angle: FloatArray = self.rows[AT_DEST]
         return angle
 
-    @property
-    def openings(self) -> FloatArray:
-        """States in which the initial rotation has stopped: x, y (m), heading (rad), the time (s); (4, n).
-
-        The speed stays what it is until then.
-        """
-        return self.rows[OPENING : OPENING + 4]
-
     @cached_property
     def ends(self) -> FloatArray:
-        """Both ends of the motion after the opening, see `ator_ros.motion.families.fastest_motions`."""
-        table, rows = self._table, self.rows
-        ends = np.empty((5, 1, table.shape[1]))
-        x, y, headings, arrivals = (
-            row[None, :] for row in (rows[TO_X], rows[TO_Y], table[YAWG], table[SPEEDG])
-        )
-        write_relative_ends(self.openings, table[V], x, y, headings, arrivals, ends)
+        """Both ends of the path after the opening, see `ator_ros.motion.shapes.fastest_paths`."""
+        ends = np.empty((5, self._table.shape[1]))
+        write_relative_ends(self._table, self.rows, ends)
         return ends
 
-    def _fastest(self, paths: Family) -> Motions:
-        return fastest_motions(self.ends, paths, hold=self.robot.hold).after(self.openings[3])
+    def _fastest(self, shapes: ShapeSet) -> PathTimes:
+        found = fastest_paths(self.ends, shapes, hold=self.robot.hold)
+        return PathTimes(found.time + self.rows[OPENING + 3], found.turn)
 
     @cached_property
-    def path(self) -> Motions:
+    def path(self) -> PathTimes:
         """The fastest turn-straight-turn path as the action was observed to drive."""
         driving, holding = self.driving, self.direct["hold"] > 0.5
         if not holding.any():
@@ -272,7 +248,7 @@ class Geometry:
             found = self._fastest(driving.approach_paths)
             if driving.approaches and not holding.all():
                 free = self._fastest(driving.drive_paths)
-                found = Motions(
+                found = PathTimes(
                     np.where(holding, found.time, free.time), np.where(holding, found.turn, free.turn)
                 )
         return self.with_turns(found, driving.limits)

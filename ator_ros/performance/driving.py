@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache
 from typing import Annotated
@@ -12,16 +13,18 @@ from typing import Annotated
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.families import Family, Kind, TurnProfile, drawn_ends, needed_kinds
+from ator_ros.motion.shapes import Shape, ShapeSet, TurnProfile, drawn_ends, needed_shapes
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.schema import Within, require
 
 _Observed = Annotated[float, Within(1e-6, 1000.0)]
-_KIND = 9
-"""Numbers of a kind of path."""
+_NUMBERS = 9
+"""Numbers of a shape of path."""
 
-StoredKind = tuple[float | None, ...]
-"""A `Kind` in a file: the fields of both turn profiles and the others; None where one does not apply."""
+StoredShape = tuple[float | None, ...]
+"""A `Shape` in a file: the fields of both turn profiles and the others; None where one does not apply."""
+StoredGroups = tuple[tuple[StoredShape, ...], ...]
+"""Groups of shapes, see `ator_ros.motion.shapes.ShapeSet`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,49 +52,52 @@ class DrivingStyle:
     passing : float
         Distance in m that a straight drive keeps from the object held at the goal.
     drives, approaches : tuple
-        The kinds of paths whose fastest counts, to a pose and to one at which the robot holds an object;
-        without approaches these are as the drives.
+        Groups of the shapes of paths whose fastest counts, to a pose and to one at which the robot holds an
+        object; without approaches these are as the drives.
     """
 
     limits: ObservedLimits
-    drives: tuple[StoredKind, ...]
-    approaches: tuple[StoredKind, ...] = ()
+    drives: StoredGroups
+    approaches: StoredGroups = ()
     forward: bool = False
     run: Annotated[float, Within(0.0)] = 0.0
     passing: Annotated[float, Within(0.0)] = 0.0
 
     def __post_init__(self) -> None:
-        """Check the kinds."""
-        require(bool(self.drives), "drives", "at least one kind of path", 0)
-        for kind in (*self.drives, *self.approaches):
-            require(len(kind) == _KIND, "drives, approaches", f"kinds of {_KIND} numbers", len(kind))
+        """Check the shapes."""
+        require(bool(self.drives) and all((*self.drives, *self.approaches)), "drives", "shapes of paths", 0)
+        for shape in itertools.chain(*self.drives, *self.approaches):
+            require(len(shape) == _NUMBERS, "drives, approaches", f"shapes of {_NUMBERS} numbers", len(shape))
 
     @cached_property
-    def drive_paths(self) -> Family:
+    def drive_paths(self) -> ShapeSet:
         """The paths to a pose."""
-        kinds = tuple(map(restored_kind, self.drives))
-        return Family(self.limits, kinds, run=None if self.forward else 0.0, forward=self.forward)
+        run = None if self.forward else 0.0
+        return ShapeSet(self.limits, _restored(self.drives), run=run, forward=self.forward)
 
     @cached_property
-    def approach_paths(self) -> Family:
+    def approach_paths(self) -> ShapeSet:
         """The paths to a pose at which the robot holds an object."""
         if not self.approaches:
             return self.drive_paths
-        kinds = tuple(map(restored_kind, self.approaches))
-        run = None if self.forward else self.run
-        return Family(self.limits, kinds, run=run, passing=self.passing, forward=self.forward)
+        shapes, run = _restored(self.approaches), None if self.forward else self.run
+        return ShapeSet(self.limits, shapes, run=run, passing=self.passing, forward=self.forward)
 
 
-def stored_kind(kind: Kind) -> StoredKind:
-    """Return a kind of path as a file holds it."""
-    numbers = (*kind.first, *kind.last, *kind[2:])
+def _restored(groups: StoredGroups) -> tuple[tuple[Shape, ...], ...]:
+    return tuple(tuple(map(restored_shape, group)) for group in groups)
+
+
+def stored_shape(shape: Shape) -> StoredShape:
+    """Return a shape of path as a file holds it."""
+    numbers = (*shape.first, *shape.last, *shape[2:])
     return tuple(number if math.isfinite(number) else None for number in numbers)
 
 
-def restored_kind(numbers: StoredKind) -> Kind:
-    """Return the kind of path with these numbers."""
+def restored_shape(numbers: StoredShape) -> Shape:
+    """Return the shape of path with these numbers."""
     change, rate, loss, last_rate, share, entry, start, arrival, direction = numbers
-    return Kind(
+    return Shape(
         TurnProfile(change or 0.0, rate or 0.0),
         TurnProfile(loss or 0.0, last_rate or 0.0),
         math.nan if share is None else share,
@@ -110,18 +116,18 @@ _LEADS = (0.1, 0.2, 0.35, 0.55, 0.8)  # speeds to reach before the first turn
 _ARRIVALS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.75, 0.95)  # speeds after the last turn
 _LEAST = (0.0, 0.25, 0.5, 0.75)  # speeds at start or goal that decide how fast the robot may turn there
 _SLOWEST = 0.1  # share of the turn rate below which no turn is tried
-_MOST = 24
 """Kinds of paths; the time of a prediction grows with their number."""
-_DRAWN, _SEED = 1000, 5
+_DRAWN, _SEED = 2000, 5
+_PLAIN = 50
 
 TurnRates = Callable[[float, float], float]
 """Returns the greatest turn rate (0: no turn) at a speed and a change of speed; all are shares of limits."""
 
 
-def free_kinds(limits: Limits, runs: Iterable[float] = (0.0,)) -> list[Kind]:
-    """Return the kinds of paths of a base that turns at its limit at any speed, forward and backward."""
+def free_shapes(limits: Limits, runs: Iterable[float] = (0.0,)) -> list[Shape]:
+    """Return the shapes of paths of a base that turns at its limit at any speed, forward and backward."""
     return [
-        Kind(
+        Shape(
             TurnProfile(first * limits.a, limits.w),
             TurnProfile(last * limits.a, limits.w),
             share,
@@ -131,8 +137,8 @@ def free_kinds(limits: Limits, runs: Iterable[float] = (0.0,)) -> list[Kind]:
     ]
 
 
-def forward_kinds(limits: Limits, first_rate: TurnRates, last_rate: TurnRates) -> list[Kind]:
-    """Return the kinds of paths forward, whose turns are as fast as `first_rate` and `last_rate` allow."""
+def forward_shapes(limits: Limits, first_rate: TurnRates, last_rate: TurnRates) -> list[Shape]:
+    """Return the shapes of paths forward, whose turns are as fast as `first_rate` and `last_rate` allow."""
     begins = [
         (
             gain * limits.a,
@@ -161,27 +167,31 @@ def forward_kinds(limits: Limits, first_rate: TurnRates, last_rate: TurnRates) -
     ]
     slowest = _SLOWEST * limits.w
     return [
-        Kind(TurnProfile(gain, rate), TurnProfile(loss, other), share, entry, start, arrival)
+        Shape(TurnProfile(gain, rate), TurnProfile(loss, other), share, entry, start, arrival)
         for gain, rate, entry, start in begins
         for loss, other, share, arrival in ends
         if min(rate, other) > slowest
     ]
 
 
-def chosen_kinds(paths: Family, ends: FloatArray, *, hold: float) -> tuple[StoredKind, ...]:
-    """Return the kinds of `paths` that bring its times nearest to those of all, the most useful first.
+def chosen_shapes(shapes: Sequence[Shape], paths: ShapeSet, ends: FloatArray, *, hold: float) -> StoredGroups:
+    """Return the groups of `shapes` that bring the times of `paths` nearest to those of all.
 
-    `ends` are motions that they are needed for, see `ator_ros.motion.families.needed_kinds`; those of any
-    other motion count besides.
+    They are needed between ends like `ends`, shape (5, n), see `ator_ros.motion.shapes.drawn_ends`.
     """
-    drawn = drawn_ends(paths.limits, _DRAWN, np.random.default_rng(_SEED))
-    needed = needed_kinds(paths, np.concatenate((ends, drawn), axis=2), hold=hold)
-    return tuple(stored_kind(paths.kinds[index]) for index in needed[:_MOST])
+    drawn = drawn_ends(ends, _DRAWN, np.random.default_rng(_SEED))
+    grid = dataclasses.replace(paths, groups=tuple((shape,) for shape in shapes))
+    return tuple(
+        tuple(stored_shape(shapes[number]) for number in group)
+        for group in needed_shapes(grid, drawn, hold=hold)
+    )
 
 
 @lru_cache(maxsize=8)
 def plain_driving(robot: Robot) -> DrivingStyle:
     """Return the assumption for an action that was not observed: all that the base can do."""
     limits = ObservedLimits(**asdict(robot.limits))
-    paths, none = Family(limits, tuple(free_kinds(limits))), np.empty((5, 1, 0))
-    return DrivingStyle(limits, chosen_kinds(paths, none, hold=0.0))
+    speeds = np.linspace(0.0, limits.v, _PLAIN) * (np.arange(_PLAIN) % 2)
+    unturned = np.zeros(_PLAIN)
+    ends = np.stack((np.linspace(0.1, 5.0, _PLAIN), unturned, unturned, speeds, np.roll(speeds, _PLAIN // 2)))
+    return DrivingStyle(limits, chosen_shapes(free_shapes(limits), ShapeSet(limits, ()), ends, hold=0.0))

@@ -2,7 +2,7 @@
 
 A path turns, drives straight and turns again. Which turns an action drives, at which speeds, and how fast,
 its runs show: a robot that pushes a ball turns more slowly while it brakes, a server that only turns on the
-spot turns at no other speed. From these turns the kinds of paths are made whose times are features
+spot turns at no other speed. From these turns the shapes of paths are made whose times are features
 (`ator_ros.performance.driving`).
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.families import Family
+from ator_ros.motion.shapes import ShapeSet
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import (
@@ -23,9 +23,9 @@ from ator_ros.performance.driving import (
     DrivingStyle,
     ObservedLimits,
     TurnRates,
-    chosen_kinds,
-    forward_kinds,
-    free_kinds,
+    chosen_shapes,
+    forward_shapes,
+    free_shapes,
 )
 from ator_ros.robot.description import Robot
 
@@ -58,11 +58,12 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
     if np.mean(rows["v"] < _BACKWARD[0]) <= _BACKWARD[1]:
         turns = _turns(rows, limits)
         first, last = _rates(turns.start, turns.gain, turns), _rates(turns.end, turns.loss, turns)
-        paths = Family(limits, tuple(forward_kinds(limits, first, last)), run=None, forward=True)
-        ends = _geometry(starts, robot).ends
-        return DrivingStyle(limits, chosen_kinds(paths, ends, hold=robot.hold), forward=True)
-    paths = Family(limits, tuple(free_kinds(limits)))
-    driving = DrivingStyle(limits, chosen_kinds(paths, _geometry(starts[~holding], robot).ends, hold=0.0))
+        shapes, paths = forward_shapes(limits, first, last), ShapeSet(limits, (), run=None, forward=True)
+        drives = chosen_shapes(shapes, paths, _geometry(starts, robot).ends, hold=robot.hold)
+        return DrivingStyle(limits, drives, forward=True)
+    free = starts if holding.all() else starts[~holding]
+    ends = _geometry(free, robot).ends
+    driving = DrivingStyle(limits, chosen_shapes(free_shapes(limits), ShapeSet(limits, ()), ends, hold=0.0))
     return _best_approach(driving, starts[holding], robot) if holding.any() else driving
 
 
@@ -164,11 +165,11 @@ def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:
 
 def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> DrivingStyle:
     """Choose run and passing with which the times of paths predict durations best."""
-    kinds, ends = tuple(free_kinds(driving.limits, RUNS)), _geometry(starts, robot).ends
+    shapes, ends = free_shapes(driving.limits, RUNS), _geometry(starts, robot).ends
 
     def approaching(run: float) -> DrivingStyle:
-        paths = Family(driving.limits, kinds, run=run)
-        return dataclasses.replace(driving, run=run, approaches=chosen_kinds(paths, ends, hold=robot.hold))
+        approaches = chosen_shapes(shapes, ShapeSet(driving.limits, (), run=run), ends, hold=robot.hold)
+        return dataclasses.replace(driving, run=run, approaches=approaches)
 
     best = approaching(_RUN_LENGTHS[len(_RUN_LENGTHS) // 2])
     least = np.inf

@@ -18,18 +18,15 @@ from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import World
 
 _MARGIN = 0.05  # m/s^2 of push that is always left
-# Turn rates, speeds and changes of speed as shares of the limits for dribbling.
-_RATES = (1.0, 0.83, 0.67, 0.5, 0.33)
-_ENTRY_RATES = _RATES[::2]  # of the first turn
-_ENTRY_SPEEDS = (0.0, 0.1, 0.2, 0.35, 0.55, 0.8)
+# Speeds, changes of speed and turn rates as shares of the limits for dribbling.
 _MOST_GAINED = 0.9625  # what plans may use of a limit is a little more
-_ENTRY_GAINS = (0.0, 0.25, 0.5, 0.75, _MOST_GAINED)
-_EXIT_SPEEDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.75, 0.95)
-_EXIT_LOSSES = (0.0, 0.5, 0.9)
-_RUN_UP_SPEEDS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.35, 0.55, 0.8)
-_RUN_UP_GAINS = (*(step / 16 for step in range(15)), _MOST_GAINED)
-_RUN_UP_RATES = tuple(1.0 - 0.02 * step for step in range(40))
+_ENTRY_SPEEDS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.35, 0.55, 0.8)
+_ENTRY_GAINS = (*(step / 16 for step in range(15)), _MOST_GAINED)
+_EXIT_SPEEDS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.75, 0.95)
+_EXIT_LOSSES = (0.0, 0.25, 0.5, 0.75, 0.9)
+_RATES = tuple(1.0 - 0.02 * step for step in range(40))
 _RELEASE_SPEEDS = (0.3, 0.5, 0.75, 0.95)
+_RELEASE_RATES = (1.0, 0.67, 0.33)
 _LARGEST_TURN = math.radians(300.0)
 _DIGITS = 6  # of m/s and m/s^2: the same ways to drive have the same numbers, by which tables are kept
 
@@ -55,27 +52,12 @@ def _push(robot: Robot, v: float, w: float, acceleration: float) -> float:
 
 
 @lru_cache(maxsize=16)
-def dribble_entries(robot: Robot, limits: Limits, speed: float) -> Ends:
-    """Return the ways to begin at `speed` (m/s) with the ball: straight to some speed, then turn."""
+def entries_with_ball(robot: Robot, limits: Limits, speed: float) -> Ends:
+    """Return the ways to begin at `speed` (m/s) with the ball: straight, then turn as fast as it allows."""
     sides = []
-    for rate in _ENTRY_RATES:
-        for v in sorted({*_shares(_ENTRY_SPEEDS, limits.v), speed}):
-            lead = _straight(limits, speed, v)
-            sides += [
-                Side(lead, speed, v, change, rate * limits.w)
-                for change in _shares(_ENTRY_GAINS, _gain_of(robot))
-                if _keeps_ball(robot, limits, v, change, rate * limits.w)
-            ]
-    return entries_of(sides, limits)
-
-
-@lru_cache(maxsize=16)
-def run_up_entries(robot: Robot, limits: Limits, speed: float) -> Ends:
-    """Return the ways to begin a run-up at `speed` (m/s): straight, then turn as fast as the ball allows."""
-    sides = []
-    for v in sorted({*_shares(_RUN_UP_SPEEDS, limits.v), speed}):
+    for v in sorted({*_shares(_ENTRY_SPEEDS, limits.v), speed}):
         lead = _straight(limits, speed, v)
-        for change in _shares(_RUN_UP_GAINS, _gain_of(robot)):
+        for change in _shares(_ENTRY_GAINS, _gain_of(robot)):
             rate = _fastest_rate(robot, limits, v, change)
             sides += [Side(lead, speed, v, change, rate)] if rate else []
     return entries_of(sides, limits)
@@ -84,7 +66,7 @@ def run_up_entries(robot: Robot, limits: Limits, speed: float) -> Ends:
 @lru_cache(maxsize=4096)
 def _fastest_rate(robot: Robot, limits: Limits, v: float, change: float) -> float:
     """Return the greatest turn rate in rad/s that keeps the ball at a speed that changes; 0 if none does."""
-    rates = (share * limits.w for share in _RUN_UP_RATES)
+    rates = (share * limits.w for share in _RATES)
     return next((rate for rate in rates if _keeps_ball(robot, limits, v, change, rate)), 0.0)
 
 
@@ -95,7 +77,7 @@ def release_exits(robot: Robot, limits: Limits) -> Ends:
     sides = [
         Side(_straight(limits, v, limits.v), limits.v, v, 0.0, rate * limits.w)
         for v in speeds
-        for rate in _RATES[::2]
+        for rate in _RELEASE_RATES
         if _push(robot, v, rate * limits.w, 0.0) >= _MARGIN
     ]
     return exits_of(sides, limits)
@@ -103,16 +85,14 @@ def release_exits(robot: Robot, limits: Limits) -> Ends:
 
 @lru_cache(maxsize=16)
 def dribble_exits(robot: Robot, limits: Limits, speed: float) -> Ends:
-    """Return the ways to end at `speed` (m/s) with the ball: turn, perhaps slower, then brake straight."""
+    """Return the ways to end at `speed` (m/s) with the ball: turn as fast as it allows, then straight."""
     sides = []
-    for rate in _RATES:
-        for v in sorted({*_shares(_EXIT_SPEEDS, limits.v), speed} - {0.0}):
-            run = _straight(limits, v, speed)
-            sides += [
-                Side(run, speed, v, change, rate * limits.w)
-                for change in _shares(_EXIT_LOSSES, limits.brake)
-                if _push(robot, v, rate * limits.w, -change) >= _MARGIN
-            ]
+    for v in sorted({*_shares(_EXIT_SPEEDS, limits.v), speed} - {0.0}):
+        run = _straight(limits, v, speed)
+        for change in _shares(_EXIT_LOSSES, limits.brake):
+            rates = (share * limits.w for share in _RATES)
+            rate = next((each for each in rates if _push(robot, v, each, -change) >= _MARGIN), 0.0)
+            sides += [Side(run, speed, v, change, rate)] if rate else []
     return exits_of(sides, limits)
 
 
@@ -172,12 +152,12 @@ class DribbleBall(HoldingAction):
     def setup(self) -> None:
         """Compute the tables of dribbles from rest to rest; see `Action.setup`."""
         limits = self.plan_limits
-        self.check_ways(dribble_entries(self.robot, limits, 0.0), dribble_exits(self.robot, limits, 0.0))
+        self.check_ways(entries_with_ball(self.robot, limits, 0.0), dribble_exits(self.robot, limits, 0.0))
 
     def plan(self, world: World) -> Manoeuvre:
         """Plan forward turns and drives that keep the ball pressed to the front."""
         limits = self.plan_limits
-        entries = dribble_entries(self.robot, limits, round(max(0.0, world.robot.v), 3))
+        entries = entries_with_ball(self.robot, limits, round(max(0.0, world.robot.v), 3))
         exits = dribble_exits(self.robot, limits, self.goal.speed)
         start, goal = world.robot.pose, self.target()
         return fastest(self.robot, start, goal, entries, exits, limits, Obstacles(), forward_only=True)

@@ -15,7 +15,7 @@ import numpy as np
 from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
 from ator_ros.compiled import compiled, inlined
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of, is_in_goal
-from ator_ros.domains.soccer.planned.holding import HoldingAction, release_exits, run_up_entries
+from ator_ros.domains.soccer.planned.holding import HoldingAction, entries_with_ball, release_exits
 from ator_ros.domains.soccer.planned.planner import (
     Obstacles,
     Surroundings,
@@ -236,7 +236,7 @@ class Shoot(HoldingAction):
     def setup(self) -> None:
         """Compute the tables of run-ups from rest; see `Action.setup`."""
         limits = self.plan_limits
-        self.check_ways(run_up_entries(self.robot, limits, 0.0), release_exits(self.robot, limits))
+        self.check_ways(entries_with_ball(self.robot, limits, 0.0), release_exits(self.robot, limits))
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the run-up; see `Action.start`."""
@@ -255,7 +255,7 @@ class Shoot(HoldingAction):
         robot, limits, start = self.robot, self.plan_limits, world.robot.pose
         side = field_of(robot).side_of(self.goal.pose.x)
         mouth = self.goal.pose._replace(yaw=0.0 if side > 0 else math.pi)
-        entries = run_up_entries(robot, limits, round(max(0.0, world.robot.v), 3))
+        entries = entries_with_ball(robot, limits, round(max(0.0, world.robot.v), 3))
         best, soonest = _run_up(robot, start, mouth, entries, limits), math.inf
         if best is not None:
             if abs(best.first) < _LARGE:

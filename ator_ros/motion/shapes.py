@@ -1,20 +1,18 @@
-"""Families of ideal motions at a robot's limits; the duration of the fastest motion is a feature.
+"""The fastest of a set of turn-drive-turn paths, for many pairs of ends at once: a feature of the models.
 
-A family is some kinds of motion, each a turn, a straight drive, a turn and a straight run. Kinds are given as
-shares of the limits. `needed_kinds` chooses them for a robot from a fine grid: the next one is that which
-brings the times nearest to those of the whole grid, until the rest would hardly bring them nearer, or at
-`MOST` kinds.
-
-The times follow from the direct variables and the robot's description alone. But these motions have the shape
-of those of our own actions, so they describe much of what a model would otherwise learn.
+A shape of path is a turn, a straight drive, a turn and a straight run, with given changes of speed. Shapes
+come in groups: the first of each group is tried for all ends, the others of a group where its first one is
+the fastest. `needed_shapes` chooses groups from a fine grid: the next shape is that which brings the times
+nearest to those of the whole grid.
 
 The search is compiled, since it dominates refinement. The heading of the drive is the only unknown: its roots
 are bracketed on a grid of first turns, where the parts of both turns just add. Tables, computed once per
-family, give the ends of turns. Motions whose lower bound exceeds the best time are skipped.
+set, give the ends of turns. Paths whose lower bound exceeds the best time are skipped.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
@@ -116,8 +114,8 @@ _DETOUR = 7.2
 """Cost, in m of driving at full speed, of each m that a drive passes an object at the goal too near."""
 
 
-class Kind(NamedTuple):
-    """One kind of motion: turn, drive straight, turn, run straight to the goal.
+class Shape(NamedTuple):
+    """One shape of path: turn, drive straight, turn, run straight to the goal.
 
     Attributes
     ----------
@@ -129,7 +127,7 @@ class Kind(NamedTuple):
     entry : float
         Speed in m/s to reach in a straight lead before the first turn; NaN where that begins at once.
     least_start, least_arrival : float
-        Least speeds in m/s at the start and at the goal of such motions.
+        Least speeds in m/s at the start and at the goal of such paths.
     direction : float
         1 if the drive between the turns goes forward, -1 if backward.
     """
@@ -143,18 +141,18 @@ class Kind(NamedTuple):
     direction: float = 1.0
 
 
-KIND = np.dtype(
+SHAPE = np.dtype(
     [("first_profile", np.intp), ("last_profile", np.intp)]
     + [(f"{turn}_{what}", float) for turn in ("first", "last") for what in TurnProfile._fields]
     + [(name, float) for name in ("share", "entry", "least_start", "least_arrival")]
     + [("direction", np.float32)],
     align=True,
 )
-"""A kind of motion as a row."""
+"""A shape of path as a row."""
 
 
 class Rules(NamedTuple):
-    """Parameters of all kinds of a family; see `Family`.
+    """Parameters of all shapes of a set; see `ShapeSet`.
 
     run: NaN if it is as long as needed. detour: s per m that a straight drive passes too near the object.
     """
@@ -168,11 +166,13 @@ class Rules(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Family:
-    """Kinds of motion, of which the fastest counts.
+class ShapeSet:
+    """Shapes of paths, of which the fastest counts.
 
     Attributes
     ----------
+    groups : tuple of tuple of Shape
+        The first of each group is tried for all ends, the others where their first one is the fastest.
     run : float or None
         Length in m of the straight run at the end; None where it is as long as its change of speed needs.
     passing : float
@@ -182,14 +182,20 @@ class Family:
     """
 
     limits: Limits
-    kinds: tuple[Kind, ...]
+    groups: tuple[tuple[Shape, ...], ...]
     run: float | None = 0.0
     passing: float = 0.0
     forward: bool = False
 
     @cached_property
+    def _shapes(self) -> tuple[Shape, ...]:
+        """All shapes: the first ones of all groups, then the others group by group."""
+        others = itertools.chain.from_iterable(group[1:] for group in self.groups)
+        return (*(group[0] for group in self.groups), *others)
+
+    @cached_property
     def _profiles(self) -> tuple[TurnProfile, ...]:
-        return tuple(dict.fromkeys(profile for kind in self.kinds for profile in (kind.first, kind.last)))
+        return tuple(dict.fromkeys(each for shape in self._shapes for each in (shape.first, shape.last)))
 
     @cached_property
     def tables(self) -> TurnTables:
@@ -198,53 +204,60 @@ class Family:
 
     @cached_property
     def rows(self) -> Rows:
-        """The kinds as rows."""
+        """The shapes as rows: the first ones of all groups, then the others group by group."""
         number = self._profiles.index
         rows = [
-            (number(kind.first), number(kind.last), *kind.first, *kind.last, *kind[2:]) for kind in self.kinds
+            (number(shape.first), number(shape.last), *shape.first, *shape.last, *shape[2:])
+            for shape in self._shapes
         ]
-        return np.array(rows, dtype=KIND)
+        return np.array(rows, dtype=SHAPE)
+
+    @cached_property
+    def others(self) -> NDArray[np.intp]:
+        """The rows at which the other shapes of each group begin, and the end, shape (groups + 1,)."""
+        sizes = [len(self.groups), *(len(group) - 1 for group in self.groups)]
+        return np.cumsum(np.array(sizes, dtype=np.intp))
 
     @cached_property
     def missed(self) -> tuple[float, float]:
-        """Time (s) and angle (rad) where the ends are so near each other that no motion has room."""
+        """Time (s) and angle (rad) where the ends are so near each other that no path has room."""
         turned = 2.0 * np.pi if self.forward else np.pi
         return float(2.0 * turn_time(turned, self.limits.w, self.limits.aw)), 2.0 * turned
 
     def rules(self, hold: float) -> Rules:
-        """Return what holds for all kinds, with an object `hold` m ahead of the destination."""
+        """Return what holds for all shapes, with an object `hold` m ahead of the destination."""
         run = np.nan if self.run is None else self.run
         detour = _DETOUR / self.limits.v
         return Rules(rates_of(self.limits), run, self.passing, detour, self.forward, hold)
 
 
 _END = np.dtype([("speed", float), ("length", float), ("time", float), ("row", np.intp)])
-"""One end of a kind's motions: speed (m/s) at the turn, length (m) and time (s) of the straight part between
+"""One end of a shape's paths: speed (m/s) at the turn, length (m) and time (s) of the straight part between
 the end and the turn, and the turn's row in the tables."""
 
 
 @compiled
-def _set_speed(entries: Rows, speed: float, kinds: Rows, tables: TurnTables, rules: Rules) -> None:
-    """Write the first ends of all kinds for a speed (m/s) at the start; infinite times if it is too low."""
+def _set_speed(entries: Rows, speed: float, shapes: Rows, tables: TurnTables, rules: Rules) -> None:
+    """Write the first ends of all shapes for a speed (m/s) at the start; infinite times if it is too low."""
     rates = rules.rates
-    for index in range(len(kinds)):
-        kind, entry = kinds[index], entries[index]
-        reached = speed if math.isnan(kind["entry"]) else kind["entry"]
+    for index in range(len(shapes)):
+        shape, entry = shapes[index], entries[index]
+        reached = speed if math.isnan(shape["entry"]) else shape["entry"]
         entry["speed"], entry["length"] = reached, change_distance(speed, reached, rates)
-        entry["time"] = change_time(speed, reached, rates) if speed >= kind["least_start"] else np.inf
-        entry["row"] = _row_of(tables, kind["first_profile"], reached)
+        entry["time"] = change_time(speed, reached, rates) if speed >= shape["least_start"] else np.inf
+        entry["row"] = _row_of(tables, shape["first_profile"], reached)
 
 
 @compiled
-def _set_arrival(exits: Rows, arrival: float, kinds: Rows, tables: TurnTables, rules: Rules) -> None:
-    """Write the last ends of all kinds for a speed (m/s) at the destination, as `_set_speed` does."""
-    for index in range(len(kinds)):
-        kind, exit_ = kinds[index], exits[index]
-        speed, run = _before_run(kind["share"], arrival, rules)
+def _set_arrival(exits: Rows, arrival: float, shapes: Rows, tables: TurnTables, rules: Rules) -> None:
+    """Write the last ends of all shapes for a speed (m/s) at the destination, as `_set_speed` does."""
+    for index in range(len(shapes)):
+        shape, exit_ = shapes[index], exits[index]
+        speed, run = _before_run(shape["share"], arrival, rules)
         exit_["speed"], exit_["length"] = speed, run
         time = forward_time(run, speed, arrival, rules.rates)
-        exit_["time"] = time if arrival >= kind["least_arrival"] else np.inf
-        exit_["row"] = _row_of(tables, kind["last_profile"], speed)
+        exit_["time"] = time if arrival >= shape["least_arrival"] else np.inf
+        exit_["row"] = _row_of(tables, shape["last_profile"], speed)
 
 
 @compiled
@@ -284,7 +297,8 @@ class _Offset(NamedTuple):
 @unlocked
 def search_fastest(
     ends: FloatArray,
-    kinds: Rows,
+    shapes: Rows,
+    others: NDArray[np.intp],
     tables: TurnTables,
     rules: Rules,
     missed: tuple[float, float],
@@ -292,43 +306,48 @@ def search_fastest(
     first: int,
     end: int,
 ) -> None:
-    """Find the fastest motion in each of n situations to one of m destinations, whichever is reached first.
+    """Find the fastest path for each of n pairs of ends.
 
     Parameters
     ----------
-    ends : ndarray, shape (5, m, n)
-        Destination x, y (m) and heading (rad) in the frame of the start, speeds (m/s) at both ends; that at
-        the start is the same for all destinations.
+    ends : ndarray, shape (5, n)
+        See `fastest_paths`.
+    shapes, others, tables, rules
+        Those of a `ShapeSet`.
     missed : tuple of float
-        Time (s) and angle (rad) that stand for a destination to which no motion has room.
+        Time (s) and angle (rad) that stand for ends between which no path has room.
     result : ndarray, shape (2, n)
         Becomes the time in s, and the sum of the angles turned in rad.
     first, end : int
-        The situations to search in.
+        The ends to search between.
     """
-    entries = np.empty(len(kinds), dtype=_END)
-    exits = np.empty((ends.shape[1], len(kinds)), dtype=_END)
+    count = len(others) - 1
+    firsts, most = shapes[:count], max(1, (others[1:] - others[:-1]).max())
+    entries, exits = np.empty(count, dtype=_END), np.empty(count, dtype=_END)
+    other_entries, other_exits = np.empty(most, dtype=_END), np.empty(most, dtype=_END)
     gaps = np.empty(WIDTH, dtype=np.float32)
-    likely = 0  # the last fastest kind is tried first: its time prunes most others
+    likely = 0  # the last fastest group is tried first: its time prunes most others
     for at in range(first, end):
-        if at == first or ends[3, 0, at] != ends[3, 0, at - 1]:
-            _set_speed(entries, ends[3, 0, at], kinds, tables, rules)
-        best, turned = np.inf, 0.0
-        for choice in range(ends.shape[1]):
-            arrival = ends[4, choice, at]
-            if at == first or arrival != ends[4, choice, at - 1]:
-                _set_arrival(exits[choice], arrival, kinds, tables, rules)
-            x, y, turn = ends[0, choice, at], ends[1, choice, at], ends[2, choice, at]
-            # Bounded by the time to another destination, unless that one was missed.
-            most = best if best <= missed[0] else np.inf
-            time, angles, likely = _fastest(
-                x, y, turn, most, likely, entries, exits[choice], gaps, kinds, tables, rules
+        x, y, turn, speed, arrival = ends[0, at], ends[1, at], ends[2, at], ends[3, at], ends[4, at]
+        if at == first or speed != ends[3, at - 1]:
+            _set_speed(entries, speed, firsts, tables, rules)
+        if at == first or arrival != ends[4, at - 1]:
+            _set_arrival(exits, arrival, firsts, tables, rules)
+        time, turned, likely = _fastest(
+            x, y, turn, np.inf, likely, entries, exits, gaps, firsts, tables, rules
+        )
+        if others[likely] < others[likely + 1]:
+            group = shapes[others[likely] : others[likely + 1]]
+            _set_speed(other_entries, speed, group, tables, rules)
+            _set_arrival(other_exits, arrival, group, tables, rules)
+            faster, angles, _ = _fastest(
+                x, y, turn, time, 0, other_entries, other_exits, gaps, group, tables, rules
             )
-            if time == np.inf and most == np.inf:
-                time, angles = missed
-            if time < best:
-                best, turned = time, angles
-        result[0, at], result[1, at] = best, turned
+            if faster < time:
+                time, turned = faster, angles
+        if time == np.inf:
+            time, turned = missed
+        result[0, at], result[1, at] = time, turned
 
 
 @inlined
@@ -341,11 +360,11 @@ def _fastest(
     entries: Rows,
     exits: Rows,
     gaps: RealArray,
-    kinds: Rows,
+    shapes: Rows,
     tables: TurnTables,
     rules: Rules,
 ) -> tuple[float, float, int]:
-    """Return time (s), turned angle (rad) and kind of the fastest motion; infinite unless below `most`."""
+    """Return time (s), turned angle (rad) and shape of the fastest path; infinite unless below `most`."""
     cos, sin = math.cos(turn), math.sin(turn)
     object_x, object_y = x + rules.hold * cos, y + rules.hold * sin
     # The whole change of heading may be either way round, or a full turn more.
@@ -354,9 +373,9 @@ def _fastest(
     windows = (_window_of(-totals[0]), _window_of(-totals[1]), _window_of(-totals[2]))
     best, result, turned, fastest = most, np.inf, 0.0, likely
     along, across = tables.turns
-    for number in range(len(kinds)):
-        index = (likely + number) % len(kinds)
-        kind, entry, exit_ = kinds[index], entries[index], exits[index]
+    for number in range(len(shapes)):
+        index = (likely + number) % len(shapes)
+        shape, entry, exit_ = shapes[index], entries[index], exits[index]
         straight = entry["time"] + exit_["time"]
         if straight == np.inf:
             continue
@@ -366,13 +385,13 @@ def _fastest(
             object_x - entry["length"],
             object_y,
         )
-        rate = max(kind["first_rate"], kind["last_rate"])
+        rate = max(shape["first_rate"], shape["last_rate"])
         for around in range(3 if rules.forward else 2):
             total = totals[around]
             if straight + turn_time(abs(total), rate, rules.rates.aw) > best:
                 continue
-            above = _fill_gaps(gaps, offset, windows[around], kind["direction"], entry, exit_, tables)
-            # At a zero crossing from above the drive has this kind's direction, else the opposite one.
+            above = _fill_gaps(gaps, offset, windows[around], shape["direction"], entry, exit_, tables)
+            # At a zero crossing from above the drive has this shape's direction, else the opposite one.
             roots = above & ~(above >> 1)
             for step in range(2 * HALF):
                 if not roots & (1 << step):
@@ -382,7 +401,7 @@ def _fastest(
                 angles = abs(first) + abs(last)
                 if abs(last) < WIDEST and angles < _MOST_TURNED:
                     time = _time(
-                        first, last, straight, best, offset, kind, entry, exit_, along, across, rules
+                        first, last, straight, best, offset, shape, entry, exit_, along, across, rules
                     )
                     if time < best:
                         best, result, turned, fastest = time, time, angles, index
@@ -399,7 +418,7 @@ def _fill_gaps(
     exit_: Any,
     tables: TurnTables,
 ) -> int:
-    """Compute by how much a drive after each of TURNS misses the last turn, in the kind's direction.
+    """Compute by how much a drive after each of TURNS misses the last turn, in the shape's direction.
 
     Return a number whose bits are set for gaps above 0, which is faster to scan.
     """
@@ -422,16 +441,16 @@ def _time(
     straight: float,
     best: float,
     offset: _Offset,
-    kind: Any,
+    shape: Any,
     entry: Any,
     exit_: Any,
     along: FloatArray,
     across: FloatArray,
     rules: Rules,
 ) -> float:
-    """Return the time in s of a motion; infinite if it is not allowed or exceeds `best`."""
-    one = Turning(entry["row"], entry["speed"], kind["first_change"], kind["first_rate"])
-    two = Turning(exit_["row"], exit_["speed"], kind["last_change"], kind["last_rate"])
+    """Return the time in s of a path; infinite if it is not allowed or exceeds `best`."""
+    one = Turning(entry["row"], entry["speed"], shape["first_change"], shape["first_rate"])
+    two = Turning(exit_["row"], exit_["speed"], shape["last_change"], shape["last_rate"])
     aw = rules.rates.aw
     result: float = turn_time(abs(first), one.rate, aw) + turn_time(abs(last), two.rate, aw) + straight
     if result > best:
@@ -451,68 +470,73 @@ def _time(
     return result
 
 
+_GROUPS, _OTHERS = 16, 16
+"""Greatest numbers of groups, and of other shapes in each; the time of a search grows with both."""
 _NEAR = 0.0005
 """Choosing ends when the rest of the grid would save less than this share of the mean time."""
-MOST = 120
-"""Greatest number of kinds; the time of a search grows with it."""
-_MOTIONS, _SEED = 2000, 5
-_LATE = 3.0  # multiple of the least time, if no chosen kind leads to the destination
+_LATE = 3.0  # multiple of the least time, where no chosen shape leads to the destination
 
 
-def needed_kinds(grid: Family, ends: FloatArray, *, hold: float) -> list[int]:
-    """Return the indices of the kinds of a family that are needed, the most useful first.
-
-    It takes a second for a thousand kinds.
+def needed_shapes(grid: ShapeSet, ends: FloatArray, *, hold: float) -> list[list[int]]:
+    """Return groups of shapes, by their places in a grid of groups of one, that are needed between ends.
 
     Parameters
     ----------
-    grid : Family
-        With all kinds to choose from.
-    ends : ndarray, shape (5, 1, n)
-        Motions that they are needed for, see `fastest_motions`.
+    grid : ShapeSet
+        With all shapes to choose from; it takes a second for a thousand.
+    ends : ndarray, shape (5, n)
+        See `fastest_paths`.
     hold : float
         Distance in m from the destination to the object in front of it.
     """
-    count = ends.shape[2]
-    times, result = np.empty((len(grid.kinds), count)), np.empty((2, count))
-    for kind in range(len(grid.kinds)):
-        row = grid.rows[kind : kind + 1]
-        search_fastest(ends, row, grid.tables, grid.rules(hold), (np.inf, 0.0), result, 0, count)
-        times[kind] = result[0]
-    return _chosen(times) or [0]  # no kind of the grid reaches a destination
-
-
-def _chosen(times: FloatArray) -> list[int]:
-    """Choose kinds by the times of each, (kinds, n): the one that saves the most is next."""
+    count = ends.shape[1]
+    times, result = np.empty((len(grid.rows), count)), np.empty((2, count))
+    alone, never = np.ones(2, dtype=np.intp), (np.inf, 0.0)
+    for number in range(len(times)):
+        row = grid.rows[number : number + 1]
+        search_fastest(ends, row, alone, grid.tables, grid.rules(hold), never, result, 0, count)
+        times[number] = result[0]
     least = times.min(axis=0)
     reached = np.isfinite(least)
-    ratios = times[:, reached] / least[reached]
-    so_far = np.full(ratios.shape[1], _LATE)
-    picked: list[int] = []
-    while len(picked) < MOST and so_far.sum() > (1.0 + _NEAR) * len(so_far):
-        picked.append(int(np.argmin(np.minimum(so_far, ratios).sum(axis=1))))
-        so_far = np.minimum(so_far, ratios[picked[-1]])
-    return picked
+    if not reached.any():
+        return [[0]]
+    ratios = np.minimum(times[:, reached] / least[reached], _LATE)
+    firsts = _chosen(ratios, np.full(ratios.shape[1], _LATE), _GROUPS)
+    nearest = ratios[firsts].argmin(axis=0)
+    groups = [(first, ratios[:, nearest == number]) for number, first in enumerate(firsts)]
+    return [[first, *_chosen(where, where[first], _OTHERS)] for first, where in groups]
 
 
-def drawn_ends(limits: Limits, count: int, rng: np.random.Generator) -> FloatArray:
-    """Return ends of motions, (5, 1, count), as `search_fastest` takes them.
+def _chosen(ratios: FloatArray, so_far: FloatArray, most: int) -> list[int]:
+    """Choose shapes by the ratios (shapes, n) of their times to the least: which saves the most is next."""
+    chosen: list[int] = []
+    while len(chosen) < most and so_far.sum() > (1.0 + _NEAR) * len(so_far):
+        chosen.append(int(np.argmin(np.minimum(so_far, ratios).sum(axis=1))))
+        so_far = np.minimum(so_far, ratios[chosen[-1]])
+    return chosen
 
-    They are up to 5 m apart, half of them nearer than the others. Half begin, and half end, at rest.
+
+def drawn_ends(like: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
+    """Return ends of paths in all directions, (5, count), with the distances and speeds of others, (5, n).
+
+    Half of them are nearer. As many as of the others begin, and end, at rest; other speeds are evenly spread.
     """
-    x, y, turn = (rng.uniform(-most, most, count) for most in (4.0, 3.0, np.pi))
-    nearer = np.where(rng.random(count) < 0.5, rng.random(count), 1.0)
-    speeds = limits.v * rng.random((2, count)) * rng.integers(0, 2, (2, count))
-    return np.stack((nearer * x, nearer * y, turn, *speeds))[:, None]
+    some = like[:, rng.integers(0, like.shape[1], count)]
+    distance = np.hypot(some[0], some[1]) * np.where(rng.random(count) < 0.5, rng.random(count), 1.0)
+    bearing, turn = rng.uniform(-np.pi, np.pi, (2, count))
+    moving = rng.random((2, count)) < (like[3:] != 0.0).mean(axis=1)[:, None]
+    least, greatest = like[3:].min(axis=1)[:, None], like[3:].max(axis=1)[:, None]
+    speeds = moving * rng.uniform(least, greatest, (2, count))
+    return np.stack((distance * np.cos(bearing), distance * np.sin(bearing), turn, *speeds))
 
 
-_CHUNK = 60
-"""Least number of situations per chunk: 60 microseconds."""
+_CHUNK = 20
+"""Least number of ends per chunk: about 80 microseconds."""
 
 
 @dataclass(frozen=True)
-class Motions:
-    """The fastest motion of a family in each situation: arrays of shape (n,).
+class PathTimes:
+    """The fastest path of each pair of ends: arrays of shape (n,).
 
     Attributes
     ----------
@@ -525,26 +549,28 @@ class Motions:
     time: FloatArray
     turn: FloatArray
 
-    def after(self, time: FloatArray) -> Motions:
-        """Return the motions with `time` (s) before them."""
-        return Motions(self.time + time, self.turn)
 
-
-def fastest_motions(ends: FloatArray, family: Family, *, hold: float) -> Motions:
-    """Return the fastest motion of `family` in each of n situations to one of m destinations.
+def fastest_paths(ends: FloatArray, shapes: ShapeSet, *, hold: float) -> PathTimes:
+    """Return the fastest path of these shapes for each of n pairs of ends.
 
     Parameters
     ----------
-    ends : ndarray, shape (5, m, n)
+    ends : ndarray, shape (5, n)
         Both ends, in the frame of the start: destination x, y of the axle in m and heading there in rad,
-        forward speeds at the start and at the destination in m/s. Whichever destination is reached first
-        counts.
+        forward speeds at the start and at the destination in m/s.
     hold : float
         Distance in m from the destination to the object in front of it.
     """
-    time, turn = result = np.empty((2, ends.shape[2]))
+    time, turn = result = np.empty((2, ends.shape[1]))
     search = partial(
-        search_fastest, ends, family.rows, family.tables, family.rules(hold), family.missed, result
+        search_fastest,
+        ends,
+        shapes.rows,
+        shapes.others,
+        shapes.tables,
+        shapes.rules(hold),
+        shapes.missed,
+        result,
     )
-    parallel_for(search, ends.shape[2], _CHUNK)
-    return Motions(time, turn)
+    parallel_for(search, ends.shape[1], _CHUNK)
+    return PathTimes(time, turn)
