@@ -27,11 +27,11 @@ from ator_ros.motion.durations import (
     Rates,
     change_distance,
     change_time,
+    drive_time,
     forward_time,
     rates_of,
     turn_time,
 )
-from ator_ros.motion.paths import Turning, driven
 from ator_ros.motion.turns import (
     ENTRIES,
     FINE,
@@ -283,6 +283,7 @@ _STEP = np.float32(STEP)
 _WIDE = STEP * np.arange(-HALF, WIDTH - HALF)
 _COS, _SIN = np.cos(_WIDE.astype(np.float32)), np.sin(_WIDE.astype(np.float32))
 _BITS = (1 << np.arange(WIDTH)).astype(np.uint32)
+_INSIDE = (1 << 2 * HALF) - 1  # all turns but the last
 
 
 class _Offset(NamedTuple):
@@ -392,10 +393,10 @@ def _fastest(
                 continue
             above = _fill_gaps(gaps, offset, windows[around], shape["direction"], entry, exit_, tables)
             # At a zero crossing from above the drive has this shape's direction, else the opposite one.
-            roots = above & ~(above >> 1)
-            for step in range(2 * HALF):
-                if not roots & (1 << step):
-                    continue
+            roots = above & ~(above >> 1) & _INSIDE
+            while roots:
+                step = math.frexp(float(roots & -roots))[1] - 1
+                roots &= roots - 1
                 first = TURNS[step] + _STEP * (gaps[step] / (gaps[step] - gaps[step + 1]))
                 last = total - first
                 angles = abs(first) + abs(last)
@@ -449,20 +450,24 @@ def _time(
     rules: Rules,
 ) -> float:
     """Return the time in s of a path; infinite if it is not allowed or exceeds `best`."""
-    one = Turning(entry["row"], entry["speed"], shape["first_change"], shape["first_rate"])
-    two = Turning(exit_["row"], exit_["speed"], shape["last_change"], shape["last_rate"])
-    aw = rules.rates.aw
-    result: float = turn_time(abs(first), one.rate, aw) + turn_time(abs(last), two.rate, aw) + straight
+    rates = rules.rates
+    time1 = turn_time(abs(first), shape["first_rate"], rates.aw)
+    time2 = turn_time(abs(last), shape["last_rate"], rates.aw)
+    result: float = time1 + time2 + straight
     if result > best:
         return np.inf
     cos, sin = math.cos(first), math.sin(first)
-    lane = cos * offset.x + sin * offset.y
-    slack, driving, length = driven(first, last, lane, one, two, along, along, rules.rates)[2:]
-    if rules.forward and slack < 0.0:
+    begin, share = place_of(entry["row"], first)
+    end, end_share = place_of(exit_["row"], -last)
+    length = cos * offset.x + sin * offset.y - look_up(along, begin, share) - look_up(along, end, end_share)
+    if result + abs(length) * (1.0 / rates.v) > best:
         return np.inf
-    result += driving
+    before = min(max(entry["speed"] + shape["first_change"] * time1, -rates.v), rates.v)
+    after = min(max(exit_["speed"] + shape["last_change"] * time2, -rates.v), rates.v)
+    if rules.forward and length < change_distance(before, after, rates):
+        return np.inf
+    result += drive_time(length, before, after, rates)
     if rules.passing > 0.0:
-        begin, share = place_of(one.row, first)
         to_object = cos * offset.object_x + sin * offset.object_y - look_up(along, begin, share)
         if min(length, 0.0) < to_object < max(length, 0.0):
             beside = cos * offset.object_y - sin * offset.object_x - look_up(across, begin, share)
@@ -534,23 +539,7 @@ _CHUNK = 20
 """Least number of ends per chunk: about 80 microseconds."""
 
 
-@dataclass(frozen=True)
-class PathTimes:
-    """The fastest path of each pair of ends: arrays of shape (n,).
-
-    Attributes
-    ----------
-    time : ndarray
-        In s.
-    turn : ndarray
-        Sum of the angles of both turns in rad.
-    """
-
-    time: FloatArray
-    turn: FloatArray
-
-
-def fastest_paths(ends: FloatArray, shapes: ShapeSet, *, hold: float) -> PathTimes:
+def fastest_paths(ends: FloatArray, shapes: ShapeSet, *, hold: float) -> FloatArray:
     """Return the fastest path of these shapes for each of n pairs of ends.
 
     Parameters
@@ -560,8 +549,13 @@ def fastest_paths(ends: FloatArray, shapes: ShapeSet, *, hold: float) -> PathTim
         forward speeds at the start and at the destination in m/s.
     hold : float
         Distance in m from the destination to the object in front of it.
+
+    Returns
+    -------
+    ndarray, shape (2, n)
+        Their times in s, and the sums of the angles of both turns in rad.
     """
-    time, turn = result = np.empty((2, ends.shape[1]))
+    result = np.empty((2, ends.shape[1]))
     search = partial(
         search_fastest,
         ends,
@@ -573,4 +567,4 @@ def fastest_paths(ends: FloatArray, shapes: ShapeSet, *, hold: float) -> PathTim
         result,
     )
     parallel_for(search, ends.shape[1], _CHUNK)
-    return PathTimes(time, turn)
+    return result

@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from ator_ros.compiled import compiled
 from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
 from ator_ros.motion.durations import turn_time
-from ator_ros.motion.shapes import PathTimes, ShapeSet, fastest_paths
+from ator_ros.motion.shapes import fastest_paths
 from ator_ros.performance.direct import HOLD, SPEEDG, XG, YAW, YAWG, YG, Direct, V, W, X, Y, direct_table
 from ator_ros.performance.driving import DrivingStyle, plain_driving
-from ator_ros.robot.description import Limits, Robot
+from ator_ros.robot.description import Robot
 from ator_ros.world.state import AT_REST
 
 BASICS = (
@@ -25,10 +25,11 @@ BASICS = (
 """Names of the features that the first rows hold, see `ator_ros.performance.features`."""
 FROM_X, FROM_Y, FROM_YAW, GOAL_X, GOAL_Y, GOAL_YAW, DX, DY, DIST, ANGLE_TO, ANGLE_AT = range(11)
 AT_BY_TURN, ANGLE_BETWEEN, SPEED, W_BY_TURN, ARRIVAL, HOLDS = range(11, len(BASICS))
-TO_X, TO_Y, TO_DEST, AT_DEST, OPENING = range(len(BASICS), len(BASICS) + 5)
-"""Rows after them: the destination (m), the signed angles to and at it (rad), and four of the opening: x, y
-(m), heading (rad), and the time until then (s)."""
+TO_X, TO_Y, TO_DEST, AT_DEST, RESTS, OPENING = range(len(BASICS), len(BASICS) + 6)
+"""Rows after them: the destination (m), the signed angles to and at it (rad), whether the robot stands at
+both ends (1 or 0), and four of the opening: x, y (m), heading (rad), and the time until then (s)."""
 ROWS = OPENING + 4
+_REST_V, _REST_W = AT_REST.v, AT_REST.w
 
 
 @compiled
@@ -69,7 +70,9 @@ def derive_positions(direct: FloatArray, hold: float, aw: float, rows: FloatArra
         rows[TO_X, at], rows[TO_Y, at], rows[DX, at], rows[DY, at] = x, y, dx, dy
         rows[DIST, at] = math.sqrt(dx * dx + dy * dy)
         rows[ANGLE_BETWEEN, at] = abs(wrapped(heading - yaw))
-        rows[SPEED, at], rows[ARRIVAL, at], rows[HOLDS, at] = speed, direct[SPEEDG, at], direct[HOLD, at]
+        arrival = direct[SPEEDG, at]
+        rows[SPEED, at], rows[ARRIVAL, at], rows[HOLDS, at] = speed, arrival, direct[HOLD, at]
+        rows[RESTS, at] = abs(speed) <= _REST_V and abs(rotation) <= _REST_W and arrival <= _REST_V
         time = abs(rotation) * (1.0 / aw)
         half = 0.5 * rotation * time
         mean = yaw + (2.0 / 3.0) * half
@@ -125,9 +128,33 @@ NEAR = 0.04
 """Distance in m from the goal within which a robot at rest only has to turn to the goal's heading."""
 ALIGNED = 0.1
 """Angle in rad up to which a robot may turn on the spot with an object in front."""
+
+
+@compiled
+def complete_paths(rows: FloatArray, w: float, aw: float, paths: FloatArray) -> None:
+    """Add the openings to the paths after them, shape (2, n): time (s) and angle turned (rad).
+
+    A robot at rest within `NEAR` of its goal turns on the spot, with an object in front up to `ALIGNED` only,
+    at rates up to `w` (rad/s) and `aw` (rad/s^2).
+    """
+    for at in range(rows.shape[1]):
+        paths[0, at] += rows[OPENING + 3, at]
+        angle = rows[ANGLE_BETWEEN, at]
+        free = rows[HOLDS, at] < 0.5 or angle <= ALIGNED
+        if free and rows[RESTS, at] > 0.5 and rows[DIST, at] < NEAR:
+            paths[0, at], paths[1, at] = turn_time(angle, w, aw), angle
+
+
 _NEAR_PULL = 20.0
 """Weight of the goal's heading in the bearing of a goal within `NEAR`, whose own bearing is noise."""
 Derived = TypeVar("Derived")
+
+
+class PathTimes(NamedTuple):
+    """Times in s of paths, and the sums of the angles in rad turned on them, shape (n,)."""
+
+    time: FloatArray
+    turn: FloatArray
 
 
 class Geometry:
@@ -186,23 +213,10 @@ class Geometry:
         derive_angles(self._table, bearing, rows)
         return rows
 
-    @cached_property
+    @property
     def at_rest(self) -> BoolArray:
         """Whether the robot stands at the start and shall stand at the goal."""
-        d = self.direct
-        return np.asarray(AT_REST.holds(d["v"], d["w"]) & (d["speedg"] <= AT_REST.v))
-
-    def with_turns(self, paths: PathTimes, limits: Limits) -> PathTimes:
-        """Return the paths, with turns on the spot where a robot at rest is within `NEAR` of its goal.
-
-        With an object in front only slight turns are possible, up to `ALIGNED`.
-        """
-        angle = self.rows[ANGLE_BETWEEN]
-        near = self.at_rest & (self.dist < NEAR) & ((self.direct["hold"] < 0.5) | (angle <= ALIGNED))
-        if not near.any():
-            return paths
-        turning = turn_time(angle, limits.w, limits.aw)
-        return PathTimes(np.where(near, turning, paths.time), np.where(near, angle, paths.turn))
+        return np.asarray(self.rows[RESTS] > 0.5)
 
     @property
     def destination(self) -> tuple[FloatArray, FloatArray]:
@@ -234,24 +248,16 @@ class Geometry:
         write_relative_ends(self._table, self.rows, ends)
         return ends
 
-    def _fastest(self, shapes: ShapeSet) -> PathTimes:
-        found = fastest_paths(self.ends, shapes, hold=self.robot.hold)
-        return PathTimes(found.time + self.rows[OPENING + 3], found.turn)
-
     @cached_property
     def path(self) -> PathTimes:
         """The fastest turn-straight-turn path as the action was observed to drive."""
-        driving, holding = self.driving, self.direct["hold"] > 0.5
-        if not holding.any():
-            found = self._fastest(driving.drive_paths)
-        else:
-            found = self._fastest(driving.approach_paths)
-            if driving.approaches and not holding.all():
-                free = self._fastest(driving.drive_paths)
-                found = PathTimes(
-                    np.where(holding, found.time, free.time), np.where(holding, found.turn, free.turn)
-                )
-        return self.with_turns(found, driving.limits)
+        driving, holding, hold = self.driving, self.direct["hold"] > 0.5, self.robot.hold
+        shapes = driving.approach_paths if holding.any() else driving.drive_paths
+        paths = fastest_paths(self.ends, shapes, hold=hold)
+        if driving.approaches and holding.any() and not holding.all():
+            paths = np.where(holding, paths, fastest_paths(self.ends, driving.drive_paths, hold=hold))
+        complete_paths(self.rows, driving.limits.w, driving.limits.aw, paths)
+        return PathTimes(*paths)
 
 
 def _from_hold(geometry: Geometry) -> tuple[FloatArray, FloatArray]:

@@ -9,16 +9,17 @@ import pytest
 from robots import OTHERS, PIONEER, PLAIN
 
 from ator_ros.motion.shapes import ShapeSet, drawn_ends, fastest_paths
-from ator_ros.performance.driving import ObservedLimits, chosen_shapes, free_shapes, restored_shape
+from ator_ros.performance.driving import ObservedLimits, free_shapes, plain_driving
 from ator_ros.robot.description import Robot
 
 
 @pytest.mark.parametrize("robot", [PIONEER, PLAIN, OTHERS[-1]], ids=lambda robot: robot.name)
 def test_chosen_paths_are_nearly_as_fast_as_all_of_the_grid(robot: Robot) -> None:
     limits = ObservedLimits(**asdict(robot.limits))
-    grid = ShapeSet(limits, tuple(free_shapes(limits)))
-    chosen = ShapeSet(limits, tuple(map(restored_shape, chosen_shapes(grid, np.empty((5, 1, 0)), hold=0.0))))
-    drawn = drawn_ends(limits, 150, np.random.default_rng(1))
-    mine, best = (fastest_paths(drawn, some, hold=robot.hold).time for some in (chosen, grid))
+    grid = ShapeSet(limits, tuple((shape,) for shape in free_shapes(limits)))
+    chosen = plain_driving(robot).drive_paths
+    far = np.array([[3.0, 1.0], [0.0, 0.0], [0.0, 0.0], [0.0, limits.v], [limits.v, 0.0]])
+    drawn = drawn_ends(far, 150, np.random.default_rng(1))
+    mine, best = (fastest_paths(drawn, some, hold=robot.hold)[0] for some in (chosen, grid))
     assert np.isfinite(mine).all()
     assert float(np.mean(mine) / np.mean(np.minimum(mine, best))) < 1.02
