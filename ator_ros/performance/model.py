@@ -36,8 +36,6 @@ class Prediction:
         Probability.
     accuracy, heading : ndarray or None
         Expected errors at the end in m and rad.
-    dist : ndarray or None
-        Distance in m to the destination.
     """
 
     duration: FloatArray | None = None
@@ -45,7 +43,6 @@ class Prediction:
     success: FloatArray | None = None
     accuracy: FloatArray | None = None
     heading: FloatArray | None = None
-    dist: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -160,10 +157,6 @@ class PerformanceModel:
             if name == "duration":
                 fields["spread"] = tree.spread.take(leaf)
                 self._set_at_goal(geometry, fields)
-        for name, constant in plan.constants:
-            fields[name] = np.full(rows.shape[1], constant)
-        if "dist" in measures:
-            fields["dist"] = geometry.dist.copy()  # else predictions that are kept would keep all rows
         return Prediction(**fields)
 
     def _set_at_goal(self, geometry: Geometry, fields: Mapping[str, FloatArray]) -> None:
@@ -198,20 +191,14 @@ class PerformanceModel:
     def _planned(self, measures: tuple[str, ...]) -> _Plan:
         wanted = dict.fromkeys("duration" if name == "spread" else name for name in measures)
         trees = {name: self.trees[name] for name in wanted if name in self.trees}
-        varying = {name: tree for name, tree in trees.items() if tree.constant is None or name == "duration"}
         place = {feature.name: ROWS + number for number, feature in enumerate(self._computed)}
-        named = [self.features[name] for tree in varying.values() for name in tree.names]
+        named = [self.features[name] for tree in trees.values() for name in tree.names]
         rows = {each.name: place[each.name] if each.row is None else each.row for each in named}
         return _Plan(
             tuple((rows[feature.name], feature) for feature in self._computed if feature.name in rows),
             tuple(
                 (name, tree, np.array([rows[each] for each in tree.names], dtype=np.intp))
-                for name, tree in varying.items()
-            ),
-            tuple(
-                (name, float(_within_range(name, np.array(tree.constant))))
                 for name, tree in trees.items()
-                if name not in varying
             ),
         )
 
@@ -227,14 +214,10 @@ class PerformanceModel:
 
 
 class _Plan(NamedTuple):
-    """What has to be evaluated for a prediction: features with their rows, and trees with those of theirs.
-
-    `constants` are the measures that do not vary, with their values.
-    """
+    """What has to be evaluated for a prediction: features with their rows, and trees with those of theirs."""
 
     computed: tuple[tuple[int, Feature], ...]
     trees: tuple[tuple[str, ModelTree, IntArray], ...]
-    constants: tuple[tuple[str, float], ...]
 
 
 def _within_range(measure: str, values: FloatArray) -> FloatArray:

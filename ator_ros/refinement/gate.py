@@ -166,22 +166,14 @@ class TreeGate(Gate):
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
         """Return whether the tree predicts Higher; the reason is the rule that applies."""
-        label, rule = self._applied(features)
-        return label == "Higher", f"{label} performance predicted: {rule}"
-
-    def predicted(self, features: Mapping[str, float]) -> str:
-        """Return the predicted label."""
-        return self._applied(features)[0]
-
-    def _applied(self, features: Mapping[str, float]) -> tuple[str, str]:
-        """Return the label of the leaf that the features lead to, and the rule of that leaf."""
         node, conditions = 0, []
         while self.feature[node]:
             name, bound = self.feature[node], self.threshold[node]
             below = features[name] <= bound
             conditions.append(f"{name} {'<=' if below else '>'} {bound:.2f}")
             node = self.left[node] if below else self.right[node]
-        return self.label[node], " and ".join(conditions) or "always"
+        label = self.label[node]
+        return label == "Higher", f"{label} performance predicted: {' and '.join(conditions) or 'always'}"
 
     def rules(self) -> list[str]:
         """Return one sentence per leaf, in the order of the leaves."""

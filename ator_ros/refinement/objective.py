@@ -2,40 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement import RefinementError
 
-
-class Measure(NamedTuple):
-    """One measure of performance as a cost; costs of the actions of a chain add up.
-
-    `field` is the one of a prediction that `cost` turns into costs, both (n,); `unit` is that of the cost
-    before weighting.
-    """
-
-    field: str
-    cost: Callable[[FloatArray], FloatArray]
-    unit: str
-
-
-#: A new measure is a new row, here or in the `measures` given to an objective.
-MEASURES: Mapping[str, Measure] = MappingProxyType(
-    {
-        "duration": Measure("duration", lambda duration: duration, "s"),
-        "success": Measure("success", lambda success: 1.0 - success, "probability of failure"),
-        "accuracy": Measure("accuracy", lambda accuracy: accuracy, "m"),
-    }
-)
-
-
+MEASURES = ("accuracy", "duration", "success")
+"""Fields of a prediction that may have a weight: m, s, and a probability, of which its complement costs."""
 LEAST_WEIGHT, MOST_WEIGHT = 1e-6, 1e6
 """Costs that are smaller or greater would drown in rounding, or overflow, beside others."""
 
@@ -49,8 +27,6 @@ class Objective:
     weights : mapping
         Of "duration" without unit (seconds count as they are), of "success" in s per failure, of "accuracy"
         in s per m. By default only duration counts.
-    measures : mapping
-        The measures that can be named; by default `MEASURES`.
     where_predicted : frozenset of str
         Measures that count only for models that predict them; a model must predict the others that count.
 
@@ -62,31 +38,24 @@ class Objective:
     """
 
     weights: Mapping[str, float] = field(default_factory=lambda: {"duration": 1.0})
-    measures: Mapping[str, Measure] = field(default_factory=lambda: MEASURES)
     where_predicted: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         for name, weight in self.weights.items():
-            if name not in self.measures:
-                raise RefinementError(
-                    f"objective: expected measures of {sorted(self.measures)}, got {name!r}"
-                )
+            if name not in MEASURES:
+                raise RefinementError(f"objective: expected measures of {list(MEASURES)}, got {name!r}")
             if not (weight == 0.0 or LEAST_WEIGHT <= weight <= MOST_WEIGHT):
                 raise RefinementError(
                     f"objective: expected a weight of {name} that is 0 or from {LEAST_WEIGHT:g} to "
                     f"{MOST_WEIGHT:g}, got {weight:g}"
                 )
-        if not any(self.weights.values()):
+        if not self.needs:
             raise RefinementError("objective: expected at least one weight above 0, got none")
 
     @cached_property
-    def _counting(self) -> tuple[tuple[str, float, Measure], ...]:
-        return tuple((name, weight, self.measures[name]) for name, weight in self.weights.items() if weight)
-
-    @cached_property
     def needs(self) -> tuple[str, ...]:
-        """The names of the prediction's fields that the cost needs."""
-        return tuple(dict.fromkeys(measure.field for _, _, measure in self._counting))
+        """The measures that count."""
+        return tuple(name for name, weight in self.weights.items() if weight)
 
     def cost(self, prediction: Any) -> FloatArray:
         """Return the weighted cost, shape (n,), of a prediction for n candidates.
@@ -96,14 +65,13 @@ class Objective:
         RefinementError
             The performance model does not predict a measure that has a weight.
         """
-        terms: list[FloatArray] = []
-        missing: list[str] = []
-        for name, weight, measure in self._counting:
-            values = getattr(prediction, measure.field, None)
-            if values is not None:
-                terms.append(weight * measure.cost(values))
-            elif name not in self.where_predicted:
-                missing.append(measure.field)
+        found = {name: getattr(prediction, name, None) for name in self.needs}
+        missing = [name for name in found if found[name] is None and name not in self.where_predicted]
+        terms = [
+            self.weights[name] * (1.0 - values if name == "success" else values)
+            for name, values in found.items()
+            if values is not None
+        ]
         if missing or not terms:
             expected = ", ".join(missing or self.needs)
             raise RefinementError(f"objective: expected models that predict {expected}, got none")

@@ -25,7 +25,7 @@ from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.gate import ThresholdGate
-from ator_ros.refinement.objective import MEASURES, Measure, Objective
+from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import USUAL_RANGES, declared_ranges
@@ -116,7 +116,7 @@ SPUN = Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD, {"spin": 0.0})
 
 
 class TestFromOutside:
-    """Extensions: a new action, measure or variable needs no change in refinement."""
+    """Extensions: a new action or variable needs no change in refinement."""
 
     def test_new_action(self) -> None:
         top = dataclasses.replace(call("dribbleBall", 0.0, 0.0, 0.0).top, name="pushBall", action="push")
@@ -124,15 +124,6 @@ class TestFromOutside:
         first, last = two_steps().calls
         chain = TopChain((first, dataclasses.replace(last, top=top)))
         assert Refiner(ROBOT, pushing).refine(world(), chain).refined
-
-    def test_new_measure(self) -> None:
-        measures = {**MEASURES, "risk": Measure("spread", lambda spread: spread**2, "s^2")}
-        model = models() | {"goToPose": FakeModel(turning_time, USED, spread=2.0)}
-        plain = Refiner(ROBOT, model).refine(world(), two_steps())
-        wary = Refiner(ROBOT, model).refine(
-            world(), two_steps(), Objective({"duration": 1.0, "risk": 1.0}, measures)
-        )
-        assert wary.after.cost == pytest.approx(plain.after.cost + 4.0 + 0.01)
 
     def test_new_free_variable(self) -> None:
         def spinning(direct: dict[str, float]) -> object:

@@ -6,7 +6,6 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,12 +84,6 @@ class ModelTree:
             Numbers of nodes.
         """
         return self.evaluate(*self._rows_of(X))[1]
-
-    @cached_property
-    def constant(self) -> float | None:
-        """What is predicted everywhere, in the target's unit; None where that depends on features."""
-        constant = float(np.clip(self.intercept[0], self.lower[0], self.upper[0]))
-        return None if self.used_features() else constant
 
     def predict(self, X: FloatArray) -> FloatArray:
         """Predict the target of each row, in its unit; shapes as in `apply`."""
