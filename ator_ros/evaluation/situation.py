@@ -158,9 +158,9 @@ def _policy_record(tools: Toolset, trial: Trial, choice: Choice, run: ChainRun) 
         record["reason"] = run.reason
     elif not math.isnan(run.error):
         record["error"] = round(run.error, 4)
-    predicted, refinement = None, choice.refinement
-    if refinement is not None:
-        predicted = refinement.after if refinement.refined else refinement.before
+    predicted = None
+    if choice.refinement is not None:
+        predicted = choice.refinement.predicted
     elif choice.by_models:
         predicted = tools.predict(trial.world, choice.chain)
     if predicted is not None:

@@ -276,16 +276,15 @@ def answer_of(
 
 def _alternative(judged: Judged, sent: msg.TopChain, *, action_set: str, frame: str) -> msg.Alternative:
     """Write the refinement of one of several chains, which was `sent`."""
-    found, prediction = judged.refinement, judged.prediction
-    if found is None or prediction is None:
-        return msg.Alternative(reason=judged.reason, chain=sent, predicted=performance_of(), cost=math.nan)
+    if isinstance(judged, str):
+        return msg.Alternative(reason=judged, chain=sent, predicted=performance_of(), cost=math.nan)
     return msg.Alternative(
         accepted=True,
-        complete=found.complete,
+        complete=judged.complete,
         reason=judged.reason,
-        chain=chain_of(found.chain, action_set=action_set, frame=frame),
-        predicted=chain_performance_of(prediction),
-        cost=prediction.cost,
+        chain=chain_of(judged.chain, action_set=action_set, frame=frame),
+        predicted=chain_performance_of(judged.predicted),
+        cost=judged.predicted.cost,
     )
 
 

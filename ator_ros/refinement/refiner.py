@@ -101,6 +101,11 @@ class Refinement:
     features: Mapping[str, float] = field(default_factory=dict)
     complete: bool = True
 
+    @property
+    def predicted(self) -> ChainPrediction:
+        """The prediction of the chain to execute."""
+        return self.after if self.refined else self.before
+
 
 class Refiner:
     """Rewrites the subgoals of chains so that the whole chain performs best.
@@ -369,43 +374,24 @@ def _listed(items: Sequence[str]) -> str:
 # Alternatives
 
 
-@dataclass(frozen=True, slots=True)
-class Judged:
-    """One of several chains: its refinement, or why it was skipped."""
+Judged = Refinement | str
+"""One of several chains: its refinement, or why it was skipped."""
 
-    reason: str
-    refinement: Refinement | None = None
 
-    @property
-    def prediction(self) -> ChainPrediction | None:
-        """The prediction of the chain to execute; None where it was skipped."""
-        found = self.refinement
-        if found is None:
-            return None
-        return found.after if found.refined else found.before
-
-    @property
-    def rank(self) -> tuple[float, float]:
-        """Sort key: the cost; chains with steps that are not predicted come after the others."""
-        found, prediction = self.refinement, self.prediction
-        if found is None or prediction is None:
-            return math.inf, math.inf
-        return float(len(found.without_model)), prediction.cost
+def rank(judged: Judged) -> tuple[float, float]:
+    """Return the sort key of several chains: the cost; those with steps without a model come after others."""
+    if isinstance(judged, str):
+        return math.inf, math.inf
+    return float(len(judged.without_model)), judged.predicted.cost
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """The chains of a request in their order, and the number, from 0, of the best."""
+    """The chains of a request in their order, and the number, from 0, and refinement of the best."""
 
     judged: tuple[Judged, ...]
     number: int
-
-    @property
-    def refinement(self) -> Refinement:
-        """The refinement of the chosen chain."""
-        found = self.judged[self.number].refinement
-        assert found is not None
-        return found
+    refinement: Refinement
 
 
 def choose(
@@ -434,18 +420,20 @@ def choose(
     judged: list[Judged] = []
     for chain in chains:
         if isinstance(chain, str):
-            judged.append(Judged(chain))
+            judged.append(chain)
         elif violations := chain.violations(world, refiner.robot):
-            judged.append(Judged(f"no valid plan: {'; '.join(violations)}"))
+            judged.append(f"no valid plan: {'; '.join(violations)}")
         else:
             try:
-                found = refiner.refine(world, chain, objective, placeholders=placeholders, deadline=deadline)
-                judged.append(Judged(found.reason, found))
+                judged.append(
+                    refiner.refine(world, chain, objective, placeholders=placeholders, deadline=deadline)
+                )
             except RefinementError as error:
-                judged.append(Judged(str(error)))
-    number = min(range(len(judged)), key=lambda index: judged[index].rank)
-    if judged[number].refinement is None:
-        first, *others = (each.reason for each in judged)
+                judged.append(str(error))
+    number = min(range(len(judged)), key=lambda index: rank(judged[index]))
+    best = judged[number]
+    if isinstance(best, str):
+        first, *others = judged
         reasons = [first, *(f"alternative {index}: {why}" for index, why in enumerate(others, 1))]
-        raise RefinementError("; ".join(reasons))
-    return Selection(tuple(judged), number)
+        raise RefinementError("; ".join(map(str, reasons)))
+    return Selection(tuple(judged), number, best)

@@ -16,7 +16,7 @@ from ator_ros.geometry import Pose
 from ator_ros.performance.model_file import load_models
 from ator_ros.planning.goals import GoalStatement, PlanningError, statement_from
 from ator_ros.planning.planner import chains_for
-from ator_ros.refinement.refiner import Judged, Refiner, choose
+from ator_ros.refinement.refiner import Judged, Refiner, choose, rank
 from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import add_models, add_setting, number, run_tool
 from ator_ros.tops.chain import TopChain
@@ -42,7 +42,7 @@ def plan(
     learned = load_models(robot, domain.known_features, action_set=action_set, folder=folder)
     refiner = Refiner(robot, learned, ranges=library.ranges)
     judged = choose(refiner, world, chains, placeholders=True).judged
-    for each, chain in sorted(zip(judged, chains, strict=True), key=lambda pair: pair[0].rank):
+    for each, chain in sorted(zip(judged, chains, strict=True), key=lambda pair: rank(pair[0])):
         print(_line(each, chain))
 
 
@@ -76,13 +76,12 @@ def _situation(options: argparse.Namespace, domain: Domain) -> World:
 
 def _line(judged: Judged, planned: TopChain) -> str:
     """Return a line with a refined chain and its prediction."""
-    found, prediction = judged.refinement, judged.prediction
-    chain = planned if found is None else found.chain
+    chain = planned if isinstance(judged, str) else judged.chain
     steps = (
         f"{call.top.name} ({call.goal.pose.x:.2f}, {call.goal.pose.y:.2f}, {call.goal.pose.yaw:.2f} rad)"
         for call in chain.calls
     )
-    time = judged.reason if prediction is None else f"{prediction.duration:.2f} s"
+    time = judged if isinstance(judged, str) else f"{judged.predicted.duration:.2f} s"
     return f"{time:>8}  {', '.join(steps)}"
 
 
