@@ -8,10 +8,12 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.running import KIND as EVALUATION
@@ -25,7 +27,6 @@ from ator_ros.experience.table import join, read_experience
 from ator_ros.files import load, save, write_text
 from ator_ros.performance.model_file import load_model
 from ator_ros.refinement.gate import GATE
-from ator_ros.robot.description import Robot
 from ator_ros.tools.collect import collect
 from ator_ros.tools.command_line import (
     RESUMES,
@@ -48,12 +49,26 @@ MARGIN = 1.0
 """Time in s: headings predicted to take this much longer than the best are not executed by the oracle."""
 
 
-@dataclass(frozen=True)
-class StudySettings:
-    """Sizes of a study.
+def study(
+    out: Path,
+    source: ToolsetSource,
+    *,
+    command: str,
+    episodes: int,
+    situations: int,
+    seed: int,
+    chain: str | None,
+    oracle: int,
+    workers: Workers = EVERY_CORE,
+) -> None:
+    """Collect, train, learn the gate and evaluate for a robot; write `study.json` and `study.html` to `out`.
 
-    Attributes
+    Parameters
     ----------
+    out, source
+        Folder of the study, and what is studied, with the folder of the models that are learned.
+    command : str
+        The command line, for the result.
     episodes : int
         Of each action.
     situations : int
@@ -64,21 +79,8 @@ class StudySettings:
         The chain of the evaluation, if the robot can execute it.
     oracle : int
         Number of headings of the first subgoal that the oracle executes.
-    """
-
-    episodes: int
-    situations: int
-    seed: int
-    chain: str | None
-    oracle: int
-
-
-def study(
-    out: Path, source: ToolsetSource, settings: StudySettings, *, command: str, workers: Workers = EVERY_CORE
-) -> None:
-    """Collect, train, learn the gate and evaluate for a robot; write `study.json` and `study.html` to `out`.
-
-    `source` names the folder of the models that are learned; `command` is the command line, for the result.
+    workers
+        As for `run_tasks`.
     """
     of_domain, described, action_set = find_domain(source.domain), source.described(), source.action_set
     actions, left_out = possible_actions(of_domain, action_set, described)
@@ -86,38 +88,57 @@ def study(
         raise EvaluationError("; ".join(dict.fromkeys(left_out.values())) or f"{of_domain.name}: no actions")
     for name, reason in left_out.items():
         print(f"study: without {name}: {reason}", file=sys.stderr)
-    _begin(out, source, settings)
-    tables = [
-        _collected(out / kind, source, settings, settings.seed + after, actions, workers)
-        for after, kind in enumerate(("experience", "fresh"))
-    ]
-    if not all((source.folder() / f"{action}.json").exists() for action in actions):
+    sizes = {"episodes": episodes, "situations": situations, "seed": seed, "chain": chain, "oracle": oracle}
+    _begin(out, source, sizes)
+    tables = [out / "experience.parquet", out / "fresh.parquet"]
+    for after, table in enumerate(tables):
+        if not table.exists():
+            print(f"study: {table.stem}", flush=True)
+            made = f"collect of study, seed {seed + after}"
+            collect(
+                actions, source, table, command=made, episodes=episodes, seed=seed + after, workers=workers
+            )
+    models = {action: source.folder() / f"{action}.json" for action in actions}
+    if not all(file.exists() for file in models.values()):
         print("study: models", flush=True)
         train(
-            tables[0],
+            tables[:1],
             Path(source.models),
             command="train of study",
-            fresh=tables[1],
+            fresh=tables[1:],
             domain=of_domain,
             robot=described,
             gate=False,
         )
-    learned = [name for name in actions if (source.folder() / f"{name}.json").exists()]
-    possible = possible_chain(of_domain, make_library(described, source), settings.chain, learned)
+    learned = [name for name, file in models.items() if file.exists()]
+    possible = possible_chain(of_domain, make_library(described, source), chain, learned)
     evaluation: dict[str, Any] | None = None
     variables: list[dict[str, Any]] = []
     if possible is None:
         print(f"study: without an evaluation: no chain of {of_domain.name} has only {', '.join(learned)}")
     else:
-        evaluation = _evaluated(out, source, settings, possible, workers)
-        variables = _variables(source, settings, possible)
+        work: dict[str, Any] = {"situations": situations, "workers": workers}
+        if not (source.folder() / GATE).exists():
+            print("study: gate", flush=True)
+            learn_gate(source, possible, out / "gate", command="gate of study", seed=seed + 2, **work)
+        folder = out / "evaluation"
+        if not (folder / RESULT).exists():
+            print("study: evaluation", flush=True)
+            margin = MARGIN if oracle else None
+            evaluated = Settings(seed + 3, possible, POLICIES, oracle, margin, source=source)
+            evaluate(evaluated, folder, command="evaluate of study", **work)
+        evaluation = load(folder / RESULT, EVALUATION, dict[str, Any])["summary"]
+        variables = _variables(source, possible, seed + 3, min(situations, EXPLAINED))
+    ends = join(
+        read_experience(table).frame.drop_duplicates(["action", "episode"], keep="last") for table in tables
+    )
     result = {
         "command": command,
         "robot": described.name,
         "robot_digest": described.digest(),
         "domain": of_domain.name,
         "action_set": action_set,
-        "actions": {name: _measured(out, name, source, described) for name in actions},
+        "actions": {name: _measured(ends[ends["action"] == name], models[name], source) for name in actions},
         "left_out": left_out,
         "chain": possible,
         "evaluation": evaluation,
@@ -128,13 +149,13 @@ def study(
     print(f"wrote {out / 'study.json'} and {out / 'study.html'}")
 
 
-def _begin(out: Path, source: ToolsetSource, settings: StudySettings) -> None:
+def _begin(out: Path, source: ToolsetSource, sizes: Mapping[str, Any]) -> None:
     """Check that the folder is empty or belongs to the same study."""
     file = out / "settings.json"
     if out.exists() and not out.is_dir():
         raise EvaluationError(f"--out {out}: expected a folder, got a file")
     robot = source.described().description_digest()
-    ours = {"robot": robot, "domain": source.domain, "action_set": source.action_set, **asdict(settings)}
+    ours = {"robot": robot, "domain": source.domain, "action_set": source.action_set, **sizes}
     if not os.path.lexists(file):
         save(file, "study settings", ours)
         return
@@ -147,55 +168,11 @@ def _begin(out: Path, source: ToolsetSource, settings: StudySettings) -> None:
             )
 
 
-def _collected(
-    folder: Path,
-    source: ToolsetSource,
-    settings: StudySettings,
-    seed: int,
-    actions: Sequence[str],
-    workers: Workers,
-) -> list[Path]:
-    """Collect the tables that are missing or were interrupted; return all, one for each action."""
-    tables = [folder / f"{action}.parquet" for action in actions]
-    for action, table in zip(actions, tables, strict=True):
-        if not table.exists():
-            print(f"study: {folder.name} of {action}", flush=True)
-            collect(
-                [action], source, table, command=f"collect of study, seed {seed}", episodes=settings.episodes,
-                seed=seed, workers=workers,
-            )  # fmt: skip
-    return tables
-
-
-def _evaluated(
-    out: Path, source: ToolsetSource, settings: StudySettings, chain: str, workers: Workers
-) -> Any:
-    """Learn the gate and evaluate, unless this is done already; return the summary."""
-    if not (source.folder() / GATE).exists():
-        print("study: gate", flush=True)
-        learn_gate(
-            source, chain, out / "gate", command="gate of study", situations=settings.situations,
-            seed=settings.seed + 2, workers=workers,
-        )  # fmt: skip
-    folder = out / "evaluation"
-    if not (folder / RESULT).exists():
-        print("study: evaluation", flush=True)
-        evaluated = Settings(
-            settings.seed + 3, chain, POLICIES, settings.oracle,
-            MARGIN if settings.oracle else None, source=source,
-        )  # fmt: skip
-        evaluate(
-            evaluated, folder, command="evaluate of study", situations=settings.situations, workers=workers
-        )
-    return load(folder / RESULT, EVALUATION, dict[str, Any])["summary"]
-
-
-def _variables(source: ToolsetSource, settings: StudySettings, chain: str) -> list[dict[str, Any]]:
+def _variables(source: ToolsetSource, chain: str, seed: int, situations: int) -> list[dict[str, Any]]:
     """Explain the gain of each open variable of the chain, in situations of the evaluation."""
     tools, library = tools_of(source)
     trials = [
-        random_trial(tools.domain, chain, library, seed=settings.seed + 3, index=index)
-        for index in range(min(settings.situations, EXPLAINED))
+        random_trial(tools.domain, chain, library, seed=seed, index=index) for index in range(situations)
     ]
     found = open_variables(tools, trials)
     for each in found:
@@ -203,18 +180,16 @@ def _variables(source: ToolsetSource, settings: StudySettings, chain: str) -> li
     return found
 
 
-def _measured(out: Path, action: str, source: ToolsetSource, robot: Robot) -> dict[str, Any]:
-    """Return the performance of an action over all its episodes, and the accuracy of its model."""
-    tables = [read_experience(out / kind / f"{action}.parquet").frame for kind in ("experience", "fresh")]
-    ends = join(table.drop_duplicates("episode", keep="last") for table in tables)
-    done = ends[ends["success"]]
-    file, features = source.folder() / f"{action}.json", find_domain(source.domain).known_features
+def _measured(ends: pd.DataFrame, model: Path, source: ToolsetSource) -> dict[str, Any]:
+    """Return the performance of an action over its episodes' last rows, and the accuracy of its model."""
+    done, features = ends[ends["success"]], find_domain(source.domain).known_features
     failures = ends.loc[~ends["success"], "reason"].value_counts()
+    learned = model.exists()
     return {
         "episodes": len(ends),
         "success": round(len(done) / len(ends), 5),
         "mean_duration_s": round(float(done["duration"].mean()), 3) if len(done) else None,
-        "accuracy": load_model(file, robot, features).metadata["accuracy"] if file.exists() else {},
+        "accuracy": load_model(model, source.described(), features).metadata["accuracy"] if learned else {},
         "failures": {str(why): int(count) for why, count in failures.items()},
     }
 
@@ -248,10 +223,10 @@ def arguments() -> argparse.ArgumentParser:
 
 def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
     source = replace(source_of(options), models=str(options.out / "models"))
-    settings = StudySettings(
-        options.episodes, options.situations, options.seed, options.chain, options.oracle
-    )
-    study(options.out, source, settings, command=command, workers=workers_of(options))
+    study(
+        options.out, source, command=command, episodes=options.episodes, situations=options.situations,
+        seed=options.seed, chain=options.chain, oracle=options.oracle, workers=workers_of(options),
+    )  # fmt: skip
 
 
 def main(argv: Sequence[str] | None = None) -> int:
