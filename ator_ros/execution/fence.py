@@ -85,26 +85,6 @@ class Fence:
             raise ValueError(f"expected least x, least y, greatest x, greatest y in m, got {list(edges)}")
         return fence
 
-    def part_of(
-        self, edges: tuple[float, float, float, float], robot: Robot, point: Point
-    ) -> tuple[float, float, float, float]:
-        """Return the part of a rectangle where goals of `point` do not lead out.
-
-        The fence around the area leaves the rectangle as it is; without such a part the fence counts alone.
-
-        Parameters
-        ----------
-        edges : tuple of float
-            x_min, y_min, x_max, y_max in m.
-        """
-        if self == Fence.around(robot):
-            return edges
-        room = _room(robot, point)
-        inner = self.x_min + room, self.y_min + room, self.x_max - room, self.y_max - room
-        x_min, y_min = max(edges[0], inner[0]), max(edges[1], inner[1])
-        x_max, y_max = min(edges[2], inner[2]), min(edges[3], inner[3])
-        return (x_min, y_min, x_max, y_max) if x_min <= x_max and y_min <= y_max else inner
-
     def narrowed(self, ranges: Ranges, robot: Robot) -> Ranges:
         """Return ranges of goal variables whose places, at all their speeds, do not lead out.
 

@@ -27,9 +27,6 @@ _NOT_REACHED = "refinement not requested yet"
 _UNANSWERED = "no answer from refinement yet"
 _LONGEST = 120
 """Characters of the result of a question along the way: the sentence on all questions stays readable."""
-_SAME = 1e-6
-_PLACE = ("x", "y")
-
 
 Continuation = tuple[int, TopChain]
 """Number of a plan among those of the goal, from 0, and its steps that are not done."""
@@ -154,15 +151,13 @@ class Refining:
     ) -> None:
         planned = self._plans[chosen]
         asked = dataclasses.replace(question, chain=planned)
-        reason = f"alternative {chosen} is chosen: {reason}" if chosen else reason
         try:
             executed = refined_chain(planned, asked, chain, question.world, self._library)
         except InvalidChainError as error:
             self.refuse(f"the answer cannot be used: {error}")
             return
         self._executor.choose(executed)
-        self._number = chosen
-        self._close(reason, changed=refined and executed != planned)
+        self._choose(chosen, reason, changed=refined and executed != planned)
 
     def refuse(self, why: str) -> None:
         """Go on with the chain as it is because `question` has no valid answer."""
@@ -170,21 +165,6 @@ class Refining:
             self._number = self._plans.index(self._executor.chain)
             why = f"executed as sent, refinement failed: {why}"
         self._close(why, changed=False)
-
-    def revert(self, why: str) -> bool:
-        """Begin with the chain as sent if the first action of the refined one failed where it began.
-
-        Returns
-        -------
-        bool
-            Whether it begins again; `why` is the failure.
-        """
-        if not self.refined or not self._executor.fall_back_to(self._plans[self._number]):
-            return False
-        self.refined, self.refined_again = False, 0
-        self._first = f"executed as sent, as the refined chain failed at its start: {why}"
-        self._changed = self._unchanged = ""
-        return True
 
     def apply(self, world: World) -> bool:
         """Switch to the refined goals of an answer, if they can still be used; return whether it did."""
@@ -196,10 +176,7 @@ class Refining:
         if obstacle:
             self.refuse(obstacle)
             return False
-        if chosen:
-            self._number = question.others[chosen - 1][0]
-            reason = f"alternative {self._number} is chosen: {reason}"
-        self._close(reason, changed=True)
+        self._choose(question.others[chosen - 1][0] if chosen else self._number, reason, changed=True)
         return True
 
     def _switch(self, question: Question, refined: TopChain, chosen: int, world: World) -> str:
@@ -220,6 +197,10 @@ class Refining:
         if not self._executor.switch_to(world, changed):
             return "no path leads from here to the refined subgoal"
         return ""
+
+    def _choose(self, number: int, reason: str, *, changed: bool) -> None:
+        other, self._number = number != self._number, number
+        self._close(f"alternative {number} is chosen: {reason}" if other else reason, changed=changed)
 
     def _close(self, why: str, *, changed: bool) -> None:
         """Close the question with the reason for its result."""
@@ -338,13 +319,11 @@ def continuations(
 
 def _same(done: TopCall, planned: TopCall) -> bool:
     """Return whether a step that is done has the TOP and all bound goal variables of a planned one."""
-    if done.top != planned.top or done.goal.values.keys() != planned.goal.values.keys():
-        return False
     there = goal_values(done.goal)
-    return all(
-        abs(math.remainder(there[name] - value, math.tau) if name == "yaw" else there[name] - value) <= _SAME
+    return done.top == planned.top and all(
+        there.get(name) == value
         for name, value in goal_values(planned.goal).items()
-        if not planned.opens(name) and not (name in _PLACE and followed(planned.top))
+        if not planned.opens(name) and not (name in "xy" and followed(planned.top))
     )
 
 
@@ -367,6 +346,5 @@ def refined_chain(
     ]
     violations = TopChain(tuple(rest)).violations(world, library.robot)
     if violations:
-        more = f" (and {len(violations) - 1} more)" if len(violations) > 1 else ""
-        raise InvalidChainError(f"no valid plan: {violations[0]}{more}")
+        raise InvalidChainError(f"no valid plan: {violations[0]}")
     return TopChain((*chain.calls[: question.step], *rest))

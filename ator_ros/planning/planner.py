@@ -21,8 +21,9 @@ from ator_ros.planning.problem import PlannedStep, PlanningProblem, facts_of, pl
 from ator_ros.refinement.refiner import LONGEST_CHAIN, MOST_ALTERNATIVES
 from ator_ros.tops.chain import Top, TopCall, TopChain, projected
 from ator_ros.tops.conditions import State, Statement, state_of
-from ator_ros.tops.library import TopLibrary, driving_top
+from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import missing_object
+from ator_ros.tops.ranges import USUAL_RANGES
 from ator_ros.world.state import World
 
 MOST_CHAINS = 1 + MOST_ALTERNATIVES
@@ -69,17 +70,14 @@ def chains_for(
     facts, state = facts_of(goal, tops), state_of(world, robot)
     if all(fact.violation(state) is None for fact in facts):
         return []
-    driving = driving_top(library)
-    if driving is not None and driving.name in unfit:
-        driving = None
-    problem = planning_problem(facts, steps_for(facts, tops), driving, world, robot)
-    plans = problem.problem.plans(_MOST_PLANS)
+    problem = planning_problem(facts, steps_for(facts, tops), state)
+    plans = problem.plans(_MOST_PLANS)
     if not plans:
         raise PlanningError("; ".join([*unfit.values(), _why_unreachable(problem)]))
     found: list[TopChain] = []
     reasons: list[str] = []
     for plan in plans:
-        steps = [step for number in plan for step in problem.steps[number]]
+        steps = [step for number in plan if (step := problem.steps[number])]
         try:
             found.append(_valid_chain(steps, facts, world, library, fence or Fence.around(robot)))
         except PlanningError as error:
@@ -119,12 +117,11 @@ def _valid_chain(
 
 def _why_unreachable(problem: PlanningProblem) -> str:
     """Return which conditions no TOP achieves, or that no sequence of TOPs achieves all at once."""
-    symbols = problem.problem
-    met = symbols.within_reach().union(*(operator.adds for operator in symbols.operators))
-    needed = dict.fromkeys(sorted(symbols.goal), "")
-    for number in symbols.useful():
-        for step in problem.steps[number][-1:]:
-            for need in sorted(symbols.operators[number].needs):
+    met = problem.within_reach().union(*(operator.adds for operator in problem.operators))
+    needed = dict.fromkeys(sorted(problem.goal), "")
+    for number in problem.useful():
+        if step := problem.steps[number]:
+            for need in sorted(problem.operators[number].needs):
                 needed.setdefault(need, f", which {step.top.name} needs")
     unmet = {need: why for need, why in needed.items() if need not in met and need < len(problem.facts)}
     if unmet:
@@ -132,7 +129,7 @@ def _why_unreachable(problem: PlanningProblem) -> str:
             f"no TOP achieves {problem.facts[need]}{_nearest(problem, need)}{why}"
             for need, why in unmet.items()
         )
-    goal = " and ".join(str(problem.facts[number]) for number in sorted(symbols.goal))
+    goal = " and ".join(str(problem.facts[number]) for number in sorted(problem.goal))
     return f"each condition can be achieved, but no sequence of TOPs ends with {goal}"
 
 
@@ -141,7 +138,7 @@ def _nearest(problem: PlanningProblem, number: int) -> str:
     fact, found = problem.facts[number], dict[str, None]()
     if not isinstance(fact.clause, Statement):
         return ""
-    for step in (step for steps in problem.steps for step in steps):
+    for step in filter(None, problem.steps):
         values = step.values()
         value = values.get(fact.clause.variable)
         if value is None or is_chosen(value.symbol):
@@ -171,7 +168,9 @@ def _call(step: PlannedStep, world: World, library: TopLibrary, fence: Fence, *,
     at = robot.hold_point(world.robot.pose) if step.top.point is Point.HOLD else world.robot.pose
     place = {"x": at.x, "y": at.y, **{name: known[name] for name in "xy" if name in known}}
     if step.region:
-        edges = fence.part_of(robot.scene.area.lines, robot, step.top.point)
+        places = fence.narrowed({axis: USUAL_RANGES[axis] for axis in "xy"}, robot)
+        x, y = (places[axis](robot, goal) for axis in "xy")
+        edges = (x.low, y.low, x.high, y.high)
         found = _place_in(step.region, step.top, state, edges)
         if found is None:
             raise PlanningError(f"{step.top.name}: expected a place for it in the area, found none")

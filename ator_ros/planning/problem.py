@@ -9,7 +9,6 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from ator_ros.geometry import wrap_angle
 from ator_ros.planning.facts import (
     AXES,
     Binding,
@@ -21,14 +20,11 @@ from ator_ros.planning.facts import (
     placed_thing,
     preconditions,
     region_name,
-    resolved,
 )
 from ator_ros.planning.goals import GoalStatement, PlanningError, Unspecified
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
-from ator_ros.tops.conditions import Region, State, Statement, state_of
-from ator_ros.tops.objects import followed, object_fetched_by
-from ator_ros.world.state import World
+from ator_ros.tops.conditions import Region, State, Statement
+from ator_ros.tops.objects import followed
 
 Plan = tuple[int, ...]
 """The indices of operators, in their order."""
@@ -36,10 +32,6 @@ MOST_SEARCHES, MOST_STATES = 60, 20_000
 """Bounds for one goal; the shipped domains need about ten searches of less than a hundred states."""
 _MOVING = ("robot.", "hold.")
 """Variables that are no destination, as they change on the way."""
-_BEHIND = math.radians(60.0)
-"""The robot is behind an object up to this angle between the directions to it and from it to its goal."""
-_ROOM = 0.3
-"""Free distance in m between the robot on the far side of an object and the object."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,19 +158,21 @@ class Operator:
     adds: frozenset[int]
     deletes: frozenset[int]
 
-    def then(self, later: Operator) -> Operator:
-        """Return the operator of this one followed by `later`."""
-        return Operator(
-            self.needs | (later.needs - self.adds),
-            (self.adds - later.deletes) | later.adds,
-            (self.deletes | later.deletes) - later.adds,
-        )
-
 
 @dataclass(frozen=True, slots=True)
-class SymbolicProblem:
-    """Operators, the initial facts, and the facts of the goal."""
+class PlanningProblem:
+    """A symbolic problem: facts by number, operators with their steps, initial facts, facts of the goal.
 
+    Attributes
+    ----------
+    facts : tuple of Fact
+        By number; facts with higher numbers say that a region contains an object from the start.
+    steps : tuple
+        The step of each operator; None for leaving an object at its place.
+    """
+
+    facts: tuple[Fact, ...]
+    steps: tuple[PlannedStep | None, ...]
     operators: tuple[Operator, ...]
     initial: frozenset[int]
     goal: frozenset[int]
@@ -258,55 +252,7 @@ class SymbolicProblem:
         return None
 
 
-@dataclass(frozen=True, slots=True)
-class PlanningProblem:
-    """A symbolic problem, and the steps of its operators.
-
-    Attributes
-    ----------
-    facts : tuple of Fact
-        By number; facts with higher numbers say that a region contains an object from the start.
-    steps : tuple
-        The steps of each operator; none for leaving an object at its place.
-    problem : SymbolicProblem
-        The problem of the search.
-    """
-
-    facts: tuple[Fact, ...]
-    steps: tuple[tuple[PlannedStep, ...], ...]
-    problem: SymbolicProblem
-
-
-class _Builder:
-    """Numbers the facts, and collects operators with their steps."""
-
-    def __init__(self, goal: Sequence[Fact], steps: Sequence[PlannedStep], state: State) -> None:
-        needs = [fact for step in steps for fact in step.needs()]
-        self.facts = list(dict.fromkeys((*goal, *needs)))
-        self.numbers = {fact: number for number, fact in enumerate(self.facts)}
-        self.initial = {number for fact, number in self.numbers.items() if fact.violation(state) is None}
-        self.operators: dict[Operator, tuple[PlannedStep, ...]] = {}
-
-    def operator(self, step: PlannedStep) -> Operator:
-        """Return the operator of a step."""
-        values = step.values()
-        adds, deletes = set[int](), set[int]()
-        for fact, number in self.numbers.items():
-            if fact.depends & values.keys():
-                (adds if fact.holds_after(values) else deletes).add(number)
-        needs = frozenset(self.numbers[fact] for fact in step.needs())
-        return Operator(needs, frozenset(adds), frozenset(deletes))
-
-    def regions(self) -> list[frozenset[int]]:
-        """Return the facts of each region that contains its object in the initial state."""
-        names = dict.fromkeys(fact.region for fact in self.facts if fact.region)
-        groups = (frozenset(n for fact, n in self.numbers.items() if fact.region == name) for name in names)
-        return [group for group in groups if group <= self.initial]
-
-
-def planning_problem(
-    goal: Sequence[Fact], steps: Sequence[PlannedStep], driving: Top | None, world: World, robot: Robot
-) -> PlanningProblem:
+def planning_problem(goal: Sequence[Fact], steps: Sequence[PlannedStep], state: State) -> PlanningProblem:
     """Return the symbolic problem of a goal.
 
     Leaving an object in its region is an operator without steps, so that such plans differ from those that
@@ -316,69 +262,28 @@ def planning_problem(
     ----------
     goal, steps
         Facts of the goal, and candidate steps.
-    driving : Top or None
-        TOP that drives the robot to a pose. With it an object may also be approached from its far side.
-    world, robot
-        The situation.
-
-    Raises
-    ------
-    PlanningError
-        The problem is too large.
+    state
+        The variables at the start, see `state_of`.
     """
-    state = state_of(world, robot)
-    builder = _Builder(goal, steps, state)
-    regions = builder.regions()
-    here = {len(builder.facts) + number: group for number, group in enumerate(regions)}
-    initial = frozenset(builder.initial) - frozenset().union(*regions) | frozenset(here)
+    needs = [fact for step in steps for fact in step.needs()]
+    facts = list(dict.fromkeys((*goal, *needs)))
+    numbers = {fact: number for number, fact in enumerate(facts)}
+    true = {number for fact, number in numbers.items() if fact.violation(state) is None}
+    names = dict.fromkeys(fact.region for fact in facts if fact.region)
+    regions = [frozenset(n for fact, n in numbers.items() if fact.region == name) for name in names]
+    here = dict(enumerate((region for region in regions if region <= true), start=len(facts)))
+    operators: dict[Operator, PlannedStep | None] = {}
     for step in steps:
-        plain = builder.operator(step)
-        moved = {number for number, group in here.items() if group & (plain.deletes | plain.adds)}
-        builder.operators.setdefault(Operator(plain.needs, plain.adds, plain.deletes | moved), (step,))
+        values = step.values()
+        adds, deletes = set[int](), set[int]()
+        for fact, number in numbers.items():
+            if fact.depends & values.keys():
+                (adds if fact.holds_after(values) else deletes).add(number)
+        moved = {number for number, group in here.items() if group & (deletes | adds)}
+        needed = frozenset(numbers[fact] for fact in step.needs())
+        operators.setdefault(Operator(needed, frozenset(adds), frozenset(deletes | moved)), step)
     for number, group in here.items():
-        builder.operators.setdefault(Operator(frozenset({number}), group, frozenset()), ())
-    wanted = frozenset(builder.numbers[fact] for fact in goal)
-    problem = SymbolicProblem(tuple(builder.operators), initial, wanted)
-    useful = [problem.operators[number].needs for number in problem.useful()]
-    for group in (group for group in regions if any(group <= needs for needs in useful)):
-        for step, detour in _detours(builder.facts[min(group)], steps, driving, world, robot):
-            both = builder.operator(detour).then(builder.operator(step))
-            builder.operators.setdefault(
-                Operator(both.needs | group, both.adds, both.deletes), (detour, step)
-            )
-    problem = SymbolicProblem(tuple(builder.operators), initial, wanted)
-    return PlanningProblem(tuple(builder.facts), tuple(builder.operators.values()), problem)
-
-
-def _detours(
-    fact: Fact, steps: Sequence[PlannedStep], driving: Top | None, world: World, robot: Robot
-) -> Iterator[tuple[PlannedStep, PlannedStep]]:
-    """Yield the steps that fetch the object of a region, each after a drive to its far side."""
-    thing, goal = placed_thing(fact.clause), resolved(dict(fact.binding), state_of(world, robot))
-    if driving is None or thing is None or not goal.keys() >= {"x", "y"}:
-        return
-    there = _far_side(world, robot, thing, (goal["x"], goal["y"]))
-    if there is not None:
-        for step in steps:
-            if object_fetched_by(step.top) == thing:
-                yield step, PlannedStep(driving, (("x", there[0]), ("y", there[1])))
-
-
-def _far_side(
-    world: World, robot: Robot, name: str, toward: tuple[float, float]
-) -> tuple[float, float] | None:
-    """Return the place (m) behind an object, from which a robot can move it toward another place.
-
-    None if the robot is behind it already, or if the place is outside the scene's area.
-    """
-    there, at = world.objects.get(name), world.robot.pose
-    if there is None:
-        return None
-    onward = math.atan2(toward[1] - there.y, toward[0] - there.x)
-    approach = math.atan2(there.y - at.y, there.x - at.x)
-    if abs(wrap_angle(approach - onward)) <= _BEHIND:
-        return None
-    away = robot.reach + robot.scene.radius(name) + _ROOM
-    x, y = there.x - away * math.cos(onward), there.y - away * math.sin(onward)
-    x_min, y_min, x_max, y_max = robot.scene.area.lines
-    return (x, y) if x_min <= x <= x_max and y_min <= y <= y_max else None
+        operators.setdefault(Operator(frozenset({number}), group, frozenset()), None)
+    initial = frozenset(true).difference(*here.values()) | frozenset(here)
+    wanted = frozenset(numbers[fact] for fact in goal)
+    return PlanningProblem(tuple(facts), tuple(operators.values()), tuple(operators), initial, wanted)

@@ -17,7 +17,7 @@ import numpy as np
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import wrap_angle, wrap_angles
 from ator_ros.robot.description import Robot
-from ator_ros.schema import Within
+from ator_ros.schema import Within, require
 from ator_ros.world.state import RobotState, World
 
 # State variables
@@ -86,12 +86,8 @@ class Clause(ABC):
         excess = self.excess(state, goal)
         if excess == 0.0:
             return None
-        found = self._found(state, goal, excess) if excess < math.inf else "but one of them is unknown"
+        found = f"it is {excess:.3g} beyond" if excess < math.inf else "but one of them is unknown"
         return f"expected {self}, {found}"
-
-    def _found(self, state: State, goal: State, excess: float) -> str:  # noqa: ARG002
-        """Return what was found where this is violated by `excess`."""
-        return f"it is {excess:.3g} m beyond"
 
 
 # Relations between places
@@ -121,11 +117,9 @@ class Distance(Clause):
 
     def __post_init__(self) -> None:
         """Check the range."""
-        if not 0.0 <= self.low <= self.high:
-            raise ValueError(
-                f"distance from {self.place} to {self.other}: expected 0 <= low <= high, "
-                f"got low {self.low:g} and high {self.high:g}"
-            )
+        bounds = (self.low, self.high)
+        where = f"distance from {self.place} to {self.other}"
+        require(0.0 <= self.low <= self.high, where, "0 <= low <= high", bounds)
 
     @property
     def places(self) -> tuple[str, str]:
@@ -178,11 +172,8 @@ class Bearing(Clause):
 
     def __post_init__(self) -> None:
         """Check the angle."""
-        if not 0.0 < self.most <= math.pi / 2.0:
-            raise ValueError(
-                f"bearing of {self.place} from {self.origin}: expected an angle above 0 and at most pi / 2, "
-                f"got {self.most:g}"
-            )
+        where = f"bearing of {self.place} from {self.origin}"
+        require(0.0 < self.most <= math.pi / 2.0, where, "an angle above 0 and at most pi / 2", self.most)
 
     @property
     def places(self) -> tuple[str, str]:
@@ -301,9 +292,6 @@ class Term(Statement):
         """Return the least and the greatest difference of the variable from `target`."""
         return -self.tolerance, self.tolerance
 
-    def _found(self, state: State, goal: State, excess: float) -> str:  # noqa: ARG002
-        return f"it is {abs(self.difference(state, goal)):.3g} off"
-
     def __str__(self) -> str:
         """Return it in words."""
         return f"{self.variable} within {self.tolerance:g} of {self.target}"
@@ -339,10 +327,7 @@ class Region(Statement):
 
     def __post_init__(self) -> None:
         """Check the range."""
-        if not self.low <= self.high:
-            raise ValueError(
-                f"range of {self.variable}: expected low <= high, got low {self.low:g} and high {self.high:g}"
-            )
+        require(self.low <= self.high, f"range of {self.variable}", "low <= high", (self.low, self.high))
 
     @property
     def bounds(self) -> bool:
@@ -351,15 +336,8 @@ class Region(Statement):
 
     def reach(self, target: float) -> tuple[float, float]:
         """Return the least and the greatest difference of the variable from `target`."""
-        return (self.low, self.high) if self._sign(target) > 0.0 else (-self.high, -self.low)
-
-    def _sign(self, target: float) -> float:
-        """Return 1 where differences from `target` count upward, -1 where they count downward."""
-        return math.copysign(1.0, target - self.center) if self.outward else 1.0
-
-    def _found(self, state: State, goal: State, excess: float) -> str:  # noqa: ARG002
-        difference = self._sign(self.target_in(state, goal)) * self.difference(state, goal)
-        return f"it is {difference:.3g}"
+        downward = self.outward and target < self.center
+        return (-self.high, -self.low) if downward else (self.low, self.high)
 
     def __str__(self) -> str:
         """Return it in words."""

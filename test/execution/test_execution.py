@@ -125,24 +125,6 @@ def test_a_refined_chain_is_executed_if_it_is_valid() -> None:
     assert not other.refining.refined
 
 
-def test_the_original_chain_is_executed_if_the_refined_one_has_no_path() -> None:
-    sent = chain(("goToPose", Pose(3.0, 1.0, 0.0)), opened=frozenset({"x"}))
-    in_a_post = chain(("goToPose", Pose(4.0, 1.0, 0.0)), opened=frozenset({"x"}))
-    run = execution(sent, refine=True)
-    run.tick(world(), 100.0)
-    run.refined_to(in_a_post, True, "0.5 s faster")
-    assert run.refining.refined
-    for tick in range(1, 60):
-        command = run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick)
-        if not run.refining.refined and command != STOP:
-            break
-    assert (run.ending, run.executor.chain, run.refining.refined) == (None, sent, False)
-    assert command.v > 0.0
-    assert run.refining.reason.startswith("executed as sent, as the refined chain failed at its start: ")
-    assert "found none" in run.refining.reason
-    assert [record.ending for record in run.executor.records] == [Ending.FAILED]
-
-
 def test_open_variables_are_filled_in_without_refinement() -> None:
     steps = ("goToBall", Pose(1.0, 0.0, 0.0)), ("dribbleBall", Pose(2.5, 0.0, 0.0))
     sent = chain(*steps, opened=frozenset({"yaw"}))

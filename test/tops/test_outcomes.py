@@ -38,7 +38,7 @@ class TestRegions:
         for x, lacks in ((1.4, 1), (1.5, 0), (3.0, 0), (3.1, 1)):
             assert len(region.violations({"cup.x": x}, {"x": 1.0})) == lacks
         (violation,) = region.violations({"cup.x": 1.4}, {"x": 1.0})
-        assert violation == "expected cup.x 0.5 to 2 of goal.x, it is 0.4"
+        assert violation == "expected cup.x 0.5 to 2 of goal.x, it is 0.1 beyond"
         assert "unknown" in region.violations({}, {"x": 1.0})[0]
 
     def test_outward_is_away_from_the_origin_on_both_sides(self) -> None:
@@ -148,5 +148,5 @@ class TestJudge:
             luck = judge(simulation, pushing(ROLLED, 1.0), AHEAD, Status.FAILED, "gave up")
         assert (lie.success, luck.success, luck.reason) == (False, False, "gave up")
         assert lie.reason == (
-            "pushed; but post-condition of push: expected ball.x 0 to 1 of goal.x, it is -1"
+            "pushed; but post-condition of push: expected ball.x 0 to 1 of goal.x, it is 1 beyond"
         )
