@@ -31,8 +31,8 @@ _CORRIDOR = (-0.02, 0.06, 0.05)  # m along the axis from the run-in to behind th
 
 
 @dataclass(frozen=True, slots=True)
-class CurveShape:
-    """What the control points of a curve depend on, besides the two poses.
+class Style:
+    """How an action drives along its curve.
 
     Attributes
     ----------
@@ -44,12 +44,21 @@ class CurveShape:
         Length of the way in m from a standing robot to the middle control point.
     per_speed : float
         Growth of that length in s with the robot's speed, as commands take effect late.
+    sharpest : float
+        Greatest curvature in 1/m; far above 1/wheel track is turning on the spot.
+    rotation : float
+        Greatest rotational velocity in rad/s, within the limits; a curve is driven as fast as it allows.
+    braking : float
+        Deceleration in m/s^2 before the goal and before sharper curves.
     """
 
     radius: float
     run_in: float
     ahead: float
     per_speed: float
+    sharpest: float
+    rotation: float
+    braking: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,24 +79,41 @@ class _Curve:
     side: float  # -1 if the circle lies to its right, and all is mirrored
 
 
-def _curve_to(rel: Pose, v: float, shape: CurveShape, side: float) -> _Curve:
+def _curve_to(rel: Pose, v: float, style: Style, side: float) -> _Curve:
     """Lay the curve for a robot at `rel`, in the frame of the goal, that drives at `v` (m/s).
 
     Its middle control point lies ahead on the shortest way: the tangent from the robot to a circle beside
     the goal, the circle, on which the goal is reached in its heading, and the run-in. The circle lies to the
-    left of the goal's axis if `side` is 1, to the right if it is -1.
+    left of the goal's axis if `side` is 1, to the right if it is -1. The start handle vanishes when the robot
+    faces away.
     """
-    ahead = shape.ahead + shape.per_speed * max(v, 0.0)
+    ahead = style.ahead + style.per_speed * max(v, 0.0)
     behind, beyond, beside = _CORRIDOR
-    x, y = rel.x + shape.run_in, side * rel.y
+    x, y = rel.x + style.run_in, side * rel.y
     if x > behind and rel.x < beyond and abs(y) < beside:
-        left = max(-rel.x, 0.0)
-        return _through(rel, (rel.x + ahead, 0.0), shape, 0.0, (left, 0.0, left, 0.0, side))
-    straight, heading, turn = _onto_circle(x, y, shape.radius)
-    dx, dy = _ahead(straight, heading, turn, shape.radius, ahead)
-    left = straight + shape.radius * turn + shape.run_in
-    way = (straight, turn, left, heading, side)
-    return _through(rel, (rel.x + dx, rel.y + side * dy), shape, -shape.run_in, way)
+        straight = left = max(-rel.x, 0.0)
+        heading = turn = end = 0.0
+        middle = rel.x + ahead, 0.0
+    else:
+        straight, heading, turn = _onto_circle(x, y, style.radius)
+        left, end = straight + style.radius * turn + style.run_in, -style.run_in
+        dx, dy = _ahead(straight, heading, turn, style.radius, ahead)
+        middle = rel.x + dx, rel.y + side * dy
+    dx, dy = middle[0] - rel.x, middle[1] - rel.y
+    distance = math.hypot(dx, dy)
+    bearing = wrap_angle(math.atan2(dy, dx) - rel.yaw)
+    angle = math.copysign(min(abs(bearing), _STRAIGHT_BEHIND), bearing)
+    # With this handle the curve begins as the arc to its middle control point, where that lies ahead.
+    handle = math.sqrt(0.375) * distance * math.cos(angle / 2.0)
+    bend = 0.75 * distance * math.sin(angle) / handle**2
+    points = (
+        (rel.x, rel.y),
+        (rel.x + handle * math.cos(rel.yaw), rel.y + handle * math.sin(rel.yaw)),
+        middle,
+        (end - style.radius / 2.0, 0.0),
+        (end, 0.0),
+    )
+    return _Curve(points, bearing, bend, straight, turn, left, heading, side)
 
 
 def _onto_circle(x: float, y: float, radius: float) -> tuple[float, float, float]:
@@ -116,27 +142,6 @@ def _ahead(straight: float, heading: float, turn: float, radius: float, way: flo
     return dx, dy
 
 
-def _through(
-    rel: Pose, middle: tuple[float, float], shape: CurveShape, end: float, way: tuple[float, ...]
-) -> _Curve:
-    """Add both handles; the start handle vanishes when the robot faces away."""
-    dx, dy = middle[0] - rel.x, middle[1] - rel.y
-    distance = math.hypot(dx, dy)
-    bearing = wrap_angle(math.atan2(dy, dx) - rel.yaw)
-    angle = math.copysign(min(abs(bearing), _STRAIGHT_BEHIND), bearing)
-    # With this handle the curve begins as the arc to its middle control point, where that lies ahead.
-    handle = math.sqrt(0.375) * distance * math.cos(angle / 2.0)
-    bend = 0.75 * distance * math.sin(angle) / handle**2
-    points = (
-        (rel.x, rel.y),
-        (rel.x + handle * math.cos(rel.yaw), rel.y + handle * math.sin(rel.yaw)),
-        middle,
-        (end - shape.radius / 2.0, 0.0),
-        (end, 0.0),
-    )
-    return _Curve(points, bearing, bend, *way)
-
-
 def _passing_distance(curve: _Curve, x: float, y: float) -> float:
     """Return how near in m the straight part of the shortest way comes to (x, y) m in the goal's frame."""
     start_x, start_y = curve.points[0]
@@ -145,10 +150,10 @@ def _passing_distance(curve: _Curve, x: float, y: float) -> float:
     return math.hypot(x - start_x - along * c, y - start_y - along * s)
 
 
-def _shortest_path(curve: _Curve, shape: CurveShape, goal: Pose) -> FloatArray:
+def _shortest_path(curve: _Curve, radius: float, goal: Pose) -> FloatArray:
     """Return places on the shortest way that a curve to `goal` approximates, shape (n, 2), in m."""
     x, y = curve.points[0]
-    parts = curve.straight, curve.heading, curve.turn, shape.radius
+    parts = curve.straight, curve.heading, curve.turn, radius
     places = [_ahead(*parts, _STEP * step) for step in range(math.ceil(curve.left / _STEP))]
     return _placed(np.reshape(places, (-1, 2)) * (1.0, curve.side) + (x, y), goal)
 
@@ -187,26 +192,6 @@ _TO_ROTATE = 0.6  # s in which the greatest rotational velocity is reached
 _SLIGHT = 0.3  # rad on the circle up to which it may be driven faster, as rotation needs time to build up
 
 
-@dataclass(frozen=True, slots=True)
-class Style:
-    """How an action drives along its curve.
-
-    Attributes
-    ----------
-    sharpest : float
-        Greatest curvature in 1/m; far above 1/wheel track is turning on the spot.
-    rotation : float
-        Greatest rotational velocity in rad/s, within the limits; a curve is driven as fast as it allows.
-    braking : float
-        Deceleration in m/s^2 before the goal and before sharper curves.
-    """
-
-    shape: CurveShape
-    sharpest: float
-    rotation: float
-    braking: float
-
-
 class Driver:
     """Drives a robot to a pose along a Bezier curve that is recomputed at every tick.
 
@@ -231,8 +216,7 @@ class Driver:
         self._limits, self._style, self._robot, self._ball = limits, style, robot, ball
         self._rotation = min(style.rotation, limits.w, _TO_ROTATE * limits.aw)  # rad/s
         self._braking = min(style.braking, limits.brake / _RESERVE)  # m/s^2
-        self._last, self._shape = last, style.shape
-        self._side = 0.0
+        self._last, self._side = last, 0.0
         self._laid: tuple[_Curve, Pose] | None = None
 
     def path(self) -> FloatArray | None:
@@ -246,37 +230,36 @@ class Driver:
         continuous where the side changes. A way through a goal's wall or the ball counts as longer.
         """
         if self._side == 0.0:
-            self._shape = self._fitting(pose, target, v)
-        curves = self._curves(pose, target, v, self._shape)
+            self._style = self._fitting(pose, target, v)
+        curves = self._curves(pose, target, v, self._style)
         times = {
-            side: self._time(curve) + _PER_DEPTH * self._depth(curve, self._shape, pose, target)
+            side: self._time(curve) + _PER_DEPTH * self._depth(curve, self._style, pose, target)
             for side, curve in curves.items()
         }
         if self._side == 0.0 or times[-self._side] < times[self._side] - _SIDE_HYSTERESIS:
             self._side = min(times, key=times.__getitem__)
         return curves[self._side]
 
-    def _curves(self, pose: Pose, target: Pose, v: float, shape: CurveShape) -> dict[float, _Curve]:
+    def _curves(self, pose: Pose, target: Pose, v: float, style: Style) -> dict[float, _Curve]:
         """Return the two curves to `target`, by the side of the goal's axis on which their circle lies."""
         rel = target.relative(pose)
-        return {side: _curve_to(rel, v, shape, side) for side in (1.0, -1.0)}
+        return {side: _curve_to(rel, v, style, side) for side in (1.0, -1.0)}
 
-    def _fitting(self, pose: Pose, target: Pose, v: float) -> CurveShape:
-        """Return the style's shape, with other handles where both ways lead through a wall or the ball."""
-        style = self._style.shape
-        shapes = [replace(style, radius=share * style.radius) for share in _HANDLES]
+    def _fitting(self, pose: Pose, target: Pose, v: float) -> Style:
+        """Return the style, with other handles where both ways lead through a wall or the ball."""
+        styles = [replace(self._style, radius=share * self._style.radius) for share in _HANDLES]
 
-        def least_depth(shape: CurveShape) -> float:
-            curves = self._curves(pose, target, v, shape).values()
-            return min(self._depth(curve, shape, pose, target) for curve in curves)
+        def least_depth(style: Style) -> float:
+            curves = self._curves(pose, target, v, style).values()
+            return min(self._depth(curve, style, pose, target) for curve in curves)
 
-        return min(shapes, key=least_depth)
+        return min(styles, key=least_depth)
 
     def _time(self, curve: _Curve) -> float:
         """Return an estimate in s of the time that a curve takes: its straight part and its two turns."""
         return curve.straight / self._limits.v + (abs(curve.bearing) + curve.turn) / self._rotation
 
-    def _depth(self, curve: _Curve, shape: CurveShape, pose: Pose, target: Pose) -> float:
+    def _depth(self, curve: _Curve, style: Style, pose: Pose, target: Pose) -> float:
         """Return by how much in m the robot may reach into a wall or the ball on the way of a curve."""
         if self._robot is None:
             return 0.0
@@ -287,10 +270,10 @@ class Driver:
             now = math.hypot(self._ball.x - pose.x, self._ball.y - pose.y)
             into_ball = max(0.0, min(room, now) - _passing_distance(curve, ball.x, ball.y))
         middle = self._robot.scene.area.x
-        farthest = max(abs(pose.x - middle), abs(target.x - middle) + shape.run_in + 2.0 * shape.radius)
+        farthest = max(abs(pose.x - middle), abs(target.x - middle) + style.run_in + 2.0 * style.radius)
         if farthest <= nearest_to_goals(self._robot):
             return into_ball
-        return max(into_ball, depth_in_goals(_shortest_path(curve, shape, target), self._robot))
+        return max(into_ball, depth_in_goals(_shortest_path(curve, style.radius, target), self._robot))
 
     def follow(self, state: RobotState, target: Pose, end_speed: float) -> Command:
         """Return the command for the next tick to `target`, to be passed at `end_speed` (m/s)."""
@@ -306,7 +289,7 @@ class Driver:
         """Return the greatest speed in m/s here, from which the rest of the curve can be driven, too."""
         left = max(curve.left - v * CONTROL_PERIOD, 0.0)
         here = self._rotation / max(abs(bend), 1e-6)
-        circle = self._rotation * self._shape.radius / max(min(curve.turn / _SLIGHT, 1.0), 0.05)
+        circle = self._rotation * self._style.radius / max(min(curve.turn / _SLIGHT, 1.0), 0.05)
         before_end = math.sqrt(end_speed**2 + 2.0 * self._braking * left)
         before_circle = math.sqrt(circle**2 + 2.0 * self._braking * curve.straight)
         return min(self._limits.v, here, before_end, before_circle)
@@ -358,8 +341,11 @@ def straightens(rel: Pose, end_speed: float, most: float) -> bool:
 # Actions
 
 
-TO_POSE = Style(CurveShape(0.3, 0.05, 0.12, 0.25), 60.0, 2.2, 0.6)
-TO_BALL = Style(CurveShape(0.25, 0.3, 0.12, 0.25), 60.0, 2.0, 0.6)
+_TO_POSE = Style(0.3, 0.05, 0.12, 0.25, 60.0, 2.2, 0.6)
+_TO_BALL = Style(0.25, 0.3, 0.12, 0.25, 60.0, 2.0, 0.6)
+_DRIBBLING = Style(0.1, 0.05, 0.05, 0.15, 1.2 / 0.1, 0.5, 0.36)
+"""Handles of 0.1 m: the least radius that the ball is led on. A low turn rate makes turning with it dear."""
+_TO_SHOT = Style(0.12, 0.05, 0.05, 0.15, 1.2 / 0.12, 0.6, 0.36)
 
 _AT_BALL = 0.2  # m between the ball and the hold of a robot at the goal
 _BACKING = 0.3
@@ -394,7 +380,7 @@ class BezierGoToPose(_BezierAction):
         ball = ball_of(world)
         self._to_ball = self._lies_at_goal(ball)
         self._is_backing_off = not self._to_ball and is_at_front(world, self.robot, BALL)
-        style = TO_BALL if self._to_ball else TO_POSE
+        style = _TO_BALL if self._to_ball else _TO_POSE
         beside = ball if self._to_ball or self._is_backing_off else None
         last = Command(world.robot.v, world.robot.w)
         self._driver = Driver(self.robot.limits, style, last, self.robot, beside)
@@ -433,19 +419,8 @@ the second, before the first turn, in which it would slip out."""
 _TAKING = 0.3
 """Speed in m/s at which the ball is taken in."""
 
-STRAIGHTENING = 0.3
+_TURNING = 0.3
 """Angle in rad that the robot may turn on the spot with the ball, once it is at the goal."""
-
-HANDLE = 0.1
-"""Length of the curve's handles in m: the least radius that the ball is led on."""
-
-ROTATION = 0.5
-"""Greatest rotational velocity in rad/s with the ball: it makes turning with the ball dear."""
-
-
-def dribbling(handle: float = HANDLE, rotation: float = ROTATION) -> Style:
-    """Return how the ball is dribbled with handles of a length in m, and at most at a rotation in rad/s."""
-    return Style(CurveShape(handle, 0.05, 0.05, 0.15), 1.2 / handle, rotation, 0.36)
 
 
 def check_held(world: World, robot: Robot, name: str) -> None:
@@ -476,7 +451,7 @@ class BezierDribbleBall(_BezierAction):
         check_held(world, self.robot, self.name)
         self._goal = goal
         self._target = goal.robot_pose(self.robot)
-        self._driver = Driver(self._limits, dribbling(), Command(world.robot.v, world.robot.w))
+        self._driver = Driver(self._limits, _DRIBBLING, Command(world.robot.v, world.robot.w))
         self._is_taking_in = self._gap(world) > _LOOSE
 
     def step(self, world: World) -> Step:
@@ -492,7 +467,7 @@ class BezierDribbleBall(_BezierAction):
         self._is_taking_in = self._is_taking_in and self._gap(world) > _TAKEN
         if self._is_taking_in:
             return Step(self._driver.command(_TAKING, 0.0), Status.RUNNING, "taking the ball in")
-        if straightens(rel, speed, STRAIGHTENING):
+        if straightens(rel, speed, _TURNING):
             return Step(self._driver.turn(-rel.yaw), Status.RUNNING, "turning into the goal's heading")
         return Step(
             self._driver.follow(state, self._target, speed),
@@ -508,7 +483,6 @@ class BezierDribbleBall(_BezierAction):
 
 _POST_ROOM = 0.2  # m between a goalpost and the ball on its way
 _ROLL_RESERVE = 0.25  # m that the ball could roll on behind the line
-_HANDLE, _ROTATION = 0.12, 0.6  # m, rad/s
 _SLANT = 0.9  # rad
 _BEFORE_LINE = 0.35  # m between ball and line where the curve ends
 _LINE = 0.02
@@ -544,7 +518,7 @@ class BezierShoot(_BezierAction):
         self._side = side
         self._middle = max(-1.0, min(1.0, (y - middle) / (field.goal_width / 2))) * self._half_mouth()
         last = Command(world.robot.v, world.robot.w)
-        self._driver = Driver(self._limits, dribbling(_HANDLE, _ROTATION), last)
+        self._driver = Driver(self._limits, _TO_SHOT, last)
         self._released = False
 
     def _half_mouth(self) -> float:
