@@ -192,8 +192,6 @@ _WINDOW = 0.5
 """Time in s over which the motion of a robot's poses is compared with that of its twist."""
 _LONGEST_STEP = 0.3
 """Time in s between two messages beyond which the motion between them cannot be derived from the twist."""
-_JUMP = 0.3
-"""m or rad by which the motion between two messages may differ from that before; more is a corrected pose."""
 _LEAST_MOTION = 0.03
 """m or rad in one window up to which a robot counts as at rest."""
 _MOST_OFF = 0.015
@@ -209,13 +207,8 @@ class TwistCheck:
 
     def __init__(self) -> None:
         self._last: tuple[float, RobotState] | None = None
-        self._step = np.zeros(2)
-        self._windows, self._reported = 0, False
-        self._restart()
-
-    def _restart(self) -> None:
-        """Begin a window."""
         self._elapsed, self._motion = 0.0, np.zeros((2, 2))  # rows: by poses, by twist; columns: m, rad
+        self._windows, self._reported = 0, False
 
     def contradiction(self, time: float, robot: RobotState) -> str:
         """Process odometry of `time` (s); return how pose and twist contradict each other: once, else ""."""
@@ -223,22 +216,18 @@ class TwistCheck:
         if last is None or self._reported:
             return ""
         elapsed, before = time - last[0], last[1]
+        if not 0.0 <= elapsed <= _LONGEST_STEP:
+            self._elapsed, self._motion = 0.0, np.zeros((2, 2))
+            return ""
         moved = before.pose.relative(robot.pose)
         half = moved.yaw / 2.0
-        step = np.array([moved.x * math.cos(half) + moved.y * math.sin(half), moved.yaw])
-        jumps = bool(np.any(np.abs(step - self._step) > _JUMP))
-        self._step = step
-        if jumps or not 0.0 <= elapsed <= _LONGEST_STEP:
-            self._restart()
+        shown = moved.x * math.cos(half) + moved.y * math.sin(half), moved.yaw
+        reported = 0.5 * elapsed * np.array([before.v + robot.v, before.w + robot.w])
+        self._elapsed, self._motion = self._elapsed + elapsed, self._motion + (shown, reported)
+        if self._elapsed < _WINDOW - _ROUNDING:
             return ""
-        self._motion += step, 0.5 * elapsed * np.array([before.v + robot.v, before.w + robot.w])
-        self._elapsed += elapsed
-        return self._judge() if self._elapsed >= _WINDOW - _ROUNDING else ""
-
-    def _judge(self) -> str:
-        """Judge a window that is complete, and begin the next one."""
-        motion, elapsed = self._motion, self._elapsed
-        self._restart()
+        elapsed, motion = self._elapsed, self._motion
+        self._elapsed, self._motion = 0.0, np.zeros((2, 2))
         sizes = np.abs(motion).max(axis=0)
         if sizes.max() <= _LEAST_MOTION:
             return ""  # a robot at rest
