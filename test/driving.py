@@ -132,5 +132,4 @@ def drive(
     return done
 
 
-SLOW = Base(motor_lag=0.15, dead_zone=Command(0.03, 0.06), scale=0.5)
 LATE = Base(SensorConfig(latency=0.1), latency=0.1 + TICK)

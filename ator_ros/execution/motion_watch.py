@@ -128,12 +128,10 @@ class Axis:
         self._measured: deque[tuple[float, float]] = deque()
         self._smooth: deque[tuple[float, float]] = deque()
         self._fault = Debounce()
-        self._raw, self._reversals = 0.0, deque[float]()
         self._slow_for, self._share = 0.0, 1.0
         self._lost, self._eased, self._lost_for, self._commanded = 0.0, 0.0, 0.0, 0.0
         self._shares: deque[tuple[float, float]] = deque(maxlen=_FEWEST)
         self._last_response = -math.inf, 0.0
-        self._constant, self._paused = False, -math.inf
 
     @property
     def share(self) -> float:
@@ -147,14 +145,12 @@ class Axis:
 
     def update(self, time: float, speed: float, commands: Commands, gap: Gap) -> Fault | None:
         """Take the speed at `time` (s); return the fault that persists."""
-        reverses = self._reverses(time, speed, gap)
         self._observe_response(time, speed, commands)
         self._measured.append((time, speed))
         while self._measured[0][0] < time - _SMOOTHING + _ROUNDING:
             self._measured.popleft()
         speed = sum(value for _, value in self._measured) / len(self._measured)
         self._smooth.append((time, speed))
-        self._paused = time if gap.elapsed > _LONG_GAP else self._paused
         while len(self._smooth) > 1 and self._smooth[1][0] <= time - self.thresholds.window + _ROUNDING:
             self._smooth.popleft()
         if len(self._smooth) == 1:
@@ -162,14 +158,11 @@ class Axis:
         limit = self.thresholds.limit
         recent = [clip(command, limit) for command in commands.between(time - _DELAY, time)]
         fault = self._judge(time, speed, recent, commands, gap)
-        was_constant, self._constant = self._constant, fault is Fault.CONSTANT
-        needed = _CONSTANT_PERSISTS if was_constant and self._constant else _PERSISTS
+        needed = _CONSTANT_PERSISTS if fault is Fault.CONSTANT else _PERSISTS
         persists = self._fault.update(fault is not None, gap, needed)
         stood = 0.0 in commands.between(time - _DELAY - 2.0 * self.thresholds.lag, time)
         loses = not stood and self._loses(speed, min(recent), max(recent), gap)
         self._observe_share(speed, recent, gap.elapsed)
-        if reverses:
-            return Fault.REVERSED
         return fault if persists else Fault.STILL if loses else None
 
     def _judge(
@@ -217,9 +210,7 @@ class Axis:
         since = min(time - seconds, self._smooth[-min(_FEWEST, len(self._smooth))][0])
         shown = [(then, value) for then, value in self._smooth if then >= since - _ROUNDING]
         speeds = [value for _, value in shown]
-        if self._paused > since - 2.0 * _DELAY or len(speeds) < _FEWEST:
-            return False
-        if max(speeds) - min(speeds) > _VARIES * axis.tolerance:
+        if len(speeds) < _FEWEST or max(speeds) - min(speeds) > _VARIES * axis.tolerance:
             return False
         speed = speeds[-1]
         # The last commands explain no speed that was constant before.
@@ -258,9 +249,7 @@ class Axis:
             share * clip(speed if c is None else c, axis.limit)
             for c in commands.sampled(since - _DELAY, dt, count)
         ]
-        # A base that changed its speed goes on doing so for a moment.
-        overshoot = clip(sent[0] - speed, 2.0 * axis.lag * axis.rate)
-        setpoint = speed + (overshoot if overshoot * (sent[-1] - speed) < 0.0 else 0.0)
+        setpoint = speed
         for target in sent:
             rate = axis.stop if target == 0.0 and share < 1.0 else axis.rate
             setpoint += clip(target - setpoint, rate * dt)
@@ -274,19 +263,6 @@ class Axis:
             speed += clip((speed if command is None else command) - speed, 2.0 * self.thresholds.rate * dt)
             speeds.append(speed)
         return speeds
-
-    def _reverses(self, time: float, speed: float, gap: Gap) -> bool:
-        """Return whether the axis has reversed three times in half a second, each time faster than it can.
-
-        So does a base with the wrong sign if each new plan begins at the measured speed.
-        """
-        before, self._raw = self._raw, speed
-        tolerance, possible = self.thresholds.tolerance, 3.0 * self.thresholds.rate * gap.elapsed
-        if before * speed < 0.0 and abs(speed - before) > possible + 2.0 * tolerance:
-            self._reversals.append(time)
-        while self._reversals and self._reversals[0] < time - 0.5 + _ROUNDING:
-            self._reversals.popleft()
-        return len(self._reversals) >= 3
 
     def _loses(self, speed: float, low: float, high: float, gap: Gap) -> bool:
         """Return whether the axis goes on losing speed, although it has less than every recent command.

@@ -10,7 +10,7 @@ from action_runs import KINDS, Task, execute, execute_situation
 from ator_ros.actions.base import ActionError, Goal, Point, Status
 from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.field import BALL, ball_of
+from ator_ros.domains.soccer.field import ball_of
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.holding import DribbleBall
 from ator_ros.execution.chain_executor import ChainExecutor
@@ -35,26 +35,6 @@ def test_the_actions_reach_their_goals_within_the_limits(kind: str) -> None:
     assert max(outcome.excess for outcome in outcomes) <= 1.0 + 1e-9
 
 
-def test_a_rolling_ball_is_followed() -> None:
-    action = GoToPose(ROBOT)
-    with Simulation(ROBOT) as simulation:
-        simulation.place_robot(Pose(-2.0, 0.0, 0.0))
-        simulation.place_object(BALL, 0.0, 0.0)
-        action.start(simulation.world(), Goal(Pose(0.0, 0.0, 0.5), 0.0, Point.HOLD))
-        for tick in range(600):
-            if tick == 20:
-                simulation.place_object(BALL, 0.0, 0.0, vx=0.6, vy=0.4)
-            step = action.step(simulation.world())
-            if step.status is not Status.RUNNING:
-                break
-            simulation.command(step.command)
-            simulation.tick()
-        world = simulation.world()
-    assert step.status is Status.SUCCEEDED
-    assert ball_of(world).x > 0.2
-    assert ROBOT.hold_offset(world, BALL) < 0.06
-
-
 @pytest.mark.parametrize("angle", [30.0, -120.0])
 def test_noisy_odometry_at_rest_does_not_prolong_a_turn_on_the_spot(angle: float) -> None:
     goal, times = Goal(Pose(0.0, 0.0, math.radians(angle)), 0.0, Point.AXLE), []
@@ -74,18 +54,6 @@ def test_noisy_odometry_at_rest_does_not_prolong_a_turn_on_the_spot(angle: float
             assert step.status is Status.SUCCEEDED
             times.append(simulation.time)
     assert times[1] <= times[0] + TICK
-
-
-def test_a_ball_taken_away_while_dribbling_is_reported() -> None:
-    action = DribbleBall(ROBOT)
-    with Simulation(ROBOT) as simulation:
-        simulation.place_robot(Pose(0.0, 0.0, 0.0))
-        simulation.place_object(BALL, ROBOT.hold, 0.0)
-        action.start(simulation.world(), Goal(Pose(2.0, 0.0, 0.0), 0.0, Point.HOLD))
-        simulation.place_object(BALL, 2.0, 2.0)
-        step = action.step(simulation.world())
-    assert step.status is Status.FAILED
-    assert "lost the ball" in step.message
 
 
 @pytest.mark.parametrize("speed", [-0.1, 5.0, math.nan])

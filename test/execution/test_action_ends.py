@@ -8,6 +8,7 @@ import pytest
 from carried import CALL, ROBOT, ActionLog, DrivenGoal, started_goal
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
+from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.execution.supervisor import Phase
@@ -156,6 +157,29 @@ def test_an_action_that_cannot_be_set_up_fails_its_step() -> None:
     executor = ChainExecutor(library, TopChain((TopCall(top, Goal(Pose(0.0, 0.0, 0.0))),)))
     step = executor.step(World(0.0, RobotState(Pose(0.0, 0.0, 0.0))))
     assert (step.status, step.message) == (Status.FAILED, "expected a table, found none")
+
+
+def test_an_action_that_raises_in_a_simulated_chain_is_ended() -> None:
+    log: list[str] = []
+
+    class Broken(Action):
+        name = "carried"
+
+        def start(self, world: World, goal: Goal) -> None:
+            log.append("start")
+
+        def step(self, world: World) -> Step:
+            raise RuntimeError("out of order")
+
+        def end(self, reason: str) -> None:
+            log.append(reason)
+
+    top = Top("note", "carried", Condition(), Condition())
+    library = TopLibrary(ROBOT, "default", tops=[top], actions={"carried": Broken})
+    chain = TopChain((TopCall(top, Goal(Pose(1.0, 0.0, 0.0))),))
+    with pytest.raises(RuntimeError, match="out of order"):
+        run_chain(ROBOT, library, World(0.0, RobotState(Pose(0.0, 0.0, 0.0))), chain)
+    assert log == ["start", "broken off"]
 
 
 def late(goal: DrivenGoal) -> World:

@@ -213,17 +213,6 @@ def test_one_state_without_the_ball_pauses_the_goal() -> None:
     assert run.ending is None
 
 
-def test_a_missing_ball_at_the_start_of_its_step_ends_the_goal() -> None:
-    run = execution(chain(("goToPose", Pose(0.0, 0.0, 0.0)), ("goToBall", Pose(1.0, 0.0, 0.0))))
-    run.tick(world(ball=ObjectState(1.0, 0.0)), 100.0)
-    for tick in range(1, 5):
-        run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick)
-    assert (run.ending, len(run.executor.records)) == (
-        Ending.INPUT_LOST,
-        1,
-    )  # of goToPose: goToBall has not started
-
-
 CARRY = chain(("goToBall", Pose(1.0, 0.0, 0.0)), ("dribbleBall", Pose(2.5, 0.0, 0.0)))
 
 

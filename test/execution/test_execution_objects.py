@@ -8,7 +8,7 @@ from turning_action import TurnDriveTurn
 
 from ator_ros.actions.base import Goal
 from ator_ros.execution.chain_executor import Ending
-from ator_ros.execution.supervisor import Phase, Supervisor
+from ator_ros.execution.supervisor import Supervisor
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
@@ -33,14 +33,6 @@ def world(tick: int, **objects: ObjectState) -> World:
 def run() -> Supervisor:
     visit = TopChain((TopCall(VISIT, Goal(Pose(2.0, 0.0, 0.0))),))
     return execution(visit, library=LIBRARY, again_after=0.0)
-
-
-def test_a_goal_waits_for_its_required_object(run: Supervisor) -> None:
-    assert run.tick(world(0, ball=BALL), 100.0) == STOP
-    assert (run.phase, run.reason) == (Phase.WAITING, "waiting for the cup")
-    run.watch(102.05)
-    assert run.ending is Ending.INPUT_LOST
-    assert "cup is missing: visit needs it" in run.reason
 
 
 def test_a_step_follows_only_its_own_object(run: Supervisor) -> None:

@@ -45,12 +45,3 @@ def test_a_goal_may_end_in_each_phase(phase: Phase, cause: Ending | None) -> Non
     assert execution.phase is Phase.ENDED
     assert execution.ending is (expected or Ending.SHUTDOWN)
     assert len(actions.starts) == len(actions.ends)
-
-
-def test_answers_of_refinement_start_the_chain() -> None:
-    actions = ActionLog()
-    goal = goal_in(Phase.REFINING, actions)
-    goal.execution.unrefined("no better chain")
-    assert goal.execution.phase is Phase.EXECUTING
-    goal.tick()
-    assert actions.starts == [CALL.goal]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from ator_ros.actions.base import Action, Goal, Point, Status, Step
+from ator_ros.actions.base import Goal, Status
 from ator_ros.domains.domain import DomainError
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.field import BALL, ball_of, objects_of
+from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
@@ -69,28 +69,6 @@ def test_the_chain_of_the_paper_is_executed_to_its_end() -> None:
     assert sum(record.duration for record in executor.records) == pytest.approx(executor.elapsed)
     assert ball_of(world) is not None
     assert ball_of(world).x > 4.0
-
-
-class Wait(Action):
-    """Succeeds on the second tick."""
-
-    name = "wait"
-
-    def start(self, world: World, goal: Goal) -> None:
-        self.until = world.time + 0.05
-
-    def step(self, world: World) -> Step:
-        done = world.time >= self.until - 1e-9
-        return Step(STOP, Status.SUCCEEDED if done else Status.RUNNING, "waiting")
-
-
-def test_a_new_action_can_be_added() -> None:
-    top = Top("wait", "wait", Condition(), Condition(), Point.AXLE)
-    library = TopLibrary(ROBOT, "waiting", tops=(top,), actions={"wait": Wait})
-    executor = ChainExecutor(library, TopChain((TopCall(top, Goal(Pose(0, 0, 0))),)))
-    assert executor.step(START).status is Status.RUNNING
-    later = World(0.05, START.robot, objects_of(ball_of(START)))
-    assert executor.step(later).status is Status.SUCCEEDED
 
 
 def test_unknown_tops_of_a_library_are_reported() -> None:
