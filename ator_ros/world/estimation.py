@@ -223,7 +223,8 @@ class TwistCheck:
         half = moved.yaw / 2.0
         shown = moved.x * math.cos(half) + moved.y * math.sin(half), moved.yaw
         reported = 0.5 * elapsed * np.array([before.v + robot.v, before.w + robot.w])
-        self._elapsed, self._motion = self._elapsed + elapsed, self._motion + (shown, reported)
+        self._elapsed += elapsed
+        self._motion = self._motion + np.array([shown, reported])
         if self._elapsed < _WINDOW - _ROUNDING:
             return ""
         elapsed, motion = self._elapsed, self._motion
