@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -28,6 +29,7 @@ _PERIOD = 1.0
 _LASTING = 5
 """Reports in a row after which a problem is logged."""
 _LONGEST = 500
+_TICKS = 1000
 _GAPS = 5
 """Gaps between messages that must all be long: one or two are messages that were lost or late."""
 
@@ -104,6 +106,32 @@ class Diagnostics:
             if problem:
                 self._node.get_logger().warning(printable(problem, _LONGEST))
             self._logged = problem
+
+
+class Ticks:
+    """The real s between the last thousand ticks, and those that they took."""
+
+    def __init__(self) -> None:
+        self._last = math.inf
+        self._gaps, self._durations = deque([0.0], maxlen=_TICKS), deque([0.0], maxlen=_TICKS)
+
+    def began(self, now: float) -> None:
+        """Record a tick that begins at `now` s."""
+        self._gaps.append(max(0.0, now - self._last))
+        self._last = now
+
+    def took(self, duration: float) -> None:
+        """Record how long a tick took, in s."""
+        self._durations.append(duration)
+
+    def diagnostics(self) -> dict[str, object]:
+        """Return the longest gap, and how long ticks took."""
+        within = np.quantile(self._durations, 0.99)
+        return {
+            "longest time between ticks (ms)": f"{1000.0 * max(self._gaps):.1f}",
+            "longest tick (ms)": f"{1000.0 * max(self._durations):.1f}",
+            f"99 % of the last {_TICKS} ticks within (ms)": f"{1000.0 * within:.1f}",
+        }
 
 
 # Likely causes

@@ -22,8 +22,8 @@ from ator_ros.geometry import FloatArray, Pose
 from ator_ros.nodes.goal_run import GoalRun
 from ator_ros.nodes.messages import pose_of, stamp_of
 from ator_ros.nodes.qos import LATCHED
+from ator_ros.nodes.shapes import ORANGE, Arrow, Segments, Shape, executed_chain_shapes, surroundings
 from ator_ros.robot.description import Robot
-from ator_ros.view.shapes import ORANGE, Arrow, Segments, Shape, executed_chain_shapes, surroundings
 from ator_ros.world.state import ObjectState, World
 
 _ABOVE_FLOOR = 0.02

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
@@ -22,13 +20,14 @@ from ator_ros.execution.refining import AGAIN_AFTER
 from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.supervisor import (
     GREATEST_STOP_SLOWDOWN,
+    LONGEST_STOP_TIME,
     WATCH_PERIOD,
     Deadlines,
     Phase,
     Supervisor,
 )
 from ator_ros.nodes.commands import CommandPublisher
-from ator_ros.nodes.diagnostics import STEADY, Diagnosis, Diagnostics, Health, rival_senders
+from ator_ros.nodes.diagnostics import STEADY, Diagnosis, Diagnostics, Health, Ticks, rival_senders
 from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
 from ator_ros.nodes.inputs import ObjectSources, RobotSource, TfListener
@@ -62,7 +61,6 @@ from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 _WARNING_PERIOD = 2.0
 _DISCOVERY_GRACE = 1.0  # real s; DDS may still be connecting cmd_vel to a base that has just started
-_TICKS = 1000
 _RESULT_KEPT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
 _PREEMPTED = "a newer goal took over"
 _USUAL = Deadlines()
@@ -130,9 +128,10 @@ class ExecutorNode(Node):
         Results are kept for a minute. A goal begins when odometry has come for a second: a base that was
         started just then does not receive commands yet. It ends when the robot stands (predicted with
         `latency`), or 5 s after it was commanded to stop: the result says how fast it still moves. If a newer
-        goal preempts it, odometry is lost or the node ends, the goal ends with the stop command. Goals
-        outside the fence are refused. A goal is aborted when the base does not follow its commands, or when
-        its path leads out of the fence.
+        goal preempts it, odometry is lost or the node ends, the goal ends with the stop command. If lost
+        odometry returns within 5 s, the robot is commanded to stop until it stands. Goals outside the fence
+        are refused. A goal is aborted when the base does not follow its commands, or when its path leads out
+        of the fence.
     Subscribes to
         odom (nav_msgs/Odometry), or /tf and /tf_static, and the topics of the domain's objects: their stamps,
         `latency` later, are the time of the actions.
@@ -164,10 +163,10 @@ class ExecutorNode(Node):
         self._rolling = Rolling(robot, slowest=3.0 * max(noises, default=0.0))
         self._world: World | None = None
         self._run: GoalRun | None = None
-        self._odom_at, self._shutting_down = 0.0, False
+        self._odom_at, self._stop_until, self._shutting_down = 0.0, 0.0, False
         self._slow = ""  # last warning of a base that is slower than commanded
         self._last_error = ""
-        self._ticks = deque([0.0], maxlen=_TICKS)  # real s that they took
+        self._ticks = Ticks()
         self._connect(robot)
         topics = self._diagnosis.topics
         self._diagnostics = Diagnostics(self, self._health, topics, states=tuple(topics))
@@ -232,8 +231,11 @@ class ExecutorNode(Node):
         world = self._motion.foresight.ahead(world)
         self._world, self._odom_at = world, now
         self._rolling.observe(world)  # also between goals, when the robot has lost an object
+        self._ticks.began(now)
         if run is not None:
             self._answer(run, world, fault, now)
+        elif now < self._stop_until and not world.robot.is_standing:
+            self._send(STOP)  # it may have moved on while odometry was lost
         self._drawing.objects(world)
 
     def _answer(self, run: GoalRun, world: World, fault: str | None, now: float) -> None:
@@ -250,7 +252,7 @@ class ExecutorNode(Node):
         command = run.supervisor.tick(world, now, overdue=self._inputs.overdue, fault=fault)
         done = time.monotonic()
         self._send(self._motion.foresight.punctual(world.robot, command, done - now), answers=True)
-        self._ticks.append(done - now)
+        self._ticks.took(done - now)
         run.supervisor.odometry_received(done)
         self._follow(run)
 
@@ -340,7 +342,9 @@ class ExecutorNode(Node):
         self._drawing.follow(run, self._world)
         if not run.ended:
             return
-        self._run = None
+        self._run, now = None, time.monotonic()
+        if now - self._odom_at > 0.5 * self._odom_timeout:
+            self._stop_until = now + LONGEST_STOP_TIME
         self._send(STOP)
         run.supervisor.explain(self._cause(run.supervisor))
         result = run.result(self._world)
@@ -396,7 +400,7 @@ class ExecutorNode(Node):
             "odom": "none yet" if silence is None else f"{1000.0 * silence:.0f} ms ago",
             **self._objects.diagnostics(known, self._inputs.overdue),
             **self._rolling.diagnostics(),
-            f"99 % of the last {_TICKS} ticks within (ms)": f"{1000.0 * np.quantile(self._ticks, 0.99):.1f}",
+            **self._ticks.diagnostics(),
             "goal": "none" if self._run is None else self._run.supervisor.phase.value,
             "times real time, by odometry": f"{self._inputs.pace:.2f}",
             "last error": self._last_error,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -24,6 +25,7 @@ from ator_ros.performance.model_file import (
     NoModelsError,
     RobotMismatchWarning,
     load_models,
+    model_path,
     models_folder,
 )
 from ator_ros.refinement.gate import Gate, OpenGate, gate_in
@@ -44,7 +46,7 @@ Libraries = Mapping[str, TopLibrary]
 
 @dataclass(frozen=True)
 class ModelSet(Generic[User]):
-    """The performance models of one action set, by action, and what uses them.
+    """The performance models of one action set, by action, what uses them, and the digest of their files.
 
     `absent` is why there are none. `problem` is what is wrong: a damaged file, another robot. It is no
     problem to have none.
@@ -54,6 +56,7 @@ class ModelSet(Generic[User]):
     user: User
     absent: str = ""
     problem: str = ""
+    digest: str = ""
 
 
 class LearnedSets(Generic[User]):
@@ -106,19 +109,21 @@ class LearnedSets(Generic[User]):
     def _read(self, library: TopLibrary, place: Path) -> ModelSet[User]:
         name, warn, known = library.action_set, self._node.get_logger().warning, self._domain.known_features
         models: Models = {}
-        absent = problem = ""
+        absent = problem = digest = ""
         try:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", RobotMismatchWarning)
                 models = load_models(library.robot, known, action_set=name, folder=place)
             problem = str(caught[0].message) if caught else ""  # models of another robot mostly come together
+            content = b"".join((place / model_path(action, name)).read_bytes() for action in models)
+            digest = hashlib.sha256(content).hexdigest()[:16]
         except NoModelsError as error:
             absent = str(error)
         except (FileError, OSError) as error:
             absent = problem = str(error)
         if problem and (absent or name == DEFAULT_SET):  # others are seldom used
             warn(f"action set {name}: {problem}")
-        return ModelSet(models, self._make(library, models, place), absent, problem)
+        return ModelSet(models, self._make(library, models, place), absent, problem, digest)
 
     def _look(self) -> None:
         """Take over a set that has been loaded, or begin to load a new one."""
@@ -162,6 +167,10 @@ class LearnedSets(Generic[User]):
             f"models of {name}": ", ".join(read.models) or read.problem or "no models"
             for name, read in self.present.items()
         }
+        values |= {
+            f"models digest of {name}": read.digest for name, read in self.present.items() if read.digest
+        }
+        values["robot digest"] = next(iter(self._libraries.values())).robot.digest()
         if self._folder is not None:
             values["learned set"] = "none yet" if self._manifest is None else _described(self._manifest)
         return values

@@ -1,4 +1,4 @@
-"""Network access: nodes can be reached from this machine only, unless the user opens them to a network."""
+"""Access to nodes: from this machine only, unless the user opens them to a network; its errors."""
 
 from __future__ import annotations
 
@@ -16,6 +16,14 @@ _OPEN = ("SUBNET", "SYSTEM_DEFAULT")
 _ELSEWHERE = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
 _DOMAINS = 100
 _FIRST_PORT, _PORTS = 7400, 250  # UDP ports of domain 0, and of each domain, in the DDS standard
+
+
+class NodesError(RuntimeError):
+    """Nodes that are needed do not run, or a request to them failed; the message says which and why."""
+
+
+class UnavailableError(NodesError):
+    """A node that is needed is not running, but may start later."""
 
 
 def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:

@@ -34,6 +34,7 @@ from ator_ros.nodes.parameters import (
 )
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.running import run_node
+from ator_ros.nodes.shapes import refinement_shapes
 from ator_ros.planning.goals import PlanningError, known_variables
 from ator_ros.planning.planner import chains_for
 from ator_ros.printable import printable
@@ -43,7 +44,6 @@ from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.refinement.refiner import Refinement, Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
 from ator_ros.tops.library import TopLibrary
-from ator_ros.view.shapes import refinement_shapes
 from ator_ros.world.messages import MessageError, pose_from, world_from
 
 PARAMETERS = (

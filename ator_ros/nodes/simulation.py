@@ -22,7 +22,7 @@ from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.domains.domain import domain_for
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose, quaternion_from_yaw
-from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
+from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Ticks
 from ator_ros.nodes.inputs import TFMessage
 from ator_ros.nodes.messages import object_odometry_of, odometry_of, stamp_of
 from ator_ros.nodes.parameters import (
@@ -133,7 +133,7 @@ class SimulationNode(Node):
         self._settings = settings = declare_with_domain(self, parameters_for)
         self._world = world_of(settings)
         self._paused, self._deadline, self._rejected = False, 0.0, ""
-        self._real_time_ticks = 0
+        self._ticks, self._real_time_ticks = Ticks(), 0
         """How many of the next ticks take as long as in reality, unless they wait for a command."""
         self._awaited: set[int] = set()
         self._clock_publisher = None
@@ -184,8 +184,10 @@ class SimulationNode(Node):
         if self._paused:
             self._deadline = now + _PAUSED_PERIOD
         else:
+            self._ticks.began(now)
             for stop in self._world.tick():
                 self.get_logger().debug(stop)
+            self._ticks.took(time.monotonic() - now)
             self._schedule(now)
         self._publish()
 
@@ -268,6 +270,7 @@ class SimulationNode(Node):
             values={
                 "simulated time (s)": f"{self._world.time:.2f}",
                 "paused": self._paused,
+                **self._ticks.diagnostics(),
                 "last error": self._rejected,
             },
         )

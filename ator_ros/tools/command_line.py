@@ -21,13 +21,13 @@ from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.experience.parallel import BACKENDS, BackendError, Workers
 from ator_ros.experience.table import ExperienceError
 from ator_ros.files import FileError, portable_command
+from ator_ros.nodes.network import NodesError
 from ator_ros.planning.goals import PlanningError
 from ator_ros.printable import printable
 from ator_ros.refinement import RefinementError
 from ator_ros.robot.description import ConfigError
 from ator_ros.robot.probe_drive import DriveError
 from ator_ros.schema import SchemaError
-from ator_ros.view.backend import NodesError
 from ator_ros.world.messages import MessageError
 
 _NAMESPACE = re.compile(r"(?!__)[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)

@@ -7,7 +7,6 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,13 +17,12 @@ import pandas as pd
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from ator_interfaces.msg import ChainPerformance
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.files import atomic_write
 from ator_ros.geometry import Pose
-from ator_ros.nodes.messages import chain_of
+from ator_ros.nodes.shapes import surroundings
 from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import (
     add_factor,
@@ -35,9 +33,11 @@ from ator_ros.tools.command_line import (
     source_of,
     whole,
 )
-from ator_ros.tools.own_nodes import FRAME, Client, all_nodes
+from ator_ros.tools.own_nodes import all_nodes, connected
 from ator_ros.tops.chain import TopChain
-from ator_ros.view.shapes import surroundings
+from ator_ros.view.backend import Backend
+from ator_ros.view.draft import Draft
+from ator_ros.view.runs import Answer, Run
 from ator_ros.world.state import World
 
 PICTURE = (
@@ -79,50 +79,31 @@ def draw_robot(axes: Any, robot: Robot, pose: Pose, color: str) -> None:
 
 
 @dataclass(frozen=True)
-class DemoRun:
-    """One execution of a chain: the executor's record, and the robot's positions (x, y) in m.
-
-    `predicted` and `steps` are the durations in s of the chain and its actions that refinement predicted from
-    the start, NaN if unknown. Predictions in the records of actions are from where each has begun, and do not
-    add up to the chain's.
-    """
-
-    record: ChainPerformance
-    predicted: float
-    steps: tuple[float, ...]
-    path: list[tuple[float, float]]
-
-    @property
-    def success(self) -> bool:
-        """Whether the chain reached its end."""
-        return bool(self.record.outcome.code == self.record.outcome.SUCCEEDED)
-
-    @property
-    def duration(self) -> float:
-        """Its duration in s."""
-        return float(self.record.actual.duration)
-
-
-@dataclass(frozen=True)
 class DemoSituation:
-    """One situation: its start, the chain, and both executions."""
+    """One situation: its start, the chain, refinement's answer from there, and both executions.
+
+    Predictions in the records of actions are from where each has begun, and do not add up to the chain's.
+    """
 
     start: World
     chain: TopChain
-    naive: DemoRun
-    refined: DemoRun
+    answer: Answer
+    naive: Run
+    refined: Run
 
     @property
-    def runs(self) -> dict[str, DemoRun]:
+    def runs(self) -> dict[str, Run]:
         """Both executions by name."""
-        kind = "refined" if self.refined.record.refined else "left alone"
-        return {"naive": self.naive, kind: self.refined}
+        return {"naive": self.naive, "refined" if self.refined.record.refined else "left alone": self.refined}
+
+    def predicted(self, run: Run) -> tuple[float, ...]:
+        """Return the durations in s of the actions of a run as predicted from the start; NaN if unknown."""
+        return self.answer.after if run.record.refined else self.answer.before
 
     @property
     def gain(self) -> float:
         """Time saved in s; NaN when one of the two failed."""
-        both = self.naive.success and self.refined.success
-        return self.naive.duration - self.refined.duration if both else math.nan
+        return self.naive.duration - self.refined.duration
 
 
 def explanation(name: str, chain: TopChain) -> str:
@@ -151,18 +132,19 @@ def table(situations: Sequence[DemoSituation]) -> str:
         percent = 100.0 * gain / (situation.naive.duration or math.inf)  # a run may end at once
         changes = ["", "-" if math.isnan(gain) else f"{gain:+.2f} s ({percent:+.0f} %)"]
         for (name, run), change in zip(situation.runs.items(), changes, strict=True):
-            rows.append({"": f"{number} {name}", **_times(run, situation.chain), "gain": change})
+            rows.append({"": f"{number} {name}", **_times(situation, run), "gain": change})
     frame, last = pd.DataFrame(rows).fillna(""), ["chain", "gain"]  # later chains may have more steps
     text = frame[[*frame.columns.difference(last, sort=False), *last]].to_string(index=False)
     return "\n".join(["predicted / actual time in s", text, "", summary(situations)])
 
 
-def _times(run: DemoRun, chain: TopChain) -> dict[str, str]:
+def _times(situation: DemoSituation, run: Run) -> dict[str, str]:
     """Return predicted and actual time of each step and of the chain."""
+    predicted = situation.predicted(run)
     actual = itertools.chain((a.actual.duration for a in run.record.actions), itertools.repeat(math.nan))
-    steps = enumerate(zip(chain.calls, run.steps, actual, strict=False), start=1)  # fewer if it failed
-    cells = {f"{number} {call.top.name}": _pair(*times) for number, (call, *times) in steps}
-    return {**cells, "chain": _pair(run.predicted, run.duration) if run.success else "failed"}
+    steps = zip(situation.chain.calls, predicted, actual, strict=False)  # fewer if it failed
+    cells = {f"{number} {call.top.name}": _pair(*times) for number, (call, *times) in enumerate(steps, 1)}
+    return {**cells, "chain": "failed" if math.isnan(run.duration) else _pair(sum(predicted), run.duration)}
 
 
 def _pair(predicted: float, actual: float) -> str:
@@ -182,7 +164,7 @@ def summary(situations: Sequence[DemoSituation]) -> str:
     ]
     for number, situation in enumerate(situations, start=1):
         for name, run in (("naive", situation.naive), ("refined", situation.refined)):
-            if not run.success:
+            if math.isnan(run.duration):
                 lines.append(f"situation {number}, {name}: {run.record.outcome.reason}")
     alone = {s.refined.record.refinement for s in situations if not s.refined.record.refined}
     return "\n".join(lines + [f"left alone: {reason}" for reason in sorted(alone)])
@@ -210,8 +192,8 @@ def _panel(axes: Any, domain: Domain, robot: Robot, situation: DemoSituation) ->
         color = "#333333" if call.open else GREEN
         axes.plot(call.goal.pose.x, call.goal.pose.y, "+", color=color, ms=7)
     for (name, run), color in zip(situation.runs.items(), (ORANGE, BLUE), strict=True):
-        time = f"{run.duration:.2f} s" if run.success else "failed"
-        path = np.array(run.path).reshape(-1, 2)
+        time = "failed" if math.isnan(run.duration) else f"{run.duration:.2f} s"
+        path = np.array([pose[:2] for pose in run.poses]).reshape(-1, 2)
         axes.plot(path[:, 0], path[:, 1], color=color, lw=1.5, label=f"{name}, {time}")
     axes.set_aspect("equal")
     axes.axis("off")
@@ -231,8 +213,7 @@ def demo(
         with all_nodes(real_time_factor, source) as nodes:
             names = " and ".join(("three nodes", *(server.name for server in domain.servers)))
             print(f"{names} start on ROS domain {nodes.domain} …", flush=True)
-            with closing(Client(nodes, domain.objects)) as client:
-                client.ready(domain.remote_servers())
+            with connected(nodes, domain, robot, domain.remote_servers()) as backend:
                 library = domain.library(robot)
                 for index in range(situations):
                     trial = random_trial(domain, chain, library, seed=seed, index=index)
@@ -240,7 +221,8 @@ def demo(
                         trial = dataclasses.replace(trial, chain=open_speeds(trial.chain))
                     if index == 0:
                         print(explanation(chain, trial.chain), flush=True)
-                    played.append(_play(client, trial, f"situation {index + 1} of {situations}"))
+                    name = f"situation {index + 1} of {situations}"
+                    played.append(_play(backend, trial, library.action_set, name))
     finally:
         if played:
             print(f"\n{table(played)}")
@@ -248,25 +230,18 @@ def demo(
             print(f"\n{out.resolve()}: {PICTURE}\nmake view shows it live, in the browser")
 
 
-def _play(client: Client, trial: Trial, name: str) -> DemoSituation:
+def _play(backend: Backend, trial: Trial, action_set: str, name: str) -> DemoSituation:
     """Play one situation naive and refined."""
-    message = chain_of(trial.chain, action_set="", frame=FRAME)
-    answer = client.refine(trial.world, message)
-
-    def execute(chain: Any, *, refine: bool) -> DemoRun:
-        client.place(trial.world)
-        record = client.execute(chain, refine=refine)
-        whole, steps = answer.before, answer.before_actions
-        if record.refined:
-            whole, steps = answer.after, answer.after_actions
-        return DemoRun(record, whole.duration, tuple(step.duration for step in steps), list(client.path))
-
-    print(f"{name}: naive ", end="", flush=True)
-    naive = execute(answer.original, refine=False)
-    print(f"{naive.duration:.2f} s, refined ", end="", flush=True)
-    refined = execute(message, refine=True)
-    print(f"{refined.duration:.2f} s", flush=True)
-    return DemoSituation(trial.world, trial.chain, naive, refined)
+    draft = Draft(trial.world, trial.chain, action_set)
+    answer, runs = backend.refine(draft), []
+    print(f"{name}:", end="", flush=True)
+    for label, chain in (("naive", answer.naive), ("refined", trial.chain)):
+        backend.place(trial.world)
+        again = dataclasses.replace(draft, chain=chain)
+        runs.append(backend.drive(label, again, refine=label == "refined"))
+        print(f" {label} {runs[-1].duration:.2f} s", end="", flush=True)
+    print(flush=True)
+    return DemoSituation(trial.world, trial.chain, answer, *runs)
 
 
 def arguments() -> argparse.ArgumentParser:

@@ -1,9 +1,8 @@
-"""Start our nodes on a ROS domain of their own, and execute chains with them."""
+"""Start our nodes on a ROS domain of their own, and drive with them."""
 
 from __future__ import annotations
 
 import functools
-import math
 import os
 import signal
 import subprocess
@@ -13,17 +12,11 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import pandas as pd
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
-from nav_msgs.msg import Odometry
-from rclpy.action import ActionClient
 
-from ator_interfaces.action import ExecuteChain
-from ator_interfaces.msg import ChainPerformance
-from ator_interfaces.msg import TopChain as TopChainMessage
-from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.situation import Situation
 from ator_ros.domains.declared import DeclaredServer
@@ -32,24 +25,20 @@ from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.experience.collect import episode_generator
 from ator_ros.experience.records import ENDED, episode_of
 from ator_ros.experience.table import ExperienceError, episode_frame
-from ator_ros.geometry import Pose
-from ator_ros.nodes.client_node import ClientNode, SimulationClient
-from ator_ros.nodes.messages import chain_of, situation_of
-from ator_ros.nodes.network import RANGE, THIS_MACHINE, free_domain, stay_on_this_machine
-from ator_ros.nodes.qos import SENSOR_DATA
+from ator_ros.nodes.network import RANGE, THIS_MACHINE, NodesError, free_domain, stay_on_this_machine
 from ator_ros.nodes.remote_messages import RemoteError, interface_of
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import top_of
-from ator_ros.view.backend import NodesError
-from ator_ros.world.messages import MessageError, robot_from
+from ator_ros.view.backend import Backend
+from ator_ros.view.draft import Draft
+from ator_ros.world.messages import MessageError
 from ator_ros.world.state import World
 
 FRAME = "odom"
 _EXECUTOR_TIMEOUT = 2.0  # s, for odometry and refinement; longer than on a robot, for busy machines
 _LONG_DEADLINE = 1.0  # s, of refinement; less than the executor's timeout
 _TRIES = 3  # attempts to drive from one situation
-_NEAR = 0.02  # m
 _ANSWER_TIMEOUT = 120.0  # real s
 _PATIENCE = 5.0  # real s after which nodes that do not end are killed
 
@@ -180,64 +169,21 @@ def all_nodes(
         yield nodes
 
 
-class Client:
-    """A node in this process that checks `nodes` while it waits."""
-
-    def __init__(self, nodes: NodeProcesses, objects: Sequence[str]) -> None:
-        self._domain = nodes.domain
-        self._own = ClientNode("client", domain=nodes.domain, check=nodes.check, timeout=_ANSWER_TIMEOUT)
-        self.path: list[tuple[float, float]] = []
-        self._pose = Pose(math.inf, math.inf, 0.0)
-        node = self._own.node
-        node.create_subscription(Odometry, "odom", self._on_odometry, SENSOR_DATA)
-        self._placing = SimulationClient(self._own, objects)
-        self._refine = node.create_client(RefineSubgoal, "refine_subgoal")
-        self._server = ActionClient(node, ExecuteChain, "execute_chain")
-
-    def _on_odometry(self, message: Odometry) -> None:
-        _, robot = robot_from(message, frame=FRAME)
-        self._pose = robot.pose
-        self.path.append((robot.pose.x, robot.pose.y))
-
-    def ready(self, servers: Sequence[str] = ()) -> None:
-        """Wait until all nodes and action servers are there."""
-        self._own.until(self._placing.is_available, "the simulation")
-        self._own.until(self._refine.service_is_ready, f"the service {self._refine.srv_name}")
-        self._own.until(self._server.server_is_ready, "the action execute_chain")
-        where = f"on ROS_DOMAIN_ID {self._domain}, where only our nodes and those under `servers` are started"
+@contextmanager
+def connected(
+    nodes: NodeProcesses, domain: Domain, robot: Robot, servers: Sequence[str] = ()
+) -> Iterator[Backend]:
+    """Yield a client of started nodes, once all of them and the action servers of these names are there."""
+    backend = Backend(
+        domain, robot, ros_domain=nodes.domain, check=nodes.check, start_timeout=_ANSWER_TIMEOUT
+    )
+    with closing(backend):
+        backend.ready(simulated=True)
+        where = f"on ROS_DOMAIN_ID {nodes.domain}, where only our nodes and those under `servers` are started"
         for name in servers:
-            there = functools.partial(self._own.node.count_services, f"{name}/_action/send_goal")
-            self._own.until(there, f"the action {name} {where}")
-
-    def place(self, start: World) -> None:
-        """Place robot and objects at rest at the start of a situation; pause time until a chain runs."""
-        self._placing.place(start)
-        self._own.until(lambda: self._pose.distance(start.robot.pose) < _NEAR, "the robot at its start")
-
-    def refine(self, start: World, chain: TopChainMessage) -> Any:
-        """Ask for refinement and return the answer; NodesError if the chain cannot be refined."""
-        request = RefineSubgoal.Request(situation=situation_of(start, frame=FRAME), chain=chain)
-        answer = self._own.call(self._refine, request)
-        if not answer.accepted:
-            raise NodesError(f"{self._refine.srv_name}: {answer.reason}")
-        return answer
-
-    def execute(self, chain: TopChainMessage, *, refine: bool) -> ChainPerformance:
-        """Execute a chain, log its path in `path`, and return the record."""
-        feedback: list[Any] = []
-        goal = ExecuteChain.Goal(chain=chain, refine=refine)
-        future = self._server.send_goal_async(goal, feedback_callback=feedback.append)
-        ended = self._own.answer(future, "the goal").get_result_async()
-        # Time continues when the executor has started, as a simulation at full speed does not wait for it.
-        self._own.until(lambda: bool(feedback) or ended.done(), "feedback")
-        self.path.clear()
-        self._placing.pause(paused=False)
-        record: ChainPerformance = self._own.answer(ended, "the goal").result.record
-        return record
-
-    def close(self) -> None:
-        """Destroy the node."""
-        self._own.close()
+            there = functools.partial(backend.node.count_services, f"{name}/_action/send_goal")
+            backend.until(there, f"the action {name} {where}")
+        yield backend
 
 
 def drives(
@@ -262,25 +208,25 @@ def drives(
             interface_of(spec.remote, FRAME)
         except RemoteError as error:
             raise ExperienceError(f"{spec.name}: action server {spec.remote.server}: {error}") from error
-    with all_nodes(factor, source) as nodes, closing(Client(nodes, domain.objects)) as client:
-        client.ready(domain.remote_servers(source.action_set))
+    servers = domain.remote_servers(source.action_set)
+    with all_nodes(factor, source) as nodes, connected(nodes, domain, robot, servers) as backend:
         for action, number in missing:
             rng = episode_generator(action, seed, number)
             situation = domain.actions(source.action_set)[action].sample(robot, rng)
-            yield _driven(client, domain, robot, situation, source.action_set, number)
+            yield _driven(backend, domain, robot, situation, source.action_set, number)
 
 
 def _driven(
-    client: Client, domain: Domain, robot: Robot, situation: Situation, action_set: str, number: int
+    backend: Backend, domain: Domain, robot: Robot, situation: Situation, action_set: str, number: int
 ) -> pd.DataFrame:
     """Drive from a situation to its goal; return the row of the executor's record."""
     top = top_of(situation, domain.tops_for(robot), robot)
     start = World(0.0, situation.robot, situation.objects)
-    message = chain_of(TopChain((TopCall(top, situation.goal),)), action_set=action_set, frame=FRAME)
+    draft = Draft(start, TopChain((TopCall(top, situation.goal),)), action_set)
     reason = ""
     for _ in range(_TRIES):  # a drive may be aborted by another program or on a busy machine
-        client.place(start)
-        for record in client.execute(message, refine=False).actions:
+        backend.place(start)
+        for record in backend.drive("naive", draft, refine=False).record.actions:
             reason = record.outcome.reason
             if record.outcome.code in ENDED:
                 try:

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.files import FileError
-from ator_ros.nodes.network import stay_on_this_machine
-from ator_ros.nodes.view_backend import RosBackend
+from ator_ros.nodes.network import NodesError, stay_on_this_machine
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_models
 from ator_ros.robot.description import Robot
@@ -29,7 +28,7 @@ from ator_ros.tools.command_line import (
     whole,
 )
 from ator_ros.tools.own_nodes import all_nodes
-from ator_ros.view.backend import NodesError
+from ator_ros.view.backend import Backend
 from ator_ros.view.editor import Editor
 from ator_ros.world.messages import plain_frame
 
@@ -71,10 +70,10 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
             nodes = closing.enter_context(all_nodes(options.real_time_factor, source, _SIMULATED, _EXECUTED))
             number, check = nodes.domain, nodes.check
             print(f"view: three nodes start on ROS domain {number} …", flush=True)
-        backends: dict[str, RosBackend] = {}
+        backends: dict[str, Backend] = {}
         for name in dict.fromkeys(options.robots or [""]):
             space = ["--ros-args", "-r", f"__ns:=/{name}"] if name else []
-            backends[name] = RosBackend(
+            backends[name] = Backend(
                 found,
                 body,
                 frame=options.frame or (f"{name}/odom" if name else "odom"),
@@ -85,8 +84,7 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
             closing.callback(backends[name].close)
         for backend in backends.values():
             backend.ready(simulated=not options.attach)
-        libraries = {name: found.library(body, name) for name in found.action_sets}
-        editor = Editor(next(iter(backends.values())), found, libraries)
+        editor = Editor(next(iter(backends.values())))
         if options.attach:
             editor.select(editor.backend)  # showing running robots must not move them
         known = _models(options.models, found, body)
@@ -108,7 +106,7 @@ def _models(folder: str, domain: Domain, robot: Robot) -> Mapping[str, Mapping[s
     return found
 
 
-def _loop(editor: Editor, page: Page, check: Callable[[], None], backends: Sequence[RosBackend]) -> None:
+def _loop(editor: Editor, page: Page, check: Callable[[], None], backends: Sequence[Backend]) -> None:
     while True:
         check()
         for backend in backends:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.trials import open_speeds, random_trial
 from ator_ros.geometry import Pose
+from ator_ros.refinement.refiner import MOST_ALTERNATIVES
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import LeftOutError, TopLibrary
 from ator_ros.tops.objects import followed
@@ -23,16 +24,21 @@ _SAME_PLACE = 0.15  # m up to which a goal counts as lying at an object that its
 class Draft:
     """A start, everything at rest, and a plan with open variables; each change makes a new draft.
 
-    `action_set` executes the plan.
+    `action_set` executes the plan. `alternatives` are other chains for the same end, of which refinement may
+    choose one, and `weights` those of its objective, by measure; what is not named has the usual weight.
     """
 
     world: World
     chain: TopChain
     action_set: str
+    alternatives: tuple[TopChain, ...] = ()
+    weights: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     def _with_calls(self, change: Callable[[TopCall], TopCall]) -> Draft:
-        """Return the draft with each call changed."""
-        return dataclasses.replace(self, chain=TopChain(tuple(map(change, self.chain.calls))))
+        """Return the draft with each call of each chain changed."""
+        chains = (self.chain, *self.alternatives)
+        chain, *others = (TopChain(tuple(map(change, each.calls))) for each in chains)
+        return dataclasses.replace(self, chain=chain, alternatives=tuple(others))
 
     def with_robot(self, pose: Pose) -> Draft:
         """Return the draft with the robot standing at `pose`."""
@@ -85,6 +91,15 @@ class Draft:
             return dataclasses.replace(call, top=top, goal=dataclasses.replace(call.goal, point=top.point))
 
         return dataclasses.replace(self._with_calls(executed), action_set=library.action_set)
+
+    def with_weight(self, measure: str, weight: float) -> Draft:
+        """Return the draft with the weight of a measure of performance."""
+        return dataclasses.replace(self, weights={**self.weights, measure: weight})
+
+    def with_alternative(self) -> Draft:
+        """Return the draft with its chain, as it is now, as one more alternative; the newest are kept."""
+        kept = dict.fromkeys((*self.alternatives, self.chain))
+        return dataclasses.replace(self, alternatives=tuple(kept)[-MOST_ALTERNATIVES:])
 
     @property
     def movable_goals(self) -> Mapping[int, Pose]:

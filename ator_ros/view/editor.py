@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
-from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
-from ator_ros.tops.library import TopLibrary
-from ator_ros.view.backend import OTHERS, Answer, Backend, NodesError, Run, UnavailableError
+from ator_ros.nodes.network import NodesError, UnavailableError
 from ator_ros.view.draft import Draft, first_draft, situation_draft
+from ator_ros.view.runs import OTHERS, Answer, Run
 from ator_ros.world.state import World
+
+if TYPE_CHECKING:  # needs ROS
+    from ator_ros.view.backend import Backend
 
 NAIVE, REFINED = "naive", "refined"
 _RETRY_STEPS = 25
@@ -33,8 +36,8 @@ class Editor:
         Grows with every change of draft or answer.
     """
 
-    def __init__(self, backend: Backend, domain: Domain, libraries: Mapping[str, TopLibrary]) -> None:
-        self.backend, self.domain, self.libraries = backend, domain, libraries
+    def __init__(self, backend: Backend) -> None:
+        self.backend, self.domain, self.libraries = backend, backend.domain, backend.libraries
         self.seed, self.index = 0, 0
         self.answer: Answer | None = None
         self.problem, self.paused = "", False
@@ -45,7 +48,7 @@ class Editor:
         self._follows, self._followed = False, -math.inf
         self._retry = 0
         self._external: tuple[object, ...] = ()
-        self.chain_name, self.draft = first_draft(domain, libraries)
+        self.chain_name, self.draft = first_draft(self.domain, self.libraries)
 
     # Situations
 
@@ -58,7 +61,7 @@ class Editor:
             self.domain, self.libraries, name, seed=seed, index=index, action_set=self.draft.action_set
         )
         self.chain_name, self.seed, self.index = name, seed, index  # after this, it exists
-        self._go_to(draft)
+        self._go_to(dataclasses.replace(draft, weights=self.draft.weights))
 
     def reset(self) -> None:
         """Place robot and objects at the draft's start."""
@@ -191,11 +194,9 @@ class Editor:
         elif self._retry:
             self._retry -= 1
             self._stale = not self._retry
-        run = self.run
-        if run is not None and not run.ended:
-            run.record(world.time, world.robot.pose)
-            self.backend.watch()
-        elif self._waiting and not self._stale:
+        if self._active:
+            return
+        if self._waiting and not self._stale:
             self._try(self._start)
         elif self._displaced and not self.runs and not self._waiting:
             self._try(self._restore)
@@ -222,7 +223,7 @@ class Editor:
             return
         self._external, self.runs = state, [goal.run]
         self._displaced, self._follows, self._followed = False, True, -math.inf
-        self.draft, self._stale = goal.draft, False
+        self.draft, self._stale = dataclasses.replace(goal.draft, weights=self.draft.weights), False
         self._refine(as_given=goal.driven and not goal.refined)
         chain = goal.draft.chain
         if self.answer is None:  # it is drawn without predictions
@@ -260,7 +261,7 @@ class Editor:
         self.paused, self._displaced, self._follows = False, True, False
         self.runs.append(run)
         refine = run.label == REFINED
-        naive = dataclasses.replace(self.draft, chain=self.answer.naive)
+        naive = dataclasses.replace(self.draft, chain=self.answer.naive, alternatives=())
         try:
             self.backend.execute(run, self.draft if refine else naive, refine=refine)
         except NodesError:

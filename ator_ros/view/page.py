@@ -3,25 +3,39 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import math
 import random
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from queue import SimpleQueue
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import viser
 
 from ator_ros.geometry import Pose
+from ator_ros.nodes.shapes import (
+    BLUE,
+    ORANGE,
+    YELLOW,
+    Shape,
+    alternative_shapes,
+    polyline,
+    refinement_shapes,
+)
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.refinement.chain_prediction import chain_situations
+from ator_ros.refinement.objective import MEASURES, MOST_WEIGHT
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
-from ator_ros.view.backend import OTHERS, Answer, Backend, Run, plain, seconds
+from ator_ros.view.draft import Draft
 from ator_ros.view.editor import NAIVE, REFINED, Editor
+from ator_ros.view.runs import OTHERS, Answer, Run, plain, seconds
 from ator_ros.view.scene import LOOPBACK, Canvas, Handle, RobotModel, serve
-from ator_ros.view.shapes import BLUE, ORANGE, YELLOW, Shape, polyline, refinement_shapes
 from ator_ros.world.state import World
+
+if TYPE_CHECKING:  # needs ROS
+    from ator_ros.view.backend import Backend
 
 Commands = SimpleQueue[Callable[[], None]]
 _SILENCE = 2.0
@@ -120,9 +134,9 @@ class Page:
     def _show_chain(self) -> None:
         draft, answer = self._editor.draft, self._editor.answer
         start = draft.world.robot.pose
-        shapes: list[Shape] = []
+        shapes: list[Shape] = [*alternative_shapes(start, draft.alternatives)]
         if answer is not None:
-            shapes = refinement_shapes(start, answer.naive, answer.chain, answer.curves)
+            shapes += refinement_shapes(start, answer.naive, answer.chain, answer.curves)
         self._chain.draw(shapes)
         self._panel.show_draft()
 
@@ -193,7 +207,8 @@ def gate_text(answer: Answer | None, problem: str) -> str:
         return f"**not refined:** {plain(problem)}"
     if answer is None:
         return "no chain"
-    return f"**{'refined' if answer.refined else 'left alone'}:** {plain(answer.reason)}"
+    chosen = f", alternative {answer.chosen}" if answer.chosen else ""
+    return f"**{'refined' if answer.refined else 'left alone'}{chosen}:** {plain(answer.reason)}"
 
 
 def rules_text(world: World, chain: TopChain, robot: Robot, models: Mapping[str, PerformanceModel]) -> str:
@@ -247,6 +262,12 @@ class Panel:
         with gui.add_folder("Situation", expand_by_default=editor.backend.can_place):
             self._seed = self._situation()
         self._open_variables = gui.add_folder("Open variables")
+        with gui.add_folder("What counts", expand_by_default=False):
+            self._weights()
+        with gui.add_folder("Alternatives", expand_by_default=False):
+            self._button("Keep this chain as an alternative", lambda: editor.edit(Draft.with_alternative))
+            forget = partial(dataclasses.replace, alternatives=())
+            self._button("Forget alternatives", lambda: editor.edit(forget))
         with gui.add_folder("Rules of the models", expand_by_default=False):
             self._rules = gui.add_markdown("")
 
@@ -262,6 +283,16 @@ class Panel:
         sets = gui.add_dropdown("Actions", tuple(editor.libraries), initial_value=editor.draft.action_set)
         self._on_change(sets, editor.use_actions)
         return seed
+
+    def _weights(self) -> None:
+        usual = {"duration": 1.0, "success": self._editor.domain.time_limit}
+        for name, measure in MEASURES.items():
+            label, weight = f"{name} (s per {measure.unit})", usual.get(name, 0.0)
+            field = self._gui.add_number(label, weight, min=0.0, max=MOST_WEIGHT, step=0.1)
+            self._on_change(field, partial(self._set_weight, name))
+
+    def _set_weight(self, measure: str, weight: float) -> None:
+        self._editor.edit(lambda draft: draft.with_weight(measure, weight))
 
     def show_draft(self) -> None:
         """Show the draft's seed, and a box for each variable that can be opened."""
@@ -292,6 +323,8 @@ class Panel:
         """Write the texts; `models` are those of the draft's action set, by action."""
         editor, backend, answer = self._editor, self._editor.backend, self._editor.answer
         status = "drag robot, objects or goals" if editor.run is None else editor.run.status
+        if backend.refused:
+            status = f"not moved: {backend.refused}"
         self._clock.content = clock_text(
             world, paused=editor.paused, status=status, silence=backend.silence()
         )
@@ -300,7 +333,8 @@ class Panel:
         self._verdict.content = editor.verdict
         if answer is not None:
             self._rules.content = rules_text(editor.draft.world, answer.chain, robot, models)
-        self._history.content = backend.history.report()
+        learned = f"Learned models in use: {plain(backend.learned)}." if backend.learned else ""
+        self._history.content = f"{learned}\n\n{backend.history.report()}"
 
     def _button(self, label: str, command: Callable[[], None]) -> None:
         self._gui.add_button(label).on_click(lambda _: self._commands.put(command))

@@ -17,8 +17,8 @@ from viser.extras import ViserUrdf
 
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import FloatArray, Pose, quaternion_from_yaw
+from ator_ros.nodes.shapes import Arrow, Color, Segments, Shape, surroundings
 from ator_ros.robot.description import Robot
-from ator_ros.view.shapes import Arrow, Color, Segments, Shape, surroundings
 from ator_ros.world.scene import Area
 
 LOOPBACK = "127.0.0.1"

@@ -16,16 +16,16 @@ from ator_interfaces.msg import Outcome
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.geometry import Pose
-from ator_ros.nodes.view_backend import RosBackend
-from ator_ros.view.backend import NodesError, Run
+from ator_ros.nodes.network import NodesError
+from ator_ros.view.backend import Backend
 from ator_ros.view.draft import Draft
 from ator_ros.view.editor import NAIVE, REFINED, Editor
+from ator_ros.view.runs import Run
 from ator_ros.world.state import ObjectState, RobotState, World
 
 pytestmark = pytest.mark.node
 ROBOT = SOCCER.robot()
-LIBRARIES = {name: SOCCER.library(ROBOT, name) for name in SOCCER.action_sets}
-TRIAL = random_trial(SOCCER, "dribble", LIBRARIES["default"], seed=0, index=0)
+TRIAL = random_trial(SOCCER, "dribble", SOCCER.library(ROBOT), seed=0, index=0)
 DRAFT = Draft(TRIAL.world, TRIAL.chain, "default")
 PLACES = World(0.0, RobotState(Pose(1.0, 1.0, 0.0)), {"ball": ObjectState(-1.0, 0.5)})
 PATIENCE = 240.0
@@ -44,20 +44,20 @@ def until(happened: Callable[[], object], what: str, step: Callable[[], object])
         step()
 
 
-def steps(editor: Editor, happened: Callable[[], object], what: str, *others: RosBackend) -> None:
+def steps(editor: Editor, happened: Callable[[], object], what: str, *others: Backend) -> None:
     """Step the editor until something has happened; its robot's messages are taken, and those of others."""
 
     def step() -> None:
         for backend in (editor.backend, *others):
-            assert isinstance(backend, RosBackend)
+            assert isinstance(backend, Backend)
             backend.spin(0.02)
         editor.step()
 
     until(happened, what, step)
 
 
-def attached(backend: RosBackend) -> Editor:
-    editor = Editor(backend, SOCCER, LIBRARIES)
+def attached(backend: Backend) -> Editor:
+    editor = Editor(backend)
     editor.select(backend)
     steps(editor, lambda: editor.answer is not None, "an answer")
     return editor
@@ -65,7 +65,7 @@ def attached(backend: RosBackend) -> Editor:
 
 # With mock nodes
 
-Mocked = tuple[RosBackend, MockNodes]
+Mocked = tuple[Backend, MockNodes]
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def mocked(domain: int, request: pytest.FixtureRequest) -> Iterator[Mocked]:
     with ExitStack() as closing:
         nodes = MockNodes(domain, from_tf=getattr(request, "param", "odom") == "tf")
         closing.callback(nodes.close)
-        backend = RosBackend(SOCCER, ROBOT, ros_domain=domain, timeout=20.0)
+        backend = Backend(SOCCER, ROBOT, ros_domain=domain, timeout=20.0)
         closing.callback(backend.close)
         backend.ready(simulated=False)
         assert backend.can_place
@@ -114,12 +114,7 @@ def test_a_chain_whose_executor_has_gone_is_lost(mocked: Mocked) -> None:
     run = Run(NAIVE)
     backend.execute(run, DRAFT, refine=False)
     nodes.vanish()
-
-    def watch() -> None:
-        backend.watch()
-        backend.spin(0.02)
-
-    until(lambda: run.ended, "the end", watch)
+    until(lambda: run.ended, "the end", lambda: backend.spin(0.02))
     assert run.status == LOST
     backend.stop()  # no chain is active any more
 
@@ -144,7 +139,7 @@ def test_a_goal_of_another_client_is_followed_and_can_be_canceled(
     start("simulation", command_wait=10.0, real_time_factor=3.0)
     start("refinement", deadline=5.0)
     start("executor", **BUSY)
-    backend = RosBackend(SOCCER, ROBOT, ros_domain=domain, start_timeout=PATIENCE, timeout=PATIENCE)
+    backend = Backend(SOCCER, ROBOT, ros_domain=domain, start_timeout=PATIENCE, timeout=PATIENCE)
     backend.ready(simulated=False)
     editor = attached(backend)
     chains = ChainClient(client)
@@ -191,7 +186,7 @@ def test_two_robots_of_one_simulation_are_shown_moved_and_executed(domain: int, 
             frame = f"{name}/odom"
             start("refinement", namespace=name, frame=frame, deadline=5.0)
             start("executor", namespace=name, frame=frame, robot_frame=f"{name}/base_link", **BUSY)
-            backends[name] = RosBackend(
+            backends[name] = Backend(
                 SOCCER, ROBOT, frame=frame, ros_domain=domain,
                 arguments=["--ros-args", "-r", f"__ns:=/{name}"],
                 start_timeout=PATIENCE, timeout=PATIENCE / 4.0,
@@ -203,7 +198,7 @@ def test_two_robots_of_one_simulation_are_shown_moved_and_executed(domain: int, 
         execute_two_robots(*backends.values())
 
 
-def execute_two_robots(ann: RosBackend, bob: RosBackend) -> None:
+def execute_two_robots(ann: Backend, bob: Backend) -> None:
     editor = attached(ann)
     for backend, pose in zip((ann, bob), STARTS.values(), strict=True):
         backend.spin(1.0)
@@ -234,12 +229,12 @@ def execute_two_robots(ann: RosBackend, bob: RosBackend) -> None:
     assert ann.history.report().startswith("1 chains")
 
 
-def distance(backend: RosBackend, pose: Pose) -> float:
+def distance(backend: Backend, pose: Pose) -> float:
     world = backend.world()
     return float("inf") if world is None else world.robot.pose.distance(pose)
 
 
-def is_ball_at(backend: RosBackend, x: float, y: float) -> bool:
+def is_ball_at(backend: Backend, x: float, y: float) -> bool:
     world = backend.world()
     ball = None if world is None else world.objects.get("ball")
     return ball is not None and abs(ball.x - x) < 0.02 and abs(ball.y - y) < 0.02

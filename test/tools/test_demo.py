@@ -12,32 +12,34 @@ from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, Pe
 from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import random_trial
+from ator_ros.nodes.network import NodesError
 from ator_ros.robot.description import load_robot
-from ator_ros.tools.demo import DemoRun, DemoSituation, table
+from ator_ros.tools.demo import DemoSituation, table
 from ator_ros.tools.own_nodes import NodeProcesses
 from ator_ros.tops.chain import TopChain
-from ator_ros.view.backend import NodesError
+from ator_ros.view.runs import Answer, Run
 
 ROBOT = load_robot()
 TRIAL = random_trial(SOCCER, "shoot", SOCCER.library(ROBOT), seed=401, index=0)
 
 
-def run(*, total: float, success: bool = True, refined: bool = False) -> DemoRun:
+def run(*, total: float, success: bool = True, refined: bool = False) -> Run:
     record = ChainPerformance(refined=refined, refinement="no gain")
     record.outcome.code = Outcome.SUCCEEDED if success else Outcome.FAILED
     record.outcome.reason = "lost the ball"
     record.actual.duration = total
     for duration in (3.0, 4.0, total - 7.0) if success else (3.0,):
         record.actions.append(ActionPerformance(actual=Performance(duration=duration)))
-    return DemoRun(record, math.nan, (3.1, 4.1, math.nan), [(0, 0), (1, 1)])
+    return Run("refined", duration=total if success else math.nan, record=record)
 
 
 def test_the_table_shows_gains_and_failures() -> None:
     shorter = TopChain(TRIAL.chain.calls[:2])
+    answer = Answer(shorter, shorter, False, "", *2 * [(3.1, 4.1, math.nan)])
     text = table(
         [
-            DemoSituation(TRIAL.world, shorter, run(total=10.0), run(total=8.0, refined=True)),
-            DemoSituation(TRIAL.world, TRIAL.chain, run(total=10.0), run(total=9.0, success=False)),
+            DemoSituation(TRIAL.world, shorter, answer, run(total=10.0), run(total=8.0, refined=True)),
+            DemoSituation(TRIAL.world, TRIAL.chain, answer, run(total=10.0), run(total=9.0, success=False)),
         ]
     )
     assert "+2.00 s (+20 %)" in text

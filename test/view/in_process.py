@@ -9,15 +9,16 @@ from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.geometry import FloatArray, Pose
+from ator_ros.nodes.network import NodesError
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement import RefinementError
-from ator_ros.refinement.objective import expected_time
+from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import Refiner, choose
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
-from ator_ros.view.backend import Answer, ExternalGoal, History, NodesError, Run
 from ator_ros.view.draft import Draft
 from ator_ros.view.editor import Editor
+from ator_ros.view.runs import Answer, ExternalGoal, History, Run
 from ator_ros.world.state import ObjectState, RobotState, World
 
 
@@ -39,16 +40,17 @@ class InProcessBackend:
         self.executed: list[TopChain] = []
         self.external: ExternalGoal | None = None
         self.path: FloatArray | None = None
+        self.learned = self.refused = ""
 
     def editor(self) -> Editor:
         """Return an editor of this backend, after its first step."""
-        editor = Editor(self, self.domain, self.libraries)
+        editor = Editor(self)
         editor.step()
         return editor
 
     def attached(self) -> Editor:
         """Return an editor attached to this backend's running robot, after its first step."""
-        editor = Editor(self, self.domain, self.libraries)
+        editor = Editor(self)
         editor.select(self)
         editor.step()
         return editor
@@ -56,6 +58,8 @@ class InProcessBackend:
     def observe(self, time: float, pose: Pose, ball: tuple[float, float]) -> None:
         """Set the observed pose of the robot and place of the ball (m) at `time` s."""
         self.state = World(time, RobotState(pose), {"ball": ObjectState(*ball)})
+        if self.external is not None:
+            self.external.run.record_pose(time, pose)
 
     def world(self) -> World | None:
         return self.state
@@ -71,11 +75,10 @@ class InProcessBackend:
         violations = draft.chain.violations(draft.world, self.robot)
         if violations:
             raise NodesError(violations[0])
-        objective = expected_time(self.domain.time_limit)
+        objective = Objective({"duration": 1.0, **draft.weights})
+        chains = (draft.chain, *draft.alternatives)
         try:
-            selection = choose(
-                self.refiner, draft.world, (draft.chain,), objective, placeholders=not as_given
-            )
+            selection = choose(self.refiner, draft.world, chains, objective, placeholders=not as_given)
         except RefinementError as error:
             raise NodesError(str(error)) from error
         found = selection.refinement
@@ -86,6 +89,7 @@ class InProcessBackend:
             found.reason,
             *(tuple(action["duration"] for action in whole.actions) for whole in (found.before, found.after)),
             found.curves,
+            selection.number,
         )
 
     def place_robot(self, pose: Pose) -> None:
@@ -108,9 +112,6 @@ class InProcessBackend:
         run.duration = done.duration if done.success else math.nan
         run.ended, run.status = True, "done"
         self.place_robot(chain.calls[-1].goal.pose)
-
-    def watch(self) -> None:
-        pass
 
     def stop(self) -> None:
         self.calls.append("stop")

@@ -10,9 +10,10 @@ from view.in_process import InProcessBackend
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
-from ator_ros.view.backend import OTHERS, ExternalGoal, NodesError, Run, UnavailableError
+from ator_ros.nodes.network import NodesError, UnavailableError
 from ator_ros.view.draft import Draft, situation_draft
 from ator_ros.view.editor import NAIVE, REFINED, Editor
+from ator_ros.view.runs import OTHERS, ExternalGoal, Run
 from ator_ros.world.state import World
 
 
@@ -107,7 +108,7 @@ def test_a_race_gives_two_times_from_the_same_start(editor: Editor, backend: InP
 def test_the_ghost_is_at_the_pose_of_the_first_run_at_the_same_time(editor: Editor) -> None:
     first, second = Run(NAIVE), Run(REFINED)
     for tick in range(5):
-        first.record(10.0 + tick, Pose(tick, 0.0, 0.0))
+        first.record_pose(10.0 + tick, Pose(tick, 0.0, 0.0))
     assert first.pose_at(2.0) == Pose(2, 0.0, 0.0)
     assert first.pose_at(99.0) == Pose(4, 0.0, 0.0)
     assert second.pose_at(0.0) is None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ator_ros.geometry import Pose
-from ator_ros.view.backend import ExecutedChain, History
+from ator_ros.view.runs import ExecutedChain, History
 
 PLACES = (Pose(0.0, 0.0, 0.0), Pose(1.0, 0.0, 0.0), Pose(2.0, 1.0, 0.5))
 

@@ -16,10 +16,10 @@ from view.viser_client import ViserClient
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.simulation.urdf import robot_urdf
-from ator_ros.view.backend import OTHERS, ExternalGoal, Run
 from ator_ros.view.draft import situation_draft
 from ator_ros.view.editor import NAIVE, Editor
 from ator_ros.view.page import Page, clock_text, gate_text, rules_text, times_text
+from ator_ros.view.runs import OTHERS, ExternalGoal, Run
 from ator_ros.view.scene import LOOPBACK, serve
 from ator_ros.world.state import RobotState, World
 
@@ -31,7 +31,7 @@ class Shown:
 
     def __init__(self) -> None:
         self.backend, self.other = InProcessBackend(), InProcessBackend()
-        self.editor = Editor(self.backend, SOCCER, self.backend.libraries)
+        self.editor = Editor(self.backend)
         self.other.observe(0.0, Pose(-1.0, 1.5, 0.5), (2.0, -0.5))
         robots = {"ann": self.backend, "bob": self.other}
         self.page = Page(self.editor, ROBOT, robot_urdf(ROBOT), {}, robots=robots, port=free_port())

@@ -10,9 +10,7 @@ import pytest
 from view.in_process import InProcessBackend
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.refinement.refiner import SubgoalCurve
-from ator_ros.view.backend import Answer
-from ator_ros.view.shapes import (
+from ator_ros.nodes.shapes import (
     Arrow,
     Segments,
     costs_by_heading,
@@ -21,6 +19,8 @@ from ator_ros.view.shapes import (
     ring,
     surroundings,
 )
+from ator_ros.refinement.refiner import SubgoalCurve
+from ator_ros.view.runs import Answer
 
 
 @pytest.fixture(scope="module")

@@ -20,10 +20,11 @@ Color = tuple[float, float, float]
 GRAY: Color = (0.55, 0.57, 0.6)
 BLUE: Color = (0.13, 0.45, 0.9)
 ORANGE: Color = (0.95, 0.5, 0.1)
+VIOLET: Color = (0.6, 0.45, 0.75)
 YELLOW: Color = (1.0, 0.82, 0.24)
 WHITE: Color = (0.93, 0.94, 0.95)
 
-_LEG_WIDTH, _LINE_WIDTH = 0.015, 0.03
+_LEG_WIDTH, _ALTERNATIVE_WIDTH, _LINE_WIDTH = 0.015, 0.008, 0.03
 _RING_RADIUS, _RING_DEPTH = 0.35, 0.35
 """Radius in m where the chain is fastest, and what is added where it is slowest."""
 _RING_WIDTH, _CHOSEN_WIDTH = 0.03, 0.05
@@ -91,6 +92,15 @@ def refinement_shapes(
         *_chain_shapes("naive", start, naive, GRAY),
         *_chain_shapes("chain", start, chain, BLUE),
         *(shape for curve in curves for shape in ring(chain, curve)),
+    ]
+
+
+def alternative_shapes(start: Pose, chains: Sequence[TopChain]) -> list[Segments]:
+    """Return thin lines from `start` along the subgoals of other chains."""
+    corners = [[start[:2], *(call.goal.pose[:2] for call in chain.calls)] for chain in chains]
+    return [
+        polyline(f"alternative{number}", each, VIOLET, _ALTERNATIVE_WIDTH)
+        for number, each in enumerate(corners)
     ]
 
 
