@@ -63,6 +63,28 @@ def test_commitments_are_not_refined(editor: Editor) -> None:
     assert "nothing is open" in editor.answer.reason
 
 
+def test_the_best_alternative_is_chosen_and_executed(editor: Editor, backend: InProcessBackend) -> None:
+    ball = editor.draft.world.objects["ball"]
+    near, far = (Pose(share * ball.x, share * ball.y, 0.0) for share in (0.6, -1.0))
+    editor.step([lambda: editor.move_goal(1, near), lambda: editor.edit(Draft.with_alternative)])
+    editor.step([lambda: editor.move_goal(1, far)])
+    assert [chain.calls[1].goal.pose for chain in backend.refined[-1].alternatives] == [near]
+    assert editor.answer is not None
+    assert editor.answer.chosen == 1
+    editor.execute(NAIVE)
+    editor.step()
+    assert backend.executed[-1].calls[1].goal.pose == near
+
+
+def test_weights_are_those_of_all_situations(editor: Editor, backend: InProcessBackend) -> None:
+    editor.step([lambda: editor.edit(lambda draft: draft.with_weight("duration", 0.0))])
+    assert "expected at least one weight above 0" in editor.problem
+    editor.step([lambda: editor.edit(lambda draft: draft.with_weight("duration", 2.0)), editor.reset])
+    editor.step([lambda: editor.situation(seed=3)])
+    assert backend.refined[-1].weights == {"duration": 2.0}
+    assert editor.problem == ""
+
+
 COMMANDS: dict[str, Callable[[Editor], object]] = {
     "an unknown step": lambda editor: editor.move_goal(7, Pose(0.0, 0.0, 0.0)),
     "an unknown action set": lambda editor: editor.use_actions("chess"),

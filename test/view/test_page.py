@@ -130,6 +130,8 @@ def test_a_goal_of_another_client_is_drawn(shown: Shown) -> None:
         client.until(lambda words=words: words in client.text(), words)
     client.until(lambda: client.drawn["/chain/ring0"] > before, "the ring of another situation")
     assert {"/chain/naive/legs", "/chain/chain/legs", "/chain/ring0", "/chain/chosen0"} <= set(client.scene)
+    for time in (1.0, 2.0):
+        shown.backend.observe(time, Pose(0.1 * time, 0.0, 0.0), (1.0, 0.0))
     shown.step()
     client.until(lambda: "/trails/others" in client.scene, "the trail")
     client.close()
