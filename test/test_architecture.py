@@ -51,7 +51,6 @@ ROS = {
     "rcl_interfaces",
     "rclpy",
     "rosgraph_msgs",
-    "rosidl_parser",
     "sensor_msgs",
     "std_msgs",
     "std_srvs",

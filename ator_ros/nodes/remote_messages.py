@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
-from rosidl_parser import definition
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import goal_values
@@ -16,8 +16,9 @@ from ator_ros.actions.remote import Filling, RemoteCall, parts
 from ator_ros.nodes.messages import pose_of
 from ator_ros.printable import printable, quoted
 
-_FLOATS = ("float", "double", "long double")
-_POSES = ("Pose", "PoseStamped")
+_FLOATS = ("float", "double")
+_POSES = ("geometry_msgs/Pose", "geometry_msgs/PoseStamped")
+_SEQUENCE = re.compile(r"sequence<([^,]+)(?:, \d+)?>")
 
 
 class RemoteError(ValueError):
@@ -61,26 +62,25 @@ class GoalWriter:
 
 def _writer(filling: Filling, kind: Any, frame: str, where: str) -> Callable[[Goal], Any]:
     """Return what computes the value of a field from a goal."""
-    slot, source = _slot(kind, filling.field, where), filling.source
+    slot, source = _type_at(kind, filling.field, where), filling.source
     if source is None:
         constant = _fitting(filling.constant, slot, where)
         return lambda _: constant
     if source == "goal":
-        name = getattr(slot, "name", "")
-        _require(name in _POSES, where, "a field of type geometry_msgs/Pose or PoseStamped", slot)
-        return lambda goal: _pose(goal, name, filling.frame or frame)
+        _require(slot in _POSES, where, "a field of type geometry_msgs/Pose or PoseStamped", slot)
+        return lambda goal: _pose(goal, slot, filling.frame or frame)
     if source == "frame":
-        _require(isinstance(slot, definition.AbstractString), where, "a field for a text", slot)
+        _require(_is_text(slot), where, "a field for a text", slot)
         return lambda _: frame
-    _require(getattr(slot, "typename", "") in _FLOATS, where, "a field for a float", slot)
+    _require(slot in _FLOATS, where, "a field for a float", slot)
     variable = filling.goal_variable
     assert variable is not None
     return lambda goal: float(goal_values(goal)[variable])
 
 
-def _pose(goal: Goal, name: str, frame: str) -> Any:
+def _pose(goal: Goal, kind: str, frame: str) -> Any:
     pose = pose_of(goal.pose)
-    if name == "Pose":
+    if kind == "geometry_msgs/Pose":
         return pose
     stamped = PoseStamped(pose=pose)
     stamped.header.frame_id = frame
@@ -91,39 +91,35 @@ def check_result(call: RemoteCall, kind: Any) -> None:
     """Make sure that the result's message has the fields that are read; raises RemoteError."""
     for number, expected in enumerate(call.success.fields):
         where = f"success.fields[{number}]"
-        _fitting(expected.equals, _slot(kind, expected.field, where), where)
+        _fitting(expected.equals, _type_at(kind, expected.field, where), where)
     if call.success.reason is not None:
-        _slot(kind, call.success.reason, "success.reason")
+        _type_at(kind, call.success.reason, "success.reason")
 
 
-# Paths
+# Paths; types are named as by `get_fields_and_field_types`
 
 
-def _slot(kind: Any, path: str, where: str) -> Any:
+def _type_at(kind: Any, path: str, where: str) -> str:
     """Return the type of the field at a path; raises RemoteError."""
-    slot: Any = None
+    slot = ""
     for name, indexed in parts(path):
-        fields = (
-            {} if kind is None else dict(zip(kind.get_fields_and_field_types(), kind.SLOT_TYPES, strict=True))
-        )
+        fields = {} if kind is None else kind.get_fields_and_field_types()
         if name not in fields:
-            known = f"one of {', '.join(fields)}" if fields else f"nothing within {_described(slot)}"
-            if isinstance(slot, definition.AbstractNestedType):
-                known = f"{path.partition('.' + name)[0]}[0].{name}, as it is a list"
+            known = f"one of {', '.join(fields)}" if fields else f"nothing within {slot}"
             raise RemoteError(f"{where}.field: expected {known}, got {quoted(name)} in {quoted(path)}")
         slot = fields[name]
         if indexed:
-            _require(isinstance(slot, definition.AbstractSequence), where, f"a sequence for {name}[0]", slot)
-            slot = slot.value_type
+            sequence = _SEQUENCE.fullmatch(slot)
+            _require(sequence is not None, where, f"a sequence for {name}[0]", slot)
+            slot = sequence[1] if sequence else slot
         kind = _class_of(slot)
     return slot
 
 
-def _class_of(slot: Any) -> Any:
+def _class_of(slot: str) -> Any:
     """Return the class of a message; None for what is no message."""
-    if not isinstance(slot, definition.NamespacedType):
-        return None
-    return getattr(importlib.import_module(".".join(slot.namespaces)), slot.name)
+    package, _, name = slot.partition("/")
+    return getattr(importlib.import_module(f"{package}.msg"), name) if name.isidentifier() else None
 
 
 def _put(message: Any, path: str, value: Any) -> None:
@@ -131,42 +127,37 @@ def _put(message: Any, path: str, value: Any) -> None:
     *way, (last, indexed) = parts(path)
     for name, only in way:
         if only and not getattr(message, name):
-            slots = dict(zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True))
-            setattr(message, name, [_class_of(slots[name].value_type)()])
+            sequence = _SEQUENCE.fullmatch(message.get_fields_and_field_types()[name])
+            assert sequence is not None  # checked before
+            setattr(message, name, [_class_of(sequence[1])()])
         message = getattr(message, name)[0] if only else getattr(message, name)
     setattr(message, last, [value] if indexed else value)
 
 
-def _fitting(value: Any, slot: Any, where: str) -> Any:
+def _is_text(slot: str) -> bool:
+    return slot.startswith(("string", "wstring"))
+
+
+def _fitting(value: Any, slot: str, where: str) -> Any:
     """Return a constant as a field of this type holds it; raises RemoteError."""
-    kind = _described(slot)
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    if isinstance(slot, definition.AbstractString):
-        fits, kind = isinstance(value, str), "string"
-    elif kind == "boolean":
+    if _is_text(slot):
+        fits = isinstance(value, str)
+    elif slot == "boolean":
         fits = isinstance(value, bool)
-    elif kind in _FLOATS:
+    elif slot in _FLOATS:
         fits, value = number, float(value) if number else value
-    elif isinstance(slot, definition.BasicType) and "int" in kind:
-        fits = number and isinstance(value, int) and np.iinfo(kind).min <= value <= np.iinfo(kind).max
+    elif re.fullmatch(r"u?int\d+", slot):
+        fits = number and isinstance(value, int) and np.iinfo(slot).min <= value <= np.iinfo(slot).max
     else:
-        raise RemoteError(f"{where}: expected a field for a text, a number or a truth value, got {kind}")
-    _require(fits, where, f"a constant of type {kind}", value)
+        raise RemoteError(f"{where}: expected a field for a text, a number or a truth value, got {slot}")
+    _require(fits, where, f"a constant of type {slot}", quoted(value))
     return value
 
 
-def _require(holds: bool, where: str, expected: str, got: Any) -> None:
+def _require(holds: bool, where: str, expected: str, got: str) -> None:
     if not holds:
-        raise RemoteError(f"{where}: expected {expected}, got {_described(got)}")
-
-
-def _described(got: Any) -> str:
-    """Return a value, or the type of a field, as text for a message."""
-    if isinstance(got, definition.NamespacedType):
-        return "/".join((got.namespaces[0], got.name))
-    if isinstance(got, definition.AbstractType):
-        return str(getattr(got, "typename", type(got).__name__))
-    return quoted(got)
+        raise RemoteError(f"{where}: expected {expected}, got {got}")
 
 
 def interface_of(call: RemoteCall, frame: str) -> tuple[Any, GoalWriter]:

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 import pytest
 from documentation import ROOT
-from rosidl_parser.definition import BasicType, NamespacedType, UnboundedString
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.remote import failure_in
@@ -27,21 +26,19 @@ def domain_in(folder: Path, text: str) -> Domain:
     return find_domain(str(file))
 
 
-def message(**slots: object) -> type:
-    """Return a message class with these fields, as in nav2_msgs."""
+def message(**types: str) -> type:
+    """Return a message class with fields of these types, as in nav2_msgs."""
 
     class Message(SimpleNamespace):
-        SLOT_TYPES = tuple(slots.values())
-
         @classmethod
         def get_fields_and_field_types(cls) -> dict[str, str]:
-            return {name: str(slot) for name, slot in slots.items()}
+            return types
 
     return Message
 
 
-GOAL = message(pose=NamespacedType(["geometry_msgs", "msg"], "PoseStamped"), behavior_tree=UnboundedString())
-RESULT = message(error_code=BasicType("uint16"))
+GOAL = message(pose="geometry_msgs/PoseStamped", behavior_tree="string")
+RESULT = message(error_code="uint16")
 
 
 def test_the_example_is_declared_as_printed() -> None:

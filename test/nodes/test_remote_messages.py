@@ -46,7 +46,7 @@ def test_poses_have_the_frame_of_the_states_unless_declared() -> None:
         (Filling("chain", source="goal"), r"goal\[0\]: expected a field of type geometry_msgs/Pose or"),
         (
             Filling("chain.calls.speed", source="goal.speed"),
-            r"goal\[0\].field: expected chain\.calls\[0\]\.speed, as it is a list, got 'speed'",
+            r"goal\[0\].field: expected nothing within sequence<ator_interfaces/TopCall>, got 'speed'",
         ),
         (Filling("refine.x", constant=1), r"goal\[0\].field: expected nothing within boolean"),
         (Filling("refine[0]", constant=1), r"goal\[0\]: expected a sequence for refine\[0\], got boolean"),
