@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -30,7 +30,7 @@ from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.diagnostics import STEADY, Diagnosis, Diagnostics, Health, Ticks, rival_senders
 from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
-from ator_ros.nodes.inputs import ObjectSources, RobotSource, TfListener
+from ator_ros.nodes.inputs import Subscriptions
 from ator_ros.nodes.models import LEARNED, warmed_up_predictors
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -180,17 +180,17 @@ class ExecutorNode(Node):
 
     def _connect(self, robot: Robot) -> None:
         settings = self._settings
-        frame, child, stamped = (settings[name] for name in ("frame", "robot_frame", "stamped_commands"))
-        self._commands = CommandPublisher(self, stamped=stamped, frame=child)
+        self._commands = CommandPublisher(
+            self, stamped=settings["stamped_commands"], frame=settings["robot_frame"]
+        )
         self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
         self._refinement = self.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
-        # In this order: of messages that have all come, those of objects are then taken first.
-        self._tf, sources = TfListener(self), map(self._domain.source, self._domain.objects)
-        self._objects = ObjectSources(self, sources, self._take_object, self._ignore, self._tf, frame=frame)
-        self._state = RobotSource(self, settings, robot, self._take_robot, self._ignore, self._warn, self._tf)
-        inputs = {"odom": self._state.input, **self._objects.inputs}
-        self._diagnosis = Diagnosis(self, inputs, self._tf)
+        subscribed = Subscriptions(
+            self, settings, robot, self._domain,
+            take_robot=self._take_robot, take_object=self._take_object, reject=self._ignore, warn=self._warn,
+        )  # fmt: skip
+        self._diagnosis = Diagnosis(self, subscribed.inputs, subscribed.tf)
         self._server = ActionServer(
             self, ExecuteChain, "execute_chain", self._execute,
             goal_callback=lambda _: GoalResponse.REJECT if self._shutting_down else GoalResponse.ACCEPT,
@@ -398,7 +398,7 @@ class ExecutorNode(Node):
         known = {} if self._world is None else self._world.objects
         values: dict[str, object] = {
             "odom": "none yet" if silence is None else f"{1000.0 * silence:.0f} ms ago",
-            **self._objects.diagnostics(known, self._inputs.overdue),
+            **{name: self._knowledge(name, known) for name in self._domain.objects},
             **self._rolling.diagnostics(),
             **self._ticks.diagnostics(),
             "goal": "none" if self._run is None else self._run.supervisor.phase.value,
@@ -406,12 +406,12 @@ class ExecutorNode(Node):
             "last error": self._last_error,
             **self._sets.diagnostics(),
         }
-        lost = self._objects.missing(known)
-        missing = ""
+        required = (name for name in self._domain.objects if not self._domain.source(name).optional)
+        lost, missing = [name for name in required if name not in known], ""
         self._commands.adapt()
         if stale:
             cause = self._diagnosis.cause("odom", self._odom_timeout)
-            missing = f"{self._state.input.topic.removeprefix('/')} is missing; {cause}"
+            missing = f"{'odom' if 'odom' in self._diagnosis.topics else 'tf'} is missing; {cause}"
         elif lost:
             cause = self._diagnosis.cause(lost[0], self._settings[f"{lost[0]}_timeout"])
             missing = f"{', '.join(lost)}: expected recent messages; {cause}"
@@ -423,6 +423,11 @@ class ExecutorNode(Node):
             values=values,
             lasting="; ".join(filter(None, (missing, self._commands.mismatch()))),
         )
+
+    def _knowledge(self, name: str, known: Container[str]) -> str:
+        if name not in known:
+            return "unknown"
+        return "overdue" if name in self._inputs.overdue else "known"
 
     def stop(self) -> None:
         """Stop the robot and end the running goal, before the node ends."""

@@ -5,7 +5,7 @@ tf is read from its messages; tf2_ros is not needed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -14,7 +14,9 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from tf2_msgs.msg import TFMessage
 
+from ator_ros.domains.domain import Domain
 from ator_ros.nodes.parameters import STATE, SetupError
 from ator_ros.nodes.qos import LATCHED_BY_MANY, RESULTS, SENSOR_DATA
 from ator_ros.robot.description import Robot
@@ -22,7 +24,6 @@ from ator_ros.world.estimation import RobotVelocity
 from ator_ros.world.messages import (
     MessageError,
     ObjectReader,
-    ObjectSource,
     OdometryReader,
     robot_from_placement,
     transform_from,
@@ -32,11 +33,6 @@ from ator_ros.world.transforms import Placement, Transforms
 
 Take = Callable[[float, Placement], None]
 """Takes the stamp of a frame in s, and its placement in another frame."""
-
-try:
-    from tf2_msgs.msg import TFMessage as TFMessage
-except ImportError:  # ROS without tf
-    TFMessage = None
 
 _WARNING_PERIOD = 2.0
 _MOST_NAMED = 8
@@ -72,15 +68,7 @@ class TfListener:
         return f"tf: expected transforms from {frame} to {child}, got the frames: {known or 'none'}"
 
     def follow(self, frame: str, child: str, take: Take) -> None:
-        """Pass on each update of the pose of `child` in `frame`, in the order of these calls.
-
-        Raises
-        ------
-        SetupError
-            tf2_msgs is not installed.
-        """
-        if TFMessage is None:
-            raise SetupError(f"{child} is to come from tf: expected the package tf2_msgs, got none")
+        """Pass on each update of the pose of `child` in `frame`, in the order of these calls."""
         if not self._followed:
             for topic, fixed, qos in (("/tf_static", True, LATCHED_BY_MANY), ("/tf", False, RESULTS)):
                 self._node.create_subscription(TFMessage, topic, partial(self._take, fixed=fixed), qos)
@@ -100,6 +88,13 @@ class TfListener:
                 followed.take(*found)
 
 
+TYPES: dict[str, Any] = {
+    "Odometry": Odometry,
+    "PoseStamped": PoseStamped,
+    "PoseWithCovarianceStamped": PoseWithCovarianceStamped,
+}
+
+
 @dataclass(frozen=True, slots=True)
 class Input:
     """Where a node gets the robot or an object from: a topic and its type, or two frames in tf."""
@@ -109,22 +104,30 @@ class Input:
     qos: QoSProfile
     frames: tuple[str, str] | None = None
 
-    @classmethod
-    def of_tf(cls, frame: str, child: str) -> Input:
-        """Return the input of the frame `child` in `frame`."""
-        return cls("/tf", TFMessage, RESULTS, (frame, child))
 
+class Subscriptions:
+    """Subscribes to the state of a robot and of the objects of a domain.
 
-class RobotSource:
-    """Subscribes to the robot's state.
-
-    `take` is called with time in s and state of the robot for each message, `reject` with "odom" and the
-    error of a message that cannot be used, `warn` with a remark on one that is used although it is doubtful.
+    Parameters
+    ----------
+    settings : mapping
+        The parameters `frame`, in which all of them must be, `robot_frame` and `robot_from`.
+    take_robot, take_object : callable
+        Called with time in s and state of the robot, and with name, time and state of an object.
+    reject : callable
+        Called with the name, "odom" for the robot, and the error of a message that cannot be used.
+    warn : callable
+        Called with a remark on a message that is used although it is doubtful.
 
     Attributes
     ----------
-    input : Input
-        Where the state comes from.
+    inputs : dict of str to Input
+        Where each of them comes from, by name; "odom" is the robot.
+
+    Raises
+    ------
+    SetupError
+        The robot's frame is that of odometry.
     """
 
     def __init__(
@@ -132,94 +135,55 @@ class RobotSource:
         node: Node,
         settings: Mapping[str, Any],
         robot: Robot,
-        take: Callable[[float, RobotState], None],
+        domain: Domain,
+        *,
+        take_robot: Callable[[float, RobotState], None],
+        take_object: Callable[[str, float, ObjectState], None],
         reject: Callable[[str, MessageError], None],
         warn: Callable[[str], None],
-        tf: TfListener,
     ) -> None:
-        self._take, self._reject, self._warn = take, reject, warn
+        self._node, self._take_robot, self._reject, self._warn = node, take_robot, reject, warn
+        self.tf, self.inputs = TfListener(node), dict[str, Input]()
         frames = settings["frame"], settings["robot_frame"]
-        self._reader = OdometryReader(settings["frame"])
-        if settings[STATE.name] == "odom":
-            self.input = Input("odom", Odometry, SENSOR_DATA)
-            node.create_subscription(Odometry, "odom", partial(self._read, self._reader.read), SENSOR_DATA)
-            return
-        if len(set(frames)) < 2:
-            raise SetupError(f"parameter robot_frame: expected another frame than frame, got {frames[1]}")
-        self.input = Input.of_tf(*frames)
-        velocity = RobotVelocity(robot.limits.v, robot.limits.w)
-        tf.follow(*frames, partial(self._read, partial(robot_from_placement, velocity)))
-
-    def _read(self, read: Callable[..., tuple[float, RobotState]], *message: Any) -> None:
-        try:
-            time, robot = read(*message)
-        except MessageError as error:
-            self._reject("odom", error)
-            return
-        if self._reader.remark:
-            self._warn(self._reader.remark)
-        self._take(time, robot)
-
-
-TYPES: dict[str, Any] = {
-    "Odometry": Odometry,
-    "PoseStamped": PoseStamped,
-    "PoseWithCovarianceStamped": PoseWithCovarianceStamped,
-}
-
-
-class ObjectSources:
-    """Subscribes to the objects of a domain, which must be in the frame `frame`.
-
-    `take` is called with name, time in s and state of an object for each message, `reject` with the name of
-    an object and the error of a message that cannot be used.
-
-    Attributes
-    ----------
-    inputs : dict of str to Input
-        Where each object comes from, by its name.
-    """
-
-    def __init__(
-        self,
-        node: Node,
-        sources: Iterable[ObjectSource],
-        take: Callable[[str, float, ObjectState], None],
-        reject: Callable[[str, MessageError], None],
-        tf: TfListener,
-        *,
-        frame: str,
-    ) -> None:
-        self._sources, self._take, self._reject = tuple(sources), take, reject
-        self.inputs: dict[str, Input] = {}
-        for source in self._sources:
-            reader = ObjectReader(source, frame)
+        # In this order: of messages that have all come, those of objects are then taken first.
+        for source in map(domain.source, domain.objects):
+            reader, take = ObjectReader(source, frames[0]), partial(take_object, source.name)
             if source.type == "tf":
-                self.inputs[source.name] = Input.of_tf(frame, source.listened)
-                tf.follow(frame, source.listened, partial(self._read, source.name, reader.read_placement))
+                self._follow(source.name, (frames[0], source.listened), reader.read_placement, take)
             else:
-                callback = partial(self._read, source.name, reader.read)
-                kind, topic = TYPES[source.type], source.listened
-                self.inputs[source.name] = Input(topic, kind, SENSOR_DATA)
-                node.create_subscription(kind, topic, callback, SENSOR_DATA)
+                self._subscribe(
+                    source.name, Input(source.listened, TYPES[source.type], SENSOR_DATA), reader.read, take
+                )
+        self._reader = OdometryReader(frames[0])
+        if settings[STATE.name] == "odom":
+            self._subscribe(
+                "odom", Input("odom", Odometry, SENSOR_DATA), self._reader.read, self._take_odometry
+            )
+        elif len(set(frames)) < 2:
+            raise SetupError(f"parameter robot_frame: expected another frame than frame, got {frames[1]}")
+        else:
+            velocity = RobotVelocity(robot.limits.v, robot.limits.w)
+            self._follow("odom", frames, partial(robot_from_placement, velocity), take_robot)
 
-    def _read(self, name: str, read: Callable[..., tuple[float, ObjectState]], *message: Any) -> None:
+    def _subscribe(self, name: str, item: Input, read: Callable[..., Any], take: Callable[..., None]) -> None:
+        self.inputs[name] = item
+        self._node.create_subscription(item.kind, item.topic, partial(self._read, name, read, take), item.qos)
+
+    def _follow(
+        self, name: str, frames: tuple[str, str], read: Callable[..., Any], take: Callable[..., None]
+    ) -> None:
+        self.inputs[name] = Input("/tf", TFMessage, RESULTS, frames)
+        self.tf.follow(*frames, partial(self._read, name, read, take))
+
+    def _read(self, name: str, read: Callable[..., Any], take: Callable[..., None], *message: Any) -> None:
         try:
-            time, there = read(*message)
+            stamp, state = read(*message)
         except MessageError as error:
             self._reject(name, error)
             return
-        self._take(name, time, there)
+        take(stamp, state)
 
-    def diagnostics(self, known: Container[str], overdue: Container[str]) -> dict[str, str]:
-        """Return the state of each object for diagnostics."""
-        return {
-            source.name: ("overdue" if source.name in overdue else "known")
-            if source.name in known
-            else "unknown"
-            for source in self._sources
-        }
-
-    def missing(self, known: Container[str]) -> list[str]:
-        """Return the required objects without a usable message."""
-        return [item.name for item in self._sources if not item.optional and item.name not in known]
+    def _take_odometry(self, stamp: float, robot: RobotState) -> None:
+        if self._reader.remark:
+            self._warn(self._reader.remark)
+        self._take_robot(stamp, robot)

@@ -128,23 +128,19 @@ class LearnedSets(Generic[User]):
     def _look(self) -> None:
         """Take over a set that has been loaded, or begin to load a new one."""
         assert self._folder is not None
-        if self._loading is not None:
-            if self._loading.done():
-                self._take_over(self._loading)
-                self._loading = None
-            return
-        place = current_set(self._folder)
-        if place is not None and place != self._seen:
-            self._seen = place
-            self._loading = self._threads.submit(lambda: (read_manifest(place), self._load(place)))
-
-    def _take_over(self, loading: Future[tuple[Manifest, dict[str, ModelSet[User]]]]) -> None:
-        try:
-            self._manifest, self.present = loading.result()
-        except Exception as error:  # whatever it is, the node continues with what it has
-            self._log_failure(error)
-            return
-        self._node.get_logger().info(f"switched to the learned set {_described(self._manifest)}")
+        if self._loading is None:
+            place = current_set(self._folder)
+            if place is not None and place != self._seen:
+                self._seen = place
+                self._loading = self._threads.submit(lambda: (read_manifest(place), self._load(place)))
+        elif self._loading.done():
+            loading, self._loading = self._loading, None
+            try:
+                self._manifest, self.present = loading.result()
+            except Exception as error:  # whatever it is, the node continues with what it has
+                self._log_failure(error)
+            else:
+                self._node.get_logger().info(f"switched to the learned set {_described(self._manifest)}")
 
     def _log_failure(self, error: Exception) -> None:
         name = "" if self._seen is None else self._seen.name

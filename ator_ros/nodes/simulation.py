@@ -17,13 +17,13 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
+from tf2_msgs.msg import TFMessage
 
 from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.domains.domain import domain_for
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Ticks
-from ator_ros.nodes.inputs import TFMessage
 from ator_ros.nodes.messages import object_odometry_of, odometry_of, stamp_of
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -388,8 +388,8 @@ class RobotTopics:
             for name in described.scene.objects
         }
         self._joints = node.create_publisher(JointState, self.resolved("joint_states"), RESULTS)
-        self._tf = None if TFMessage is None else node.create_publisher(TFMessage, "tf", RESULTS)
-        if TFMessage is not None and robot.name:
+        self._tf = node.create_publisher(TFMessage, "tf", RESULTS)
+        if robot.name:
             self._fixed = node.create_publisher(TFMessage, "tf_static", LATCHED)
             origin = transform_of(0.0, Pose(0.0, 0.0, 0.0), frame=WORLD, child=self.frame)
             self._fixed.publish(TFMessage(transforms=[origin]))
@@ -409,7 +409,7 @@ class RobotTopics:
             message = object_odometry_of(world.time, there, frame=self.frame, height=height)
             self._objects[name].publish(message)
         self._odom.publish(odometry_of(world.time, state, frame=self.frame, child=self.robot_frame))
-        if self._tf is not None and self._tf.get_subscription_count():
+        if self._tf.get_subscription_count():
             there = transform_of(world.time, state.pose, frame=self.frame, child=self.robot_frame)
             self._tf.publish(TFMessage(transforms=[there]))
         if self._joints.get_subscription_count():

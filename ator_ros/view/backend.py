@@ -30,7 +30,7 @@ from ator_interfaces.srv import PlaceObject, PlaceRobot, RefineSubgoal
 from ator_ros.domains.domain import Domain
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.nodes.inputs import ObjectSources, RobotSource, TfListener
+from ator_ros.nodes.inputs import Subscriptions
 from ator_ros.nodes.messages import action_set_from, chain_from, chain_of, pose_of, situation_of
 from ator_ros.nodes.network import NodesError, UnavailableError
 from ator_ros.nodes.parameters import STATE, SetupError
@@ -127,11 +127,6 @@ class Backend:
 
     def _connect(self) -> None:
         node, name = self.node, f"{self.node.get_namespace().rstrip('/')}/refinement"
-        self._tf, sources = TfListener(node), map(self.domain.source, self.domain.objects)
-        self._source: RobotSource | None = None
-        self._sources = ObjectSources(
-            node, sources, self._take_object, self._reject, self._tf, frame=self._frame
-        )
         self._status = node.create_subscription(
             ChainPerformance, "chain_under_way", self._take_status, LATCHED
         )
@@ -157,9 +152,11 @@ class Backend:
         self.until(self._server.server_is_ready, "the action execute_chain")
         settings = {**self._robot_settings(), "frame": self._frame}
         try:
-            self._source = RobotSource(
-                self.node, settings, self._robot, self._take_robot, self._reject, self._warn, self._tf
-            )
+            self._subscribed = Subscriptions(
+                self.node, settings, self._robot, self.domain,
+                take_robot=self._take_robot, take_object=self._take_object,
+                reject=self._reject, warn=self._warn,
+            )  # fmt: skip
         except SetupError as error:
             raise NodesError(str(error)) from error
         if not simulated:
