@@ -25,7 +25,7 @@ from ator_ros.nodes.shapes import (
 )
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.refinement.chain_prediction import chain_situations
-from ator_ros.refinement.objective import MEASURES, MOST_WEIGHT
+from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.view.draft import Draft
@@ -285,10 +285,10 @@ class Panel:
         return seed
 
     def _weights(self) -> None:
-        usual = {"duration": 1.0, "success": self._editor.domain.time_limit}
-        for name, measure in MEASURES.items():
-            label, weight = f"{name} (s per {measure.unit})", usual.get(name, 0.0)
-            field = self._gui.add_number(label, weight, min=0.0, max=MOST_WEIGHT, step=0.1)
+        usual = {"duration": 1.0, "success": self._editor.domain.time_limit, "accuracy": 0.0}
+        labels = {"success": "success (s per failure)", "accuracy": "accuracy (s per m)"}
+        for name, weight in usual.items():
+            field = self._gui.add_number(labels.get(name, name), weight, min=0.0, max=MOST_WEIGHT, step=0.1)
             self._on_change(field, partial(self._set_weight, name))
 
     def _set_weight(self, measure: str, weight: float) -> None:
