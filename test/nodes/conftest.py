@@ -72,9 +72,9 @@ def host(domain: int, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.Mon
 
 
 @pytest.fixture
-def client(domain: int) -> Iterator[Client]:
-    """Yield a client in no namespace."""
-    made = Client(domain)
+def client(domain: int, request: pytest.FixtureRequest) -> Iterator[Client]:
+    """Yield a client in no namespace, with the options `CLIENT` of the test's file."""
+    made = Client(domain, **getattr(request.module, "CLIENT", {}))
     yield made
     made.close()
 

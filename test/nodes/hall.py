@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import threading
-import time
-
 import pytest
 from action_servers import Server
 from chain_client import ChainClient
 from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Odometry
+from moving_base import MovingBase
 from ros_client import Client
 
 from ator_ros.geometry import Pose
-from ator_ros.nodes.messages import odometry_of
+from ator_ros.nodes.messages import stamp_of
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.world.state import RobotState
 
@@ -54,30 +51,22 @@ actions:
 """
 
 
-class Base:
-    """A base that publishes the pose last set at 40 Hz, and the position of a cart once it is set."""
+class CartBase(MovingBase):
+    """A base that also publishes the position of a cart once it is set."""
 
     def __init__(self, client: Client) -> None:
-        self.state = RobotState(Pose(0.0, 0.0, 0.0))
         self.cart: tuple[float, float] | None = None
         self._carts = client.node.create_publisher(PoseStamped, "tracked_cart", SENSOR_DATA)
-        self._publisher = client.node.create_publisher(Odometry, "odom", SENSOR_DATA)
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        super().__init__(client)
 
-    def _run(self) -> None:
-        while not self._ended.wait(0.025):
-            odometry = odometry_of(time.monotonic(), self.state, frame="odom", child="base_link")
-            if self.cart is not None:
-                cart = PoseStamped(header=odometry.header)
-                cart.pose.position.x, cart.pose.position.y = self.cart
-                self._carts.publish(cart)
-            self._publisher.publish(odometry)
-
-    def close(self) -> None:
-        self._ended.set()
-        self._thread.join()
+    def publish(self, state: RobotState) -> None:
+        """Publish cart and state."""
+        if self.cart is not None:
+            cart = PoseStamped()
+            cart.header.stamp, cart.header.frame_id = stamp_of(self.time), self.frame
+            cart.pose.position.x, cart.pose.position.y = self.cart
+            self._carts.publish(cart)
+        super().publish(state)
 
 
 class Hall:
@@ -85,7 +74,7 @@ class Hall:
 
     def __init__(self, client: Client) -> None:
         self.client = client
-        self.base = Base(client)
+        self.base = CartBase(client)
         self.chains = ChainClient(client)
         self._server: Server | None = None
 
@@ -95,14 +84,13 @@ class Hall:
         return self._server
 
     def close(self) -> None:
-        """Stop base and server."""
-        self.base.close()
+        """Stop the server."""
         if self._server is not None:
             self.client.within(self._server.destroy)
 
     def reach(self, server: Server, number: int, pose: Pose) -> None:
         """Move the robot to `pose` for the goal of this number, and let the server succeed."""
         self.client.eventually(lambda: len(server.goals) >= number, f"goal {number}")
-        self.base.state = RobotState(pose)
+        self.base.pose = pose
         self.client.eventually(lambda: self.client.robot().pose == pytest.approx(pose), "odometry of it")
         self.client.within(server.finish)

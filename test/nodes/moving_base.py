@@ -33,7 +33,7 @@ class MovingBase:
         share: float = 1.0,
     ) -> None:
         self.pose, self.commanded, self.received = Pose(0.0, 0.0, 0.0), Twist(), 0
-        self.frame, self.stamps_stand, self._share = frame, False, share
+        self.frame, self._share = frame, share
         self._odom = client.node.create_publisher(Odometry, odom, NEWEST)
         client.node.create_subscription(kind, topic, self._take, qos)
         self.time = 100.0
@@ -43,23 +43,26 @@ class MovingBase:
         self.received += 1
         self.commanded = message.twist if isinstance(message, TwistStamped) else message
 
-    def pause(self) -> None:
-        """Stop publishing."""
-        self.timer.cancel()
-
     def slow_down(self, rate: float) -> None:
         """Slow down time: by its stamps a tick still takes PERIOD."""
         self.timer.timer_period_ns = round(1e9 * PERIOD / rate)
 
-    def _step(self) -> None:
+    def state(self) -> RobotState:
+        """Return the present state."""
         v, w = self._share * self.commanded.linear.x, self._share * self.commanded.angular.z
-        step = PERIOD
-        yaw = self.pose.yaw + 0.5 * step * w
+        return RobotState(self.pose, v, w)
+
+    def _step(self) -> None:
+        state = self.state()
+        yaw = self.pose.yaw + 0.5 * PERIOD * state.w
         self.pose = Pose(
-            self.pose.x + step * v * math.cos(yaw),
-            self.pose.y + step * v * math.sin(yaw),
-            self.pose.yaw + step * w,
+            self.pose.x + PERIOD * state.v * math.cos(yaw),
+            self.pose.y + PERIOD * state.v * math.sin(yaw),
+            self.pose.yaw + PERIOD * state.w,
         )
-        self.time += 0.0 if self.stamps_stand else step
-        state = RobotState(self.pose, v, w)
+        self.time += PERIOD
+        self.publish(self.state())
+
+    def publish(self, state: RobotState) -> None:
+        """Publish the state."""
         self._odom.publish(odometry_of(self.time, state, frame=self.frame, child="base_link"))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 from chain_client import ChainClient, call
 from conftest import Host
@@ -20,12 +18,7 @@ from ator_ros.nodes.qos import RESULTS
 pytestmark = pytest.mark.node
 
 
-@pytest.fixture
-def client(domain: int) -> Iterator[Client]:
-    """Yield a client that publishes no commands."""
-    made = Client(domain, steers=False)
-    yield made
-    made.close()
+CLIENT = {"steers": False, "observes": False}
 
 
 NEAR = [call("goToPose", Pose(0.5, 0.0, 0.0))]

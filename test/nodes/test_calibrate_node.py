@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import os
 import subprocess
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-import rclpy
 from ament_index_python.packages import get_package_prefix
 from conftest import Start
 from nav_msgs.msg import Odometry
 from process import PATIENCE
-from rclpy.node import Node
 from ros_client import Client
 
 from ator_ros.nodes.qos import SENSOR_DATA
@@ -36,28 +33,15 @@ def calibrate(domain: int, *words: str) -> subprocess.CompletedProcess[str]:
 @pytest.fixture
 def publish(domain: int) -> Iterator[Callable[..., None]]:
     """Yield a function that publishes an odometry message repeatedly."""
-    context = rclpy.Context()
-    context.init(domain_id=domain)
-    node = Node("strange_base", context=context)
-    publisher, ended = node.create_publisher(Odometry, "odom", SENSOR_DATA), threading.Event()
+    client = Client(domain, name="strange_base", steers=False, observes=False)
+    publisher = client.node.create_publisher(Odometry, "odom", SENSOR_DATA)
 
     def repeat(message: Odometry, step: int) -> None:
-        while not ended.wait(0.02):
-            message.header.stamp.sec += step
-            publisher.publish(message)
+        message.header.stamp.sec += step
+        publisher.publish(message)
 
-    threads: list[threading.Thread] = []
-
-    def begin(message: Odometry, step: int = 1) -> None:
-        threads.append(threading.Thread(target=repeat, args=(message, step), daemon=True))
-        threads[0].start()
-
-    yield begin
-    ended.set()
-    for thread in threads:
-        thread.join()
-    node.destroy_node()
-    context.shutdown()
+    yield lambda message, step=1: client.node.create_timer(0.02, lambda: repeat(message, step))
+    client.close()
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
-import pytest
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_client import Client
@@ -17,12 +15,7 @@ from ator_ros.nodes.qos import SENSOR_DATA
 RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 
-@pytest.fixture
-def client(domain: int) -> Iterator[Client]:
-    """Yield a client without publishers and subscriptions."""
-    made = Client(domain, steers=False, observes=False)
-    yield made
-    made.close()
+CLIENT = {"steers": False, "observes": False}
 
 
 def received(

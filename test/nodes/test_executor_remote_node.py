@@ -15,7 +15,6 @@ from rclpy.parameter import Parameter
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
 from ator_ros.nodes.qos import RESULTS
-from ator_ros.world.state import RobotState
 
 
 def test_a_chain_is_executed_by_a_server_while_cmd_vel_is_silent(hall: Hall) -> None:
@@ -87,7 +86,7 @@ def test_the_fence_and_a_changed_time_limit_end_a_goal(hall: Hall, x: float, cod
     server = hall.serve()
     sent = hall.chains.send([call("visit", Pose(1.0, 0.5, 0.3))])
     hall.client.eventually(lambda: server.goals, "a goal")
-    hall.base.state = RobotState(Pose(x, 0.0, 0.0))
+    hall.base.pose = Pose(x, 0.0, 0.0)
     hall.client.eventually(lambda: server.canceled, "a cancellation")
     hall.client.within(lambda: server.finish("canceled"))
     assert sent.outcome().code == code

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import pytest
 from chain_client import ChainClient, call
@@ -23,12 +23,7 @@ AWAY = [call("goToPose", Pose(2.0, 0.0, 0.0))]
 TO_BALL = [call("goToBall", Pose(0.0, 0.0, 0.0))]
 
 
-@pytest.fixture
-def client(domain: int) -> Iterator[Client]:
-    """Yield a client that publishes no commands."""
-    made = Client(domain, steers=False, observes=False)
-    yield made
-    made.close()
+CLIENT = {"steers": False, "observes": False}
 
 
 def elsewhere(client: Client) -> None:

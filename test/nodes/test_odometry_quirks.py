@@ -3,30 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import pytest
 from chain_client import ChainClient, call
 from conftest import Host
+from moving_base import PERIOD, MovingBase
 from nav_msgs.msg import Odometry
 from ros_client import Client
-from test_tf_source import PERIOD, Base
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import odometry_of
-from ator_ros.nodes.qos import SENSOR_DATA
-from ator_ros.world.state import STOP, RobotState
+from ator_ros.world.state import RobotState
 
 Quirk = Callable[[Odometry, float], None]
 """Changes an odometry message of a robot with this heading (rad)."""
 SETTINGS = {"frame": "/odom", "odom_timeout": 1.0, "start_timeout": 2.0, "fence": "[-1e7, -1e7, 1e7, 1e7]"}
 
-REMAPPED = ("-r", "odom:=quirky_odom")
-"""Topic of the quirky odometry, since the test's client subscribes to odom."""
 
-
-class QuirkyBase(Base):
+class QuirkyBase(MovingBase):
     """A base that publishes odometry with a quirk.
 
     Attributes
@@ -44,13 +40,11 @@ class QuirkyBase(Base):
         self.late = self._count = 0
         self.rate = round(1.0 / PERIOD)
         self._held: Odometry | None = None
-        self._odom = client.node.create_publisher(Odometry, "quirky_odom", SENSOR_DATA)
         super().__init__(client)
 
-    def publish(self, now: float) -> None:
+    def publish(self, state: RobotState) -> None:
         """Publish odometry with the quirk."""
-        robot = RobotState(self.pose, self.velocity.v, self.velocity.w)
-        message = odometry_of(now, robot, frame="odom", child="base_link")
+        message = odometry_of(self.time, state, frame="odom", child="base_link")
         self.quirk(message, self.pose.yaw)
         self._count += 1
         if self._count % round(1.0 / PERIOD / self.rate):
@@ -92,11 +86,12 @@ def no_direction(message: Odometry, yaw: float) -> None:
     turn.z = turn.w = 0.0
 
 
+CLIENT = {"steers": False, "observes": False}
+
+
 @pytest.fixture
-def base(client: Client) -> Iterator[QuirkyBase]:
-    made = QuirkyBase(client)
-    yield made
-    made.close()
+def base(client: Client) -> QuirkyBase:
+    return QuirkyBase(client)
 
 
 FAR = Pose(691_608.25, 5_334_761.5, 2.2)
@@ -108,7 +103,7 @@ def test_odometry_with_a_quirk_drives_the_robot_to_its_goal(
 ) -> None:
     base.quirk, base.late = quirk, 10
     base.pose = FAR
-    node = host("executor", *REMAPPED, **SETTINGS)
+    node = host("executor", **SETTINGS)
     goal = FAR.compose(Pose(0.7, 0.4, 0.8))
     result = ChainClient(client).send([call("goToPose", goal)]).result()
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
@@ -119,19 +114,19 @@ def test_odometry_with_a_quirk_drives_the_robot_to_its_goal(
 def test_odometry_without_orientation_is_reported_and_stops_the_robot(
     host: Host, client: Client, base: QuirkyBase
 ) -> None:
-    node = host("executor", *REMAPPED, **SETTINGS)
+    node = host("executor", **SETTINGS)
     sent = ChainClient(client).send([call("goToPose", base.pose.ahead(3.0))])
-    client.eventually(lambda: sent.ended() or base.velocity.v > 0.3, "the robot drives")
+    client.eventually(lambda: sent.ended() or base.state().v > 0.3, "the robot drives")
     base.quirk = no_direction
     outcome = sent.outcome()
     assert outcome.code == Outcome.INPUT_LOST, outcome.reason
-    client.eventually(lambda: base.velocity == STOP, "the robot stands")
+    client.eventually(lambda: base.state() == RobotState(base.pose), "the robot stands")
     assert "ignored: odom.pose.pose.orientation: expected a quaternion" in node.output
 
 
 def test_odometry_at_5_hz_is_reported_with_the_remedy(host: Host, client: Client, base: QuirkyBase) -> None:
     base.rate = 5
-    host("executor", *REMAPPED, **(SETTINGS | {"odom_timeout": 0.3, "action_timeout": 4.0}))
+    host("executor", **(SETTINGS | {"odom_timeout": 0.3, "action_timeout": 4.0}))
     outcome = ChainClient(client).send([call("goToPose", base.pose.ahead(3.0))]).outcome()
     assert outcome.code == Outcome.FAILED, outcome.reason
     assert "odom: messages came 0.2" in outcome.reason
