@@ -25,7 +25,7 @@ SMALL = {
 """Arguments that shorten a tool's run and keep its results in the working folder."""
 
 
-_VIEW = "nodes/test_view_browser.py"
+_VIEW = "nodes/test_view_node.py"
 _ROS = "nodes/test_documented_commands.py"
 BY_TEST = {
     r"make demo": "test_documentation.py::test_the_demo_runs",

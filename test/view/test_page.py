@@ -1,4 +1,4 @@
-"""The page with protocol clients; `nodes/test_view_browser.py` uses a browser."""
+"""The page, with clients that speak its protocol."""
 
 from __future__ import annotations
 

@@ -33,6 +33,7 @@ class ViserClient:
         self.patience = _PATIENCE
         self.drawn = Counter[str]()
         self._texts: dict[str, str] = {}
+        self._fields: dict[str, str] = {}
         version = f"viser-v{viser.__version__}"
         self._socket = connect(f"ws://127.0.0.1:{port}", subprotocols=[version], max_size=None)  # type: ignore[list-item]
         self._thread = threading.Thread(target=self._listen, daemon=True)
@@ -60,6 +61,7 @@ class ViserClient:
             self._write(message["uuid"], message["updates"])
         elif "container_uuid" in message and "props" in message:
             self._write(message["uuid"], message["props"])
+            self._fields[message["props"].get("label", "")] = message["uuid"]
         elif name is not None and "props" in message:  # updates of existing nodes
             self.scene.setdefault(str(name), None)
             self.drawn[str(name)] += 1
@@ -95,6 +97,11 @@ class ViserClient:
             start_screen_pos=pixel, end_position=place, end_screen_pos=pixel, button="left", modifier=None,
             owner="",
         )  # fmt: skip
+
+    def press(self, label: str) -> None:
+        """Press the button with this label."""
+        self.look()
+        self.send("GuiUpdateMessage", uuid=self._fields[label], updates={"value": True})
 
     def until(self, happened: Callable[[], Any], what: str) -> None:
         """Wait until a condition holds."""
