@@ -14,6 +14,7 @@ from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
+from rclpy.client import Client
 from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.task import Future
@@ -148,8 +149,7 @@ class RemoteAction(Action):
             return finished(Status.FAILED, f"{server.name} did not answer the goal: {within}")
         if self._accepted is None:
             self._accepted = world.time
-            server.heartbeat.begin()
-        if server.heartbeat.silence() > limits.silence:
+        if sent.silence() > limits.silence:
             within = f"expected a sign of life within {limits.silence:g} s, got none"
             return finished(Status.FAILED, f"{server.name} is gone or hangs: {within}")
         if world.time - self._accepted > limits.result:
@@ -165,8 +165,6 @@ class RemoteServer:
     ----------
     fault : str
         Why it cannot be used, as where its type is not installed; empty where it can.
-    heartbeat : Heartbeat
-        Whether it is still there; only without a fault.
     """
 
     def __init__(self, node: Node, call: RemoteCall, frame: str) -> None:
@@ -178,7 +176,7 @@ class RemoteServer:
         try:
             kind, self._writer = interface_of(call, frame)
             self._client = ActionClient(node, kind, call.server)
-            self.heartbeat = Heartbeat(node, call.server, call.timeouts.silence)
+            self._cancel = node.create_client(CancelGoal, f"{call.server}/_action/cancel_goal")
         except (RemoteError, NameValidationException) as error:
             self.fault = f"action server {call.server}: {error}"
 
@@ -205,15 +203,13 @@ class RemoteServer:
 
     def send(self, goal: Goal) -> RemoteGoal:
         """Send a goal."""
-        return RemoteGoal(self._client, self._writer.written(goal), self.heartbeat.reset)
+        message = self._writer.written(goal)
+        return RemoteGoal(self._client, message, self._cancel, self.timeouts.silence)
 
     def release(self, sent: RemoteGoal) -> None:
         """Cancel a goal that may not be over; until it is, or its time is up, the server counts as ending."""
-        self.heartbeat.end()
-        if not sent.over:
-            sent.cancel()
-            if self.present():
-                self._ending.append((sent, time.monotonic() + self.timeouts.cancel))
+        if sent.release() and self.present():
+            self._ending.append((sent, time.monotonic() + self.timeouts.cancel))
 
     def ending(self) -> bool:
         """Return whether a canceled goal may still be executed."""
@@ -237,6 +233,11 @@ class RemoteServer:
 class RemoteGoal:
     """One goal, from its sending until its result; the node's executor brings the answers between two ticks.
 
+    DDS lists a server that was killed for up to 20 s. So it is requested periodically, one request at a time,
+    to cancel an unknown goal. Each server answers that at once, except one that has no free thread while it
+    drives: until the first answer, missing ones mean nothing. A restarted server does not answer requests to
+    its predecessor, and does not execute the goal either.
+
     Attributes
     ----------
     accepted : bool or None
@@ -247,13 +248,17 @@ class RemoteGoal:
         The result; None: there is none.
     """
 
-    def __init__(self, client: ActionClient, message: Any, on_feedback: Callable[[], None]) -> None:
+    def __init__(self, client: ActionClient, message: Any, cancel: Client, silence: float) -> None:
         self.accepted: bool | None = None
         self.status = GoalStatus.STATUS_UNKNOWN
         self.result: Any = None
         self._handle: ClientGoalHandle | None = None
-        self._canceled = False
-        sent = client.send_goal_async(message, feedback_callback=lambda _: on_feedback())
+        self._released = False
+        self._cancel, self._period = cancel, max(silence / _QUESTIONS, _SHORTEST)
+        self._question: Future | None = None
+        self._answers, self._quiet = False, 0.0
+        self._checked = self._asked = math.inf
+        sent = client.send_goal_async(message, feedback_callback=lambda _: self._take_sign_of_life())
         sent.add_done_callback(self._take_answer)
 
     @property
@@ -261,53 +266,14 @@ class RemoteGoal:
         """Whether the server has nothing more to do for it, as far as is known."""
         return self.accepted is False or self.result is not None
 
-    def cancel(self) -> None:
-        """Ask the server to end it, now or when it is accepted after all."""
-        self._canceled = True
-        if self._handle is not None:
+    def release(self) -> bool:
+        """Cancel it unless it is over, now or when it is accepted after all; return whether it was not over."""
+        if self._question is not None and not self._question.done():
+            self._cancel.remove_pending_request(self._question)
+        self._released = True
+        if self._handle is not None and not self.over:
             self._handle.cancel_goal_async()
-
-    def _take_answer(self, future: Future) -> None:
-        handle = future.result()
-        self.accepted = bool(handle.accepted)
-        if not self.accepted:
-            return
-        self._handle = handle
-        handle.get_result_async().add_done_callback(self._take_result)
-        if self._canceled:
-            self.cancel()
-
-    def _take_result(self, future: Future) -> None:
-        self.status, self.result = future.result().status, future.result().result
-
-
-class Heartbeat:
-    """Detects whether an action server that executes a goal is still there, by one request at a time.
-
-    DDS lists a server that was killed for up to 20 s. So the server is requested periodically to cancel an
-    unknown goal. Each server answers that at once, except one that has no free thread while it drives: until
-    the first answer, missing ones mean nothing. A restarted server does not answer requests to its
-    predecessor, and does not execute the goal either. A server that lives is never silent for longer than
-    `longest` real s.
-    """
-
-    def __init__(self, node: Node, action: str, longest: float) -> None:
-        self._period = max(longest / _QUESTIONS, _SHORTEST)
-        self._client: Any = node.create_client(CancelGoal, f"{action}/_action/cancel_goal")
-        self._asked: Future | None = None
-        self._answers = False
-        self._next = self._checked = math.inf
-        self._quiet = 0.0
-
-    def begin(self) -> None:
-        """Begin to ask: a goal was accepted."""
-        self.end()
-        now = time.monotonic()
-        self._next, self._checked, self._quiet = now + self._period, now, 0.0
-
-    def reset(self) -> None:
-        """Record a sign of life, such as feedback."""
-        self._quiet = 0.0
+        return not self.over
 
     def silence(self) -> float:
         """Return the real s without a sign of life; 0 for a server that has never answered."""
@@ -315,22 +281,31 @@ class Heartbeat:
         # While this node was stalled, answers were not read: a long time counts less.
         self._quiet += min(max(now - self._checked, 0.0), self._period)
         self._checked = now
-        if self._asked is None and now >= self._next:
-            self._next = now + self._period
-            self._asked = self._client.call_async(cancel_request_for_unknown_goal())
-            self._asked.add_done_callback(self._take_answer)
+        if self._question is None and now >= self._asked + self._period:
+            self._asked = now
+            self._question = self._cancel.call_async(cancel_request_for_unknown_goal())
+            self._question.add_done_callback(self._take_reply)
         return self._quiet if self._answers else 0.0
 
-    def _take_answer(self, future: Future) -> None:
-        if future is self._asked:
-            self._asked, self._answers = None, True
-            self.reset()
+    def _take_reply(self, _: Future) -> None:
+        self._question, self._answers = None, True
+        self._take_sign_of_life()
 
-    def end(self) -> None:
-        """Stop asking: the goal is over."""
-        asked, self._asked = self._asked, None
-        if asked is not None and not asked.done():
-            self._client.remove_pending_request(asked)
+    def _take_sign_of_life(self) -> None:
+        self._quiet = 0.0
+
+    def _take_answer(self, future: Future) -> None:
+        handle = future.result()
+        self.accepted = bool(handle.accepted)
+        if not self.accepted:
+            return
+        self._handle, self._asked = handle, time.monotonic()
+        handle.get_result_async().add_done_callback(self._take_result)
+        if self._released:
+            handle.cancel_goal_async()
+
+    def _take_result(self, future: Future) -> None:
+        self.status, self.result = future.result().status, future.result().result
 
 
 def cancel_request_for_unknown_goal() -> CancelGoal.Request:
