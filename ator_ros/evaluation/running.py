@@ -11,7 +11,7 @@ from typing import Any
 from ator_ros.evaluation.situation import Record, Settings, evaluate_trial
 from ator_ros.evaluation.statistics import prediction_errors, summarize
 from ator_ros.experience.json_lines import PartialResults
-from ator_ros.experience.parallel import HERE, Workers, progress, run_tasks
+from ator_ros.experience.parallel import progress, run_tasks
 from ator_ros.experience.table import library_versions
 from ator_ros.files import FileError, load, save
 
@@ -31,13 +31,7 @@ def to_columns(records: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
     return columns
 
 
-def run_situations(
-    settings: Settings,
-    *,
-    situations: int,
-    folder: Path,
-    workers: Workers = HERE,
-) -> list[Record]:
+def run_situations(settings: Settings, *, situations: int, folder: Path) -> list[Record]:
     """Evaluate situations 0 to `situations` - 1, except those whose results are already in `folder`.
 
     The same call resumes where it was interrupted.
@@ -49,14 +43,14 @@ def run_situations(
     OSError
         The folder cannot be written; finished situations are kept.
     BackendError
-        The parallel backend cannot be used.
+        A worker process was killed.
     """
     identity = {"settings": asdict(settings), "digest": settings.source.digest()}
     expected = "results of the same settings, models and gate"
     with PartialResults(folder / PARTIAL, identity, expected) as partial:
         records = {record["index"]: record for record in partial.results}
         tasks = [(settings, index) for index in range(situations) if index not in records]
-        results = run_tasks(evaluate_trial, tasks, workers)
+        results = run_tasks(evaluate_trial, tasks)
         for record in progress(results, done=situations - len(tasks), total=situations, unit="situation"):
             partial.append(record)
             records[record["index"]] = record

@@ -13,7 +13,7 @@ from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.goal_variables import wrong_values
 from ator_ros.actions.situation import ActionSpec
 from ator_ros.experience.episode import run_episode
-from ator_ros.experience.parallel import HERE, Workers, run_tasks
+from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import ExperienceError, episode_frame
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.simulation import Simulation
@@ -63,7 +63,6 @@ def collect(
     objects: tuple[str, ...],
     episodes: int,
     seed: int,
-    workers: Workers = HERE,
     time_limit: float = TIME_LIMIT,
     finished: Container[tuple[str, int]] = (),
 ) -> Generator[pd.DataFrame, None, None]:
@@ -81,8 +80,6 @@ def collect(
         The objects whose places are logged: those of the domain.
     episodes, seed : int
         Episodes of each action, and the seed of all of them.
-    workers
-        As for `run_tasks`.
     time_limit : float
         Time in s that each may take.
     finished : container of (str, int)
@@ -100,4 +97,4 @@ def collect(
         if (action.name, number) not in finished
     ]
     run = partial(_run, tops=tuple(tops), robot=robot, objects=objects, seed=seed, time_limit=time_limit)
-    yield from run_tasks(run, tasks, workers)
+    yield from run_tasks(run, tasks)

@@ -8,9 +8,8 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor
-from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any, TypeVar
 
@@ -28,11 +27,11 @@ class BackendError(RuntimeError):
     """A parallel backend that cannot be used; the message says what to install or to start."""
 
 
-@dataclass(frozen=True)
-class Workers:
-    """Where tasks are executed.
+@contextlib.contextmanager
+def workers(jobs: int = 1, backend: str = "loky", scheduler: str | None = None) -> Iterator[None]:
+    """Spread tasks over workers during the block; otherwise this process executes them.
 
-    Attributes
+    Parameters
     ----------
     jobs : int
         Number of worker processes; 1 runs in this process, -1 takes every core. With `dask` the cluster
@@ -41,20 +40,26 @@ class Workers:
         Local processes, or a cluster.
     scheduler : str or None
         Address of the cluster's scheduler, as in ``tcp://host:8786``.
+
+    Raises
+    ------
+    BackendError
+        The backend is not installed; there is no cluster, it has no workers, or they cannot import this
+        package.
     """
+    import joblib  # takes a second
 
-    jobs: int = 1
-    backend: str = "loky"
-    scheduler: str | None = None
+    with _cluster(scheduler):
+        try:
+            config = joblib.parallel_config(backend=backend, n_jobs=jobs)
+        except (ImportError, ValueError) as error:
+            raise BackendError(f"backend {backend!r} cannot be used: {error}") from error
+        with config:
+            yield
 
 
-HERE, EVERY_CORE = Workers(), Workers(-1)
-
-
-def run_tasks(
-    function: Callable[[Task], Result], tasks: Sequence[Task], workers: Workers = HERE
-) -> Iterator[Result]:
-    """Yield ``function(task)`` for every task, in the order of the tasks.
+def run_tasks(function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+    """Yield ``function(task)`` for every task, in the order of the tasks, by the present `workers`.
 
     The results are those of a plain loop whatever the number of workers, as long as `function` depends on
     its task alone: give every task a seed of its own.
@@ -63,58 +68,38 @@ def run_tasks(
     ----------
     function : callable
         A function at the top level of a module.
-    tasks : sequence
+    tasks : iterable
         Its arguments.
-    workers : Workers, optional
-        By default this process.
 
     Raises
     ------
     BackendError
-        The backend is not installed; there is no cluster, it has no workers, or they cannot import this
-        package; or a worker was killed.
+        A worker was killed.
     """
-    if workers == HERE:
-        yield from map(function, tasks)
-        return
-    with _cluster(workers.scheduler):
-        yield from _parallel(function, tasks, workers.jobs, workers.backend)
-
-
-def _parallel(
-    function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int, backend: str
-) -> Iterator[Result]:
-    import joblib  # takes a second
+    import joblib
 
     # loky ends workers that were idle or have grown, and starts others; each task is still done.
     warnings.filterwarnings("ignore", message="A worker stopped while some jobs")
-    # joblib 1.3's dask backend gives its results all at once only.
-    streams = backend == "loky" or not joblib.__version__.startswith("1.3.")
     try:
-        with joblib.parallel_config(backend=backend, n_jobs=jobs):
-            results = joblib.Parallel(return_as="generator" if streams else "list", batch_size=1)(
-                joblib.delayed(_in_worker)(function, task, os.getpid() if backend == "loky" else None)
-                for task in tasks
-            )
-    except (ImportError, ValueError) as error:
-        raise BackendError(f"backend {backend!r} cannot be used: {error}") from error
-    with contextlib.closing(results) if streams else contextlib.nullcontext():
-        try:
-            yield from results
-        except BrokenExecutor as error:
-            raise BackendError(f"a worker process was killed: {str(error).splitlines()[0]}") from error
+        parallel = joblib.Parallel(return_as="generator", batch_size=1)
+    except ValueError:  # joblib 1.3's dask backend gives its results all at once only
+        parallel = joblib.Parallel(batch_size=1)
+    results = iter(parallel(joblib.delayed(_in_worker)(function, task, os.getpid()) for task in tasks))
+    try:
+        yield from results
+    except BrokenExecutor as error:
+        raise BackendError(f"a worker process was killed: {str(error).splitlines()[0]}") from error
 
 
-def _in_worker(function: Callable[[Task], Result], task: Task, parent: int | None) -> Result:
-    """Execute a task in a worker, of the process `parent` unless it is a cluster's."""
-    if os.getpid() == parent:  # with one core joblib starts no workers
+def _in_worker(function: Callable[[Task], Result], task: Task, parent: int) -> Result:
+    """Execute a task in a worker of the process `parent`, or in this itself."""
+    if os.getpid() == parent:
         return function(task)
     # Ctrl-C in a terminal, and the SIGTERM of a supervisor, reach the workers too; only the parent may act.
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_IGN)
-    if parent is not None:
-        warnings.simplefilter("ignore", UserWarning)  # the parent reports them, once
+    warnings.simplefilter("ignore", UserWarning)  # the parent reports them, once
     return function(task)
 
 

@@ -18,7 +18,7 @@ from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import possible_actions
 from ator_ros.experience import collect as simulated
 from ator_ros.experience.json_lines import PartialResults
-from ator_ros.experience.parallel import EVERY_CORE, Workers, progress
+from ator_ros.experience.parallel import progress
 from ator_ros.experience.table import (
     Experience,
     ExperienceError,
@@ -36,7 +36,6 @@ from ator_ros.tools.command_line import (
     run_tool,
     source_of,
     whole,
-    workers_of,
 )
 
 EPISODES = "episodes of the same seed, robot, domain, action set and versions"
@@ -51,7 +50,6 @@ def collect(
     command: str,
     episodes: int = 1000,
     seed: int = 101,
-    workers: Workers = EVERY_CORE,
     over_ros: float | None = None,
 ) -> None:
     """Execute `episodes` of each action and write their table; episodes of an interrupted call are kept.
@@ -84,7 +82,6 @@ def collect(
                 objects=domain.objects,
                 episodes=episodes,
                 seed=seed,
-                workers=workers,
                 time_limit=domain.time_limit,
                 finished=frozenset(there),
             )
@@ -158,7 +155,6 @@ def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
         episodes=options.episodes,
         seed=options.seed,
         over_ros=options.real_time_factor if options.over_ros else None,
-        workers=workers_of(options),
     )
 
 

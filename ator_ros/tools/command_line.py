@@ -18,7 +18,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import EvaluationError
-from ator_ros.experience.parallel import BACKENDS, BackendError, Workers
+from ator_ros.experience.parallel import BACKENDS, BackendError, workers
 from ator_ros.experience.table import ExperienceError
 from ator_ros.files import FileError, portable_command
 from ator_ros.nodes.network import NodesError
@@ -141,9 +141,11 @@ def add_parallel_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, as in tcp://host:8786")
 
 
-def workers_of(options: argparse.Namespace) -> Workers:
-    """Return the workers that the options of `add_parallel_options` name."""
-    return Workers(options.jobs, options.backend, options.cluster)
+def _workers_of(options: argparse.Namespace) -> contextlib.AbstractContextManager[None]:
+    """Return the workers that the options of `add_parallel_options` name, if there are these options."""
+    if "jobs" not in options:
+        return contextlib.nullcontext()
+    return workers(options.jobs, options.backend, options.cluster)
 
 
 def _check_names(
@@ -205,7 +207,12 @@ def run_tool(
         else:
             _check_names(parser, name, given if several else [given], there)
     command = portable_command(parser.prog, words)
-    return guarded(parser.prog, lambda: work(options, domain, command), interrupted=interrupted)
+
+    def run() -> None:
+        with _workers_of(options):
+            work(options, domain, command)
+
+    return guarded(parser.prog, run, interrupted=interrupted)
 
 
 def source_of(options: argparse.Namespace) -> ToolsetSource:

@@ -14,7 +14,6 @@ from ator_ros.evaluation.running import PARTIAL, RESULT, earlier_oracle, run_sit
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import make_toolset
 from ator_ros.evaluation.trials import EvaluationError
-from ator_ros.experience.parallel import EVERY_CORE, Workers
 from ator_ros.tools.command_line import (
     RESUMES,
     add_models,
@@ -24,7 +23,6 @@ from ator_ros.tools.command_line import (
     run_tool,
     source_of,
     whole,
-    workers_of,
 )
 
 
@@ -35,7 +33,6 @@ def evaluate(
     command: str,
     situations: int = 100,
     oracle_from: Path | None = None,
-    workers: Workers = EVERY_CORE,
 ) -> None:
     """Execute situations with every policy; write `evaluation.json` and the report, and print the tables.
 
@@ -44,7 +41,7 @@ def evaluate(
     """
     make_toolset(settings.source)  # a damaged file is reported before anything is executed
     oracles = earlier_oracle(oracle_from, settings, situations) if oracle_from else [{}] * situations
-    records = run_situations(settings, situations=situations, folder=out, workers=workers)
+    records = run_situations(settings, situations=situations, folder=out)
     records = [record | oracle for record, oracle in zip(records, oracles, strict=True)]
     result = write_result(out, settings, records, command)
     for table in (policy_table(result["summary"]), prediction_table(result["summary"])):
@@ -133,7 +130,7 @@ def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
     )
     evaluate(
         settings, options.out, command=command, situations=options.situations,
-        oracle_from=options.oracle_from, workers=workers_of(options),
+        oracle_from=options.oracle_from,
     )  # fmt: skip
 
 

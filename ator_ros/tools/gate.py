@@ -12,7 +12,6 @@ from ator_ros.evaluation.policies import UNGATED
 from ator_ros.evaluation.running import run_situations
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import ToolsetSource
-from ator_ros.experience.parallel import EVERY_CORE, Workers
 from ator_ros.refinement.gate import GATE, save_gate
 from ator_ros.tools.command_line import (
     RESUMES,
@@ -22,7 +21,6 @@ from ator_ros.tools.command_line import (
     run_tool,
     source_of,
     whole,
-    workers_of,
 )
 
 
@@ -35,7 +33,6 @@ def learn_gate(
     situations: int = 400,
     seed: int = 301,
     tree: bool = False,
-    workers: Workers = EVERY_CORE,
 ) -> None:
     """Learn the gate of a chain from executed situations, and write it beside the models.
 
@@ -47,14 +44,14 @@ def learn_gate(
         Folder of partial results.
     command : str
         The command line, for the file.
-    situations, seed, workers
+    situations, seed
         As for `run_situations`.
     tree : bool
         Learn the paper's decision tree instead of a threshold.
     """
     source.require_executable(chain)
     settings = Settings(seed, chain, ("naive", *UNGATED), source=source)
-    examples = gate_examples(run_situations(settings, situations=situations, folder=work, workers=workers))
+    examples = gate_examples(run_situations(settings, situations=situations, folder=work))
     gate = fit_tree(examples) if tree else fit_threshold(examples)
     path = source.folder() / GATE
     save_gate(path, gate, {"command": command, "seed": seed, "situations": situations}, source.action_set)
@@ -86,7 +83,7 @@ def arguments() -> argparse.ArgumentParser:
 def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
     learn_gate(
         source_of(options), options.chain, options.work, command=command, situations=options.situations,
-        seed=options.seed, tree=options.tree, workers=workers_of(options),
+        seed=options.seed, tree=options.tree,
     )  # fmt: skip
 
 

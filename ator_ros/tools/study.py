@@ -22,7 +22,6 @@ from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.study import open_variables, study_page
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
 from ator_ros.evaluation.trials import EvaluationError, possible_actions, possible_chain, random_trial
-from ator_ros.experience.parallel import EVERY_CORE, Workers
 from ator_ros.experience.table import join, read_experience
 from ator_ros.files import load, save, write_text
 from ator_ros.performance.model_file import load_model
@@ -35,7 +34,6 @@ from ator_ros.tools.command_line import (
     run_tool,
     source_of,
     whole,
-    workers_of,
 )
 from ator_ros.tools.evaluate import evaluate
 from ator_ros.tools.gate import learn_gate
@@ -59,7 +57,6 @@ def study(
     seed: int,
     chain: str | None,
     oracle: int,
-    workers: Workers = EVERY_CORE,
 ) -> None:
     """Collect, train, learn the gate and evaluate for a robot; write `study.json` and `study.html` to `out`.
 
@@ -79,8 +76,6 @@ def study(
         The chain of the evaluation, if the robot can execute it.
     oracle : int
         Number of headings of the first subgoal that the oracle executes.
-    workers
-        As for `run_tasks`.
     """
     of_domain, described, action_set = find_domain(source.domain), source.described(), source.action_set
     actions, left_out = possible_actions(of_domain, action_set, described)
@@ -95,9 +90,7 @@ def study(
         if not table.exists():
             print(f"study: {table.stem}", flush=True)
             made = f"collect of study, seed {seed + after}"
-            collect(
-                actions, source, table, command=made, episodes=episodes, seed=seed + after, workers=workers
-            )
+            collect(actions, source, table, command=made, episodes=episodes, seed=seed + after)
     models = {action: source.folder() / f"{action}.json" for action in actions}
     if not all(file.exists() for file in models.values()):
         print("study: models", flush=True)
@@ -117,16 +110,16 @@ def study(
     if possible is None:
         print(f"study: without an evaluation: no chain of {of_domain.name} has only {', '.join(learned)}")
     else:
-        work: dict[str, Any] = {"situations": situations, "workers": workers}
         if not (source.folder() / GATE).exists():
             print("study: gate", flush=True)
-            learn_gate(source, possible, out / "gate", command="gate of study", seed=seed + 2, **work)
+            made = "gate of study"
+            learn_gate(source, possible, out / "gate", command=made, seed=seed + 2, situations=situations)
         folder = out / "evaluation"
         if not (folder / RESULT).exists():
             print("study: evaluation", flush=True)
             margin = MARGIN if oracle else None
             evaluated = Settings(seed + 3, possible, POLICIES, oracle, margin, source=source)
-            evaluate(evaluated, folder, command="evaluate of study", **work)
+            evaluate(evaluated, folder, command="evaluate of study", situations=situations)
         evaluation = load(folder / RESULT, EVALUATION, dict[str, Any])["summary"]
         variables = _variables(source, possible, seed + 3, min(situations, EXPLAINED))
     ends = join(
@@ -225,7 +218,7 @@ def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
     source = replace(source_of(options), models=str(options.out / "models"))
     study(
         options.out, source, command=command, episodes=options.episodes, situations=options.situations,
-        seed=options.seed, chain=options.chain, oracle=options.oracle, workers=workers_of(options),
+        seed=options.seed, chain=options.chain, oracle=options.oracle,
     )  # fmt: skip
 
 

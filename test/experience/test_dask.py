@@ -12,7 +12,7 @@ import pytest
 from experience_rows import synthetic_model
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.parallel import BackendError, Workers, run_tasks
+from ator_ros.experience.parallel import BackendError, workers
 from ator_ros.experience.table import read_experience
 from ator_ros.files import read_json
 from ator_ros.performance.model_file import save_model
@@ -59,11 +59,11 @@ def test_evaluate_gives_the_same_runs(address: str, tmp_path: Path) -> None:
 
 def test_an_invalid_address_is_rejected() -> None:
     expected = "cluster: expected a dask scheduler as in tcp://host:8786, got 'nowhere'"
-    with pytest.raises(BackendError, match=expected):
-        list(run_tasks(abs, [1], Workers(2, "dask", "nowhere")))
+    with pytest.raises(BackendError, match=expected), workers(2, "dask", "nowhere"):
+        pass
 
 
 def test_dask_without_a_cluster_is_rejected() -> None:
     gc.collect()  # dask fails if clients of previous tests are garbage-collected meanwhile
-    with pytest.raises(BackendError, match="'dask' cannot be used"):
-        list(run_tasks(abs, [1], Workers(2, "dask")))
+    with pytest.raises(BackendError, match="'dask' cannot be used"), workers(2, "dask"):
+        pass

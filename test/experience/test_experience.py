@@ -22,7 +22,7 @@ from ator_ros.domains.soccer.planned.planner import ball_distances
 from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
 from ator_ros.experience.collect import collect
 from ator_ros.experience.episode import run_episode
-from ator_ros.experience.parallel import Workers
+from ator_ros.experience.parallel import workers
 from ator_ros.experience.table import (
     Experience,
     ExperienceError,
@@ -146,7 +146,8 @@ def test_a_lost_ball_makes_an_arrival_a_failure(robot: Robot) -> None:
 
 def test_same_seed_gives_the_same_table_for_any_workers(robot: Robot, frame: pd.DataFrame) -> None:
     tops, objects = SOCCER.tops, SOCCER.objects
-    parallel = join(collect([TURNING], tops, robot, objects=objects, episodes=6, seed=5, workers=Workers(2)))
+    with workers(2):
+        parallel = join(collect([TURNING], tops, robot, objects=objects, episodes=6, seed=5))
     pd.testing.assert_frame_equal(parallel, frame, check_exact=True)
     other = join(collect([TURNING], tops, robot, objects=objects, episodes=1, seed=6))
     assert other["x"].iloc[0] != frame["x"].iloc[0]

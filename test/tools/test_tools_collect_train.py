@@ -19,7 +19,7 @@ import pytest
 from experience_rows import synthetic_experience
 from selection import few
 
-from ator_ros.experience.parallel import Workers, run_tasks
+from ator_ros.experience.parallel import run_tasks, workers
 from ator_ros.experience.table import Experience, read_experience, write_experience
 from ator_ros.refinement.gate import ThresholdGate, load_gate, save_gate
 from ator_ros.robot.description import load_robot
@@ -62,7 +62,8 @@ def test_collect_keeps_finished_episodes_if_a_worker_is_killed(
 ) -> None:
     def broken(*args: Any, **options: Any) -> Iterator[pd.DataFrame]:
         yield synthetic_experience("goToPose", episodes=3)
-        yield from run_tasks(die, [signal.SIGKILL] * 2, Workers(2))
+        with workers(2):
+            yield from run_tasks(die, [signal.SIGKILL] * 2)
 
     monkeypatch.setattr(collect.simulated, "collect", broken)
     file = tmp_path / "part.parquet"
