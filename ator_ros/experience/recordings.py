@@ -36,7 +36,6 @@ TYPES = {
     ODOM: {"nav_msgs/msg/Odometry"},
     CMD_VEL: {"geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"},
 }
-_LARGEST_MESSAGE = 100_000  # bytes; odometry and records have about a thousand
 
 
 class Wanted(NamedTuple):
@@ -104,12 +103,14 @@ def select(
 def _opened(path: Path) -> Iterator[list[Any]]:
     """Yield a reader of each file of a recording, in the order of time."""
     from mcap.reader import make_reader
+    from mcap_ros2.decoder import DecoderFactory
 
     files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
     if not files or not all(file.is_file() for file in files):  # opening a pipe may block
         raise ValueError("expected .mcap files, found none")
     with contextlib.ExitStack() as stack:
-        readers = [make_reader(stack.enter_context(file.open("rb"))) for file in files]
+        opened = [stack.enter_context(file.open("rb")) for file in files]
+        readers = [make_reader(file, decoder_factories=[DecoderFactory()]) for file in opened]
         yield sorted(readers, key=lambda reader: reader.get_summary().statistics.message_start_time)
 
 
@@ -126,17 +127,11 @@ def _topics(readers: Iterable[Any]) -> list[Topic]:
 
 def _messages(readers: Iterable[Any], topics: Collection[Topic]) -> Iterator[tuple[Topic, Any]]:
     """Yield the messages on some topics in the order of arrival."""
-    from mcap_ros2.decoder import DecoderFactory
-
-    for reader in readers if topics else ():
-        decoders = DecoderFactory()
-        for schema, channel, message in reader.iter_messages(topics=[name for name, _ in topics]):
-            if schema is None or (channel.topic, schema.name) not in topics:
-                continue
-            if len(message.data) > _LARGEST_MESSAGE:
-                raise ValueError(f"a message of {len(message.data)} bytes on {channel.topic}")
-            decode: Any = decoders.decoder_for(channel.message_encoding, schema)
-            yield (channel.topic, schema.name), decode(message.data)
+    names = [name for name, _ in topics]
+    for reader in readers if names else ():
+        for schema, channel, _, message in reader.iter_decoded_messages(topics=names):
+            if (channel.topic, schema.name) in topics:
+                yield (channel.topic, schema.name), message
 
 
 def read_recording(
