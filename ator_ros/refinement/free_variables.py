@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -360,15 +360,10 @@ def experience_of(model: Any) -> Mapping[str, tuple[float, float]]:
     return known
 
 
-def outside_experience(
+def _outside_experience(
     world: World, chain: TopChain, models: Mapping[str, PredictsPerformance], robot: Robot
 ) -> tuple[list[str], set[int]]:
-    """Return what of a chain lies outside the experience of the models: sentences, and steps.
-
-    The steps, from 0, are those whose distance lies outside. Distances, turns and speeds are compared with
-    those at the starts of the episodes that a model was trained on. Variables that a step, or the one before
-    it, leaves open are left out.
-    """
+    """Return sentences on what of a chain lies outside the experience, and steps whose distance does."""
     found, far, opened = list[str](), set[int](), frozenset[str]()
     situations = chain_situations(world, chain, robot)
     for step, (call, direct) in enumerate(zip(chain.calls, situations, strict=True)):
@@ -407,18 +402,18 @@ def _quantities(
 
 def within_experience(
     analysis: Analysis,
+    world: World,
     chain: TopChain,
     models: Mapping[str, PredictsPerformance],
-    outside: Sequence[str],
-    far: Collection[int],
+    robot: Robot,
 ) -> Analysis:
     """Return `analysis` with the ranges narrowed to the goals that the models were trained on.
 
-    `outside` and `far` are what `outside_experience` returns.
-
     A variable whose range lies outside the experience is not free. Neither is a variable next to a step whose
-    distance lies outside, since its predictions are extrapolated.
+    distance lies outside, since its predictions are extrapolated. Distances, turns and speeds that no open
+    variable changes are compared with those at the starts of the episodes.
     """
+    outside, far = _outside_experience(world, chain, models, robot)
     free, not_free = [], list(analysis.not_free)
     for variable in analysis.free:
         steps = [step for step in (variable.subgoal, variable.subgoal + 1) if step in far]

@@ -18,7 +18,6 @@ from ator_ros.refinement.free_variables import (
     Regions,
     analyze,
     names_of,
-    outside_experience,
     within_experience,
     within_regions,
 )
@@ -255,8 +254,7 @@ class Refiner:
         if not 1 <= len(chain.calls) <= LONGEST_CHAIN:
             raise RefinementError(f"chain: expected 1 to {LONGEST_CHAIN} actions, got {len(chain.calls)}")
         analysis = analyze(chain, self.models, self.robot, self._ranges)
-        outside, far = outside_experience(world, chain, self.models, self.robot)
-        analysis = within_experience(analysis, chain, self.models, outside, far)
+        analysis = within_experience(analysis, world, chain, self.models, self.robot)
         regions = Regions(world, chain, self.robot, names_of(chain, analysis.free), self.models)
         if regions.allowing() is None:
             return analysis, regions

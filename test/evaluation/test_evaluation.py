@@ -11,9 +11,7 @@ import pytest
 from refinement_fakes import LIBRARY, ROBOT, models
 
 from ator_ros.actions import TIME_LIMIT
-from ator_ros.domains.soccer.chains import SHOOTING_DISTANCE
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.field import field_of
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
@@ -51,13 +49,6 @@ class TestTrials:
                 len(ready.calls) - 1
             )
             assert not drawn.chain.calls[-1].open
-
-    def test_shooting_positions_lie_before_the_goal(self) -> None:
-        x, y = field_of(ROBOT).goal_center()
-        for index in range(100):
-            place = trial(index, "shoot").chain.calls[1].goal.pose
-            low, high = SHOOTING_DISTANCE
-            assert low <= math.hypot(x - place.x, y - place.y) <= high
 
 
 class TestPolicies:

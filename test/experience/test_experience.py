@@ -18,7 +18,6 @@ from ator_ros.actions.base import Action, ActionError, Goal, Point
 from ator_ros.actions.situation import ActionSpec, Situation
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of
-from ator_ros.domains.soccer.planned.planner import ball_distances
 from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
 from ator_ros.experience.collect import collect
 from ator_ros.experience.episode import run_episode
@@ -92,22 +91,6 @@ def test_drawn_starts_are_feasible(action: str, robot: Robot) -> None:
     factory = SOCCER.actions()[action].factory
     impossible = [s for s in draw(action, robot, 10) if not starts(factory(robot), s)]
     assert len(impossible) <= (0 if robot is PIONEER else 1)
-
-
-@every_robot
-def test_approaches_start_clear_of_the_ball_at_the_goal(robot: Robot) -> None:
-    situations = draw("goToPose", robot)
-    with_ball = [s for s in situations if s.goal.point is Point.HOLD]
-    assert 0.5 < len(with_ball) / len(situations) < 0.7
-    for s in with_ball:
-        assert (ball_of(s).x, ball_of(s).y) == s.goal.pose[:2]
-        assert ball_distances(np.array([s.robot.pose]), ball_of(s), robot)[0] > 0.05
-    left = [s for s in situations if ball_of(s) is not None and s.goal.point is Point.AXLE]
-    assert 0.0 < len(left) / len(situations) < 0.1
-    for s in left:
-        hold = robot.hold_point(s.robot.pose)
-        assert (ball_of(s).x, ball_of(s).y) == pytest.approx((hold.x, hold.y))
-        assert ball_distances(np.array([s.goal.pose]), ball_of(s), robot)[0] > 0.0
 
 
 def plain(robot: Robot, goal: Pose) -> Situation:
