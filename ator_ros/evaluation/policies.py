@@ -16,7 +16,7 @@ from ator_ros.evaluation.trials import Trial, open_speeds, with_headings
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import PATHS
-from ator_ros.refinement.gate import GATE, OpenGate
+from ator_ros.refinement.gate import GATE, NO_GATE
 from ator_ros.refinement.refiner import Refinement
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
@@ -77,7 +77,7 @@ def analytic(tools: Toolset) -> Toolset:
     """Return tools with path times, at the limits that learned models have observed, if any, as models."""
     driving = {action: getattr(model, "driving", None) for action, model in tools.models.items()}
     models = {action: PathTime(tools.robot, seen) for action, seen in driving.items()}
-    return dataclasses.replace(tools, models=models, gate=OpenGate())
+    return dataclasses.replace(tools, models=models, gate=NO_GATE)
 
 
 def refined(

@@ -15,7 +15,7 @@ from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.trials import EvaluationError, random_trial
 from ator_ros.performance.model_file import load_model, models_folder
 from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain
-from ator_ros.refinement.gate import Gate, OpenGate, gate_in
+from ator_ros.refinement.gate import NO_GATE, Gate, gate_in
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
@@ -52,7 +52,7 @@ class Toolset:
         return Refiner(
             self.robot,
             self.models,
-            self.gate if gated else OpenGate(),
+            self.gate if gated else NO_GATE,
             ranges=self.domain.ranges,
             failure_cost=self.domain.time_limit,
         )

@@ -22,9 +22,8 @@ class EvaluationError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One situation of an evaluation: index, initial state, and plan with open variables."""
+    """One situation of an evaluation: initial state, and plan with open variables."""
 
-    index: int
     world: World
     chain: TopChain
 
@@ -58,7 +57,7 @@ def random_trial(domain: Domain, chain: str, library: TopLibrary, *, seed: int, 
     for step, call in enumerate(plan.calls, start=1):
         if wrong := wrong_values(call.goal, library.goal_variables(call.top)):
             raise EvaluationError(f"chain {chain} of {domain.name}: step {step} ({call.top.name}): {wrong}")
-    return Trial(index, world, plan)
+    return Trial(world, plan)
 
 
 def open_speeds(chain: TopChain) -> TopChain:

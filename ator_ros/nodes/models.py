@@ -28,7 +28,7 @@ from ator_ros.performance.model_file import (
     model_path,
     models_folder,
 )
-from ator_ros.refinement.gate import Gate, OpenGate, gate_in
+from ator_ros.refinement.gate import NO_GATE, Gate, gate_in
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.library import TopLibrary
 
@@ -215,4 +215,4 @@ def _gate(node: Node, folder: Path, action_set: str) -> Gate:
         return gate_in(folder, action_set)
     except FileError as error:
         node.get_logger().warning(f"no gate, refining whenever a gain is predicted: {error}")
-        return OpenGate()
+        return NO_GATE

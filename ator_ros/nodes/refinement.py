@@ -39,7 +39,7 @@ from ator_ros.planning.goals import PlanningError, known_variables
 from ator_ros.planning.planner import chains_for
 from ator_ros.printable import printable
 from ator_ros.refinement import RefinementError
-from ator_ros.refinement.gate import OpenGate
+from ator_ros.refinement.gate import NO_GATE
 from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.refinement.refiner import Refinement, Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
@@ -114,7 +114,7 @@ class RefinementNode(Node):
             return "chains stay as they are sent"
         if not self._settings["gate"]:
             return "gate is false: a chain is changed whenever a gain is predicted"
-        if isinstance(refiner.gate, OpenGate):
+        if refiner.gate == NO_GATE:
             return "no gate: a chain is changed whenever a gain is predicted; train or gate learns one"
         return "with a gate"
 
@@ -122,7 +122,7 @@ class RefinementNode(Node):
         """Return a refiner with the parameters `gate` and `failure_cost` as they are now."""
         refiner, cost = copy.copy(refiner), self._settings["failure_cost"]
         if not self._settings["gate"]:
-            refiner.gate = OpenGate()
+            refiner.gate = NO_GATE
         refiner.failure_cost = cost if cost >= 0.0 else self._domain.time_limit
         return refiner
 

@@ -62,41 +62,7 @@ def gate_features(
 
 
 @dataclass(frozen=True, slots=True)
-class Gate:
-    """Decides from the values of `FEATURES` whether to refine."""
-
-    kind: ClassVar[str]
-
-    def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
-        """Return whether to refine, and the reason in words."""
-        raise NotImplementedError
-
-    def rules(self) -> list[str]:
-        """Return the gate in words, one sentence per rule."""
-        raise NotImplementedError
-
-
-_NO_GAIN = "no gain predicted"
-
-
-@dataclass(frozen=True, slots=True)
-class OpenGate(Gate):
-    """Refines whenever any gain is predicted."""
-
-    kind: ClassVar[str] = "open"
-
-    def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
-        """Return whether the predicted gain is above 0."""
-        gain = features["gain"]
-        return gain > 0.0, f"predicted gain {gain:.2f} s" if gain > 0.0 else _NO_GAIN
-
-    def rules(self) -> list[str]:
-        """Return the gate in words."""
-        return ["refines where any gain is predicted"]
-
-
-@dataclass(frozen=True, slots=True)
-class ThresholdGate(Gate):
+class ThresholdGate:
     """Refines where the predicted gain exceeds a threshold that grows with the models' spread.
 
     Attributes
@@ -112,11 +78,14 @@ class ThresholdGate(Gate):
     kind: ClassVar[str] = "threshold"
 
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
-        """Return whether the predicted gain exceeds the threshold."""
-        needed = self.gain + self.spread_factor * features["spread"]
+        """Return whether the predicted gain exceeds the threshold, and the reason in words."""
+        # The spread may be infinite.
+        needed = self.gain + (self.spread_factor * features["spread"] if self.spread_factor else 0.0)
         gain = features["gain"]
-        if gain < 0.005 and not gain > needed:
-            return False, _NO_GAIN
+        if not (gain > needed or gain >= 0.005):
+            return False, "no gain predicted"
+        if self == NO_GATE:
+            return True, f"predicted gain {gain:.2f} s"
         relation = "is above" if gain > needed else "is not above"
         digits = 2 if f"{gain:.2f}" != f"{needed:.2f}" else 4
         reason = f"predicted gain {gain:.{digits}f} s {relation} the gate's {needed:.{digits}f} s"
@@ -129,8 +98,12 @@ class ThresholdGate(Gate):
         return [f"refines where the predicted gain is above {self.gain:.2f} s{spread}"]
 
 
+NO_GATE = ThresholdGate(0.0)
+"""Refines wherever a gain is predicted."""
+
+
 @dataclass(frozen=True, slots=True)
-class TreeGate(Gate):
+class TreeGate:
     """A decision tree that predicts Higher, Equal or Lower from `FEATURES` (paper): Higher is refined.
 
     Attributes
@@ -190,12 +163,15 @@ class TreeGate(Gate):
         return rules
 
 
+Gate = ThresholdGate | TreeGate
+"""Decides from the values of `FEATURES` whether to refine."""
+
 # The file
 
 KIND = "gate"
 GATE = "gate.json"
 """Name of the file beside the models."""
-_KINDS: Mapping[str, type[Gate]] = {gate.kind: gate for gate in (OpenGate, ThresholdGate, TreeGate)}
+_KINDS: Mapping[str, type[Gate]] = {gate.kind: gate for gate in (ThresholdGate, TreeGate)}
 
 
 @dataclass(frozen=True)
@@ -241,7 +217,7 @@ def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
 
 
 def gate_in(folder: Path, action_set: str) -> Gate:
-    """Read the gate beside the models of an action set as `load_gate` does; without one it is open."""
+    """Read the gate beside the models of an action set as `load_gate` does; `NO_GATE` if there is none."""
     if os.path.lexists(folder / GATE):  # a link that leads nowhere is no missing gate
         return load_gate(folder / GATE, action_set)
-    return OpenGate()
+    return NO_GATE

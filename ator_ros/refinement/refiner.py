@@ -21,7 +21,7 @@ from ator_ros.refinement.free_variables import (
     within_experience,
     within_regions,
 )
-from ator_ros.refinement.gate import Gate, OpenGate, gate_features
+from ator_ros.refinement.gate import NO_GATE, Gate, gate_features
 from ator_ros.refinement.objective import Objective, expected_time
 from ator_ros.refinement.search import (
     Deadline,
@@ -125,7 +125,7 @@ class Refiner:
         self,
         robot: Robot,
         models: Mapping[str, PredictsPerformance],
-        gate: Gate | None = None,
+        gate: Gate = NO_GATE,
         *,
         ranges: Ranges = USUAL_RANGES,
         failure_cost: float = 0.0,
@@ -133,7 +133,7 @@ class Refiner:
         self.robot = robot
         self.failure_cost = failure_cost
         self.models = models
-        self.gate = gate if gate is not None else OpenGate()
+        self.gate = gate
         self._ranges = ranges
 
     def refine(

@@ -20,7 +20,7 @@ from ator_ros.evaluation.trials import (
     random_trial,
     with_headings,
 )
-from ator_ros.refinement.gate import OpenGate, ThresholdGate
+from ator_ros.refinement.gate import NO_GATE, ThresholdGate
 from ator_ros.resources import resource_path
 
 
@@ -105,7 +105,7 @@ def test_a_newly_learned_gate_is_used(tmp_path: Path) -> None:
         shutil.copy(shipped / name, tmp_path)
     source = ToolsetSource(models=str(tmp_path))
     before, _ = tools_of(source)
-    assert isinstance(before.gate, OpenGate)
+    assert before.gate == NO_GATE
     assert tools_of(source)[0] is before
     shutil.copy(shipped / "gate.json", tmp_path)
-    assert not isinstance(tools_of(source)[0].gate, OpenGate)
+    assert tools_of(source)[0].gate != NO_GATE

@@ -14,7 +14,7 @@ from ator_ros.evaluation.situation import best_headings, candidates
 from ator_ros.evaluation.toolset import Toolset
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
 from ator_ros.geometry import FloatArray, wrap_angle
-from ator_ros.refinement.gate import OpenGate
+from ator_ros.refinement.gate import NO_GATE
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 
@@ -42,7 +42,7 @@ class Model:
         return SimpleNamespace(duration=np.array([turned(*row) for row in zip(*columns, strict=True)]))
 
 
-TOOLS = Toolset(DOMAIN, ROBOT, {"drive_to": Model()}, OpenGate())
+TOOLS = Toolset(DOMAIN, ROBOT, {"drive_to": Model()}, NO_GATE)
 
 
 def trial(index: int) -> Trial:

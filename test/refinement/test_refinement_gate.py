@@ -11,7 +11,7 @@ import pytest
 from ator_ros.files import FileError
 from ator_ros.refinement.gate import (
     FEATURES,
-    OpenGate,
+    NO_GATE,
     ThresholdGate,
     TreeGate,
     load_gate,
@@ -49,7 +49,7 @@ def test_rules_list_every_leaf() -> None:
     ]
 
 
-@pytest.mark.parametrize("gate", [OpenGate(), ThresholdGate(0.15, 0.5), TREE])
+@pytest.mark.parametrize("gate", [NO_GATE, ThresholdGate(0.15, 0.5), TREE])
 def test_a_file_restores_the_gate(gate: Any, tmp_path: Path) -> None:
     save_gate(tmp_path / "gate.json", gate, {"seed": 301})
     assert load_gate(tmp_path / "gate.json") == gate
@@ -79,7 +79,7 @@ def test_foreign_and_damaged_files_are_rejected(change: dict[str, Any], message:
         load_gate(path)
 
 
-@pytest.mark.parametrize("gate", [OpenGate(), ThresholdGate(0.05)])
+@pytest.mark.parametrize("gate", [NO_GATE, ThresholdGate(0.05)])
 @pytest.mark.parametrize("gain", [-0.02, 0.0])
 def test_without_a_predicted_gain_the_reason_states_it(gate: Any, gain: float) -> None:
     assert gate.decide({"gain": gain, "spread": 0.1}) == (False, "no gain predicted")
