@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -14,7 +14,7 @@ from ator_ros.files import FileError, load, save
 from ator_ros.geometry import wrap_angle
 from ator_ros.printable import quoted
 from ator_ros.refinement.chain_prediction import ChainPrediction
-from ator_ros.schema import OneOf, SchemaError, structured
+from ator_ros.schema import OneOf
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 
@@ -171,28 +171,21 @@ Gate = ThresholdGate | TreeGate
 KIND = "gate"
 GATE = "gate.json"
 """Name of the file beside the models."""
-_KINDS: Mapping[str, type[Gate]] = {gate.kind: gate for gate in (ThresholdGate, TreeGate)}
 
 
 @dataclass(frozen=True)
 class _GateFile:
-    """The fields of a gate's file; gate: those of the gate of this kind."""
+    """The fields of a gate's file."""
 
     action_set: str
-    kind: Annotated[str, OneOf(tuple(_KINDS))]
-    gate: dict[str, Any]
+    kind: str
+    gate: Gate
     training: dict[str, Any] = field(default_factory=dict)
 
 
 def save_gate(path: Path, gate: Gate, training: Mapping[str, Any], action_set: str = DEFAULT_SET) -> None:
     """Write a gate of an action set, with how it was trained, to `path`; atomic."""
-    data = {
-        "action_set": action_set,
-        "kind": gate.kind,
-        "gate": asdict(gate),
-        "training": dict(training),
-    }
-    save(path, KIND, data)
+    save(path, KIND, _GateFile(action_set, gate.kind, gate, dict(training)))
 
 
 def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
@@ -205,15 +198,12 @@ def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:
         field.
     """
     file = load(path, KIND, _GateFile)
-    try:
-        if file.action_set != action_set:
-            raise SchemaError(
-                f"action_set: expected {action_set!r}, got {quoted(file.action_set)}: "
-                "learn the gate of these actions with the tool gate"
-            )
-        return structured(file.gate, _KINDS[file.kind], "gate")
-    except SchemaError as error:
-        raise FileError(f"{path}: {error}") from error
+    if file.action_set != action_set:
+        raise FileError(
+            f"{path}: action_set: expected {action_set!r}, got {quoted(file.action_set)}: "
+            "learn the gate of these actions with the tool gate"
+        )
+    return file.gate
 
 
 def gate_in(folder: Path, action_set: str) -> Gate:

@@ -60,7 +60,6 @@ def test_a_file_restores_the_gate(gate: Any, tmp_path: Path) -> None:
     ("change", "message"),
     [
         ({"action_set": "bezier"}, "action_set: expected 'default', got 'bezier'"),
-        ({"kind": "shut"}, "kind: expected one of open, threshold, tree; got 'shut'"),
         ({"gate": {"gain": "0.1", "spread_factor": 0.0}}, r"gate\.gain: expected a finite number"),
         (
             {
