@@ -11,12 +11,13 @@ from functools import partial
 from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
-from ator_ros.evaluation.toolset import Toolset, ToolsetSource
+from ator_ros.evaluation.toolset import Toolset
 from ator_ros.evaluation.trials import Trial, open_speeds, with_headings
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import PATHS
-from ator_ros.refinement.gate import GATE, NO_GATE
+from ator_ros.refinement.chain_prediction import ChainPrediction
+from ator_ros.refinement.gate import NO_GATE
 from ator_ros.refinement.refiner import Refinement
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
@@ -24,11 +25,11 @@ from ator_ros.tops.chain import TopChain
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A chain to execute, its refinement, if any, and whether models chose it."""
+    """A chain to execute, its refinement and prediction, if models chose it."""
 
     chain: TopChain
     refinement: Refinement | None = None
-    by_models: bool = False
+    predicted: ChainPrediction | None = None
 
 
 Policy = Callable[[Toolset, Trial], Choice]
@@ -57,7 +58,8 @@ class PathTime:
 
 def naive(tools: Toolset, trial: Trial) -> Choice:
     """Choose the heading at which the first action alone is fastest, at rest (paper, section 5)."""
-    return Choice(tools.refiner().naive(trial.world, open_speeds(trial.chain)), by_models=True)
+    chain = tools.refiner().naive(trial.world, open_speeds(trial.chain))
+    return Choice(chain, predicted=tools.predict(trial.world, chain))
 
 
 def face_goal(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
@@ -88,7 +90,7 @@ def refined(
     start = naive(tools, trial).chain
     refiner = (tools if learned else analytic(tools)).refiner(gated=gated)
     refinement = refiner.refine(trial.world, reopened(start, plan))
-    return Choice(refinement.chain, refinement)
+    return Choice(refinement.chain, refinement, refinement.predicted)
 
 
 POLICIES: Mapping[str, Policy] = MappingProxyType(
@@ -108,11 +110,3 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
 
 UNGATED: Mapping[str, str] = MappingProxyType({"refined": "features", "refined_speed": "features_speed"})
 """Policies without a gate, and the key under which a record holds what a gate would see of their choices."""
-
-
-def unavailable(source: ToolsetSource) -> dict[str, str]:
-    """Return the policies that cannot be run, with the reason."""
-    gate = source.folder() / GATE
-    if gate.exists():
-        return {}
-    return dict.fromkeys(("gated", "gated_speed"), f"expected the file {gate}, which the tool `gate` makes")

@@ -121,10 +121,7 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
     record: Record = {
         "index": index,
         "start": _start(trial),
-        "policies": {
-            name: _policy_record(tools, trial, choice, execute(choice.chain))
-            for name, choice in choices.items()
-        },
+        "policies": {name: _policy_record(choice, execute(choice.chain)) for name, choice in choices.items()},
     }
     for name, key in UNGATED.items():
         refinement = choices[name].refinement if name in choices else None
@@ -144,7 +141,7 @@ def _start(trial: Trial) -> list[float]:
     return [round(value, 4) for value in places]
 
 
-def _policy_record(tools: Toolset, trial: Trial, choice: Choice, run: ChainRun) -> Record:
+def _policy_record(choice: Choice, run: ChainRun) -> Record:
     record: Record = {
         "duration": round(run.duration, 3),
         "success": run.success,
@@ -158,13 +155,8 @@ def _policy_record(tools: Toolset, trial: Trial, choice: Choice, run: ChainRun) 
         record["reason"] = run.reason
     elif not math.isnan(run.error):
         record["error"] = round(run.error, 4)
-    predicted = None
-    if choice.refinement is not None:
-        predicted = choice.refinement.predicted
-    elif choice.by_models:
-        predicted = tools.predict(trial.world, choice.chain)
-    if predicted is not None:
-        record["predicted"] = round(predicted.duration, 3)
+    if choice.predicted is not None:
+        record["predicted"] = round(choice.predicted.duration, 3)
     return record
 
 

@@ -8,12 +8,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.policies import POLICIES, unavailable
+from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.report import policy_table, prediction_table, write_report
 from ator_ros.evaluation.running import PARTIAL, RESULT, earlier_oracle, run_situations, write_result
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import make_toolset
 from ator_ros.evaluation.trials import EvaluationError
+from ator_ros.refinement.gate import NO_GATE
 from ator_ros.tools.command_line import (
     RESUMES,
     add_models,
@@ -39,7 +40,9 @@ def evaluate(
     `command` is the command line, for the result; `oracle_from` the folder of an earlier evaluation of the
     same situations, whose oracle is taken.
     """
-    make_toolset(settings.source)  # a damaged file is reported before anything is executed
+    tools = make_toolset(settings.source)  # a damaged file is reported before anything is executed
+    if tools.gate == NO_GATE:
+        print("evaluate: no gate beside the models: gated policies accept every gain", file=sys.stderr)
     oracles = earlier_oracle(oracle_from, settings, situations) if oracle_from else [{}] * situations
     records = run_situations(settings, situations=situations, folder=out)
     records = [record | oracle for record, oracle in zip(records, oracles, strict=True)]
@@ -88,9 +91,7 @@ def arguments() -> argparse.ArgumentParser:
     )
     add_setting(parser)
     parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its first)")
-    parser.add_argument(
-        "--policies", nargs="+", choices=tuple(POLICIES), metavar="NAME", help="default: all that can be run"
-    )
+    parser.add_argument("--policies", nargs="+", choices=tuple(POLICIES), metavar="NAME", help="default: all")
     add_models(parser)
     add_parallel_options(parser)
     return parser
@@ -111,13 +112,7 @@ def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
     _check_oracle_options(options)
     source = source_of(options)
     source.require_executable(options.chain)
-    missing = unavailable(source)
-    for name, why in missing.items():
-        if options.policies is None:
-            print(f"evaluate: without the policy {name}: {why}", file=sys.stderr)
-        elif name in options.policies:
-            raise EvaluationError(f"--policies: {name} cannot be run: {why}")
-    wanted = {"naive", *(options.policies or POLICIES)} - missing.keys()
+    wanted = {"naive", *(options.policies or POLICIES)}
     settings = Settings(
         seed=options.seed,
         chain=options.chain,
