@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -143,15 +143,15 @@ class PerformanceModel:
         ValueError
             A direct variable is missing or of another shape.
         """
-        if measures not in self._plans:  # the same ones are asked for mostly
-            self._plans[measures] = self._planned(measures)
-        plan = self._plans[measures]
         geometry = self._geometry(direct)
         rows = geometry.rows
-        for row, feature in plan.computed:
-            rows[row] = geometry.once(feature.compute)
         fields: dict[str, FloatArray] = {}
-        for name, tree, places in plan.trees:
+        for name in dict.fromkeys("duration" if each == "spread" else each for each in measures):
+            if name not in self.trees:
+                continue
+            tree, (computed, places) = self.trees[name], self._places[name]
+            for row, feature in computed:
+                rows[row] = geometry.once(feature.compute)
             values, leaf = tree.evaluate(rows, places)
             fields[name] = _within_range(name, values)
             if name == "duration":
@@ -179,28 +179,22 @@ class PerformanceModel:
         return self._writer(measure).explanation(table_of(self._geometry(direct), features)[0])
 
     @cached_property
-    def _plans(self) -> dict[tuple[str, ...], _Plan]:
-        return {}
-
-    @cached_property
     def _computed(self) -> tuple[Feature, ...]:
         """The features of the trees that no row of every geometry holds."""
         named = dict.fromkeys(name for tree in self.trees.values() for name in tree.names)
         return tuple(feature for feature in map(self.features.__getitem__, named) if feature.row is None)
 
-    def _planned(self, measures: tuple[str, ...]) -> _Plan:
-        wanted = dict.fromkeys("duration" if name == "spread" else name for name in measures)
-        trees = {name: self.trees[name] for name in wanted if name in self.trees}
+    @cached_property
+    def _places(self) -> dict[str, tuple[list[tuple[int, Feature]], IntArray]]:
+        """By tree: the features to compute, with their rows, and the rows of all its features."""
         place = {feature.name: ROWS + number for number, feature in enumerate(self._computed)}
-        named = [self.features[name] for tree in trees.values() for name in tree.names]
-        rows = {each.name: place[each.name] if each.row is None else each.row for each in named}
-        return _Plan(
-            tuple((rows[feature.name], feature) for feature in self._computed if feature.name in rows),
-            tuple(
-                (name, tree, np.array([rows[each] for each in tree.names], dtype=np.intp))
-                for name, tree in trees.items()
-            ),
-        )
+        found = {}
+        for measure, tree in self.trees.items():
+            features = [self.features[name] for name in tree.names]
+            computed = [(place[feature.name], feature) for feature in features if feature.row is None]
+            rows = [place[each.name] if each.row is None else each.row for each in features]
+            found[measure] = computed, np.array(rows, dtype=np.intp)
+        return found
 
     def _geometry(self, direct: Direct) -> Geometry:
         room = len(self._computed)
@@ -211,13 +205,6 @@ class PerformanceModel:
         units = {name: self.features[name].unit for name in tree.names}
         target = "time" if measure == "duration" else measure
         return RuleWriter(tree, units, target=target, target_unit=MEASURES[measure])
-
-
-class _Plan(NamedTuple):
-    """What has to be evaluated for a prediction: features with their rows, and trees with those of theirs."""
-
-    computed: tuple[tuple[int, Feature], ...]
-    trees: tuple[tuple[str, ModelTree, IntArray], ...]
 
 
 def _within_range(measure: str, values: FloatArray) -> FloatArray:
