@@ -18,13 +18,10 @@ class Changed:
         Acceleration of driving and turning as a share of the described one; braking is unchanged.
     lag : float
         Time constant of the motors in s; 0: as described.
-    wheels : (float, float)
-        See `Simulation`.
     """
 
     acceleration: float = 1.0
     lag: float = 0.0
-    wheels: tuple[float, float] = (1.0, 1.0)
 
     def robot(self, described: Robot) -> Robot:
         """Return the simulated robot; actions still plan with the described one."""
@@ -38,6 +35,5 @@ CHANGES: dict[str, Changed] = {
     "none": Changed(),
     "motors": Changed(acceleration=0.7),
     "lag": Changed(lag=0.12),
-    "wheel": Changed(wheels=(0.92, 1.0)),
 }
-"""No change; 70 % of the motors' acceleration; motors that lag by 0.12 s; a wheel that slips by 8 %."""
+"""No change; 70 % of the motors' acceleration; motors that lag by 0.12 s."""

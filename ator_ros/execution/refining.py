@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,7 +94,10 @@ class Refining:
         self.wanted, self.refined, self.refined_again = wanted, False, 0
         self._executor, self._library, self._robot = executor, library, library.robot
         self._plans, self._number = plans, 0
-        self._again_after, self._trigger = again_after, ReplanTrigger(library.robot)
+        self._again_after = again_after
+        self._expected: Mapping[str, ObjectState] = {}  # objects in the world of the last question
+        self._path: FloatArray | None = None  # that was planned then, or later for another step
+        self._call: TopCall | None = None  # for which the path was planned
         self._answer: tuple[TopChain, str, int] | None = None
         self._first: str | None = None  # result of the first question
         self._changed = self._unchanged = ""  # results of the last question that changed the chain, and after
@@ -110,22 +113,42 @@ class Refining:
 
     def ask(self, world: World, now: float) -> None:
         """Ask about the whole chain, before it starts."""
-        self._trigger.set_reference(world)
+        self._expected = world.objects
         self.question = Question(world, self._executor.chain, 0, now)
 
     def ask_again(self, world: World, now: float) -> None:
-        """Ask about the remaining steps and the other plans if the world deviates from the reference."""
+        """Ask about the remaining steps and the other plans if the world deviates from the last question."""
         if not (self.wanted and self._again_after) or self.question is not None:
             return
-        executor, step = self._executor, self._executor.index
-        cause = self._trigger.deviation(self._again_after, world, executor.chain, step, executor.path)
+        resting, step = at_rest(world, self._robot), self._executor.index
+        cause = self._deviation(world, resting)
         if not cause:
             return
-        resting = at_rest(world, self._robot)
-        chain = with_followed(executor.chain, resting, self._robot, step=step)
+        chain = with_followed(self._executor.chain, resting, self._robot, step=step)
         others = continuations(self._plans, self._number, chain, step, resting, self._robot)
-        self._trigger.set_reference(resting)
+        self._expected, self._call = resting.objects, None
         self.question = Question(resting, TopChain(chain.calls[step:]), step, now, others, cause)
+
+    def _deviation(self, world: World, resting: World) -> str:
+        """Return what deviates by more than `again_after` from the last question; empty if nothing does.
+
+        Objects, but those that the robot itself moves, are compared where they come to rest, the robot with
+        the planned path of the active action.
+        """
+        executor, most = self._executor, self._again_after
+        for _, name in awaited(executor.chain.calls[executor.index :]):
+            there, expected = resting.objects.get(name), self._expected.get(name)
+            if there is None or is_at_front(world, self._robot, name):
+                continue
+            if expected is None:
+                return f"the {name} was not known"
+            moved = math.hypot(there.x - expected.x, there.y - expected.y)
+            if moved > most:
+                return f"the {name} comes to rest {moved:.2f} m from the forecast"
+        if self._path is None or executor.call is not self._call:
+            self._path, self._call = executor.path(), executor.call
+        off = 0.0 if self._path is None else _distance(world.robot.pose, self._path)
+        return f"the robot is {off:.2f} m off its path" if off > most else ""
 
     def take(self, chain: TopChain, refined: bool, reason: str, chosen: int) -> None:
         """Accept the answer to `question`; while the robot drives, `apply` applies it in the next tick.
@@ -216,51 +239,6 @@ class Refining:
             self._changed, self._unchanged = f"; refined again {after}", ""
         else:
             self._unchanged = f"; asked again {after}"
-
-
-class ReplanTrigger:
-    """Compares objects with where they were expected, and the robot with its planned path."""
-
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-        self._expected: Mapping[str, ObjectState] = {}
-        self._path: FloatArray | None = None
-        self._call: tuple[int, TopCall] | None = None
-
-    def set_reference(self, world: World) -> None:
-        """Compare with this world from now on, and with the path that is followed then."""
-        self._expected = world.objects
-        self._call = None
-
-    def deviation(
-        self, most: float, world: World, chain: TopChain, step: int, path: Callable[[], FloatArray | None]
-    ) -> str:
-        """Return what deviates by more than `most` (m) from the reference; empty if nothing does.
-
-        Objects are compared where they come to rest, those that the robot itself moves excepted.
-
-        Parameters
-        ----------
-        chain, step
-            The chain, and the step being executed, from 0.
-        path : callable
-            Returns the planned path of the active action; see `Action.path`.
-        """
-        resting = at_rest(world, self._robot)
-        for _, name in awaited(chain.calls[step:]):
-            there, expected = resting.objects.get(name), self._expected.get(name)
-            if there is None or is_at_front(world, self._robot, name):
-                continue
-            if expected is None:
-                return f"the {name} was not known"
-            moved = math.hypot(there.x - expected.x, there.y - expected.y)
-            if moved > most:
-                return f"the {name} comes to rest {moved:.2f} m from the forecast"
-        call = (step, chain.calls[step])
-        if self._path is None or call != self._call:
-            self._path, self._call = path(), call
-        off = 0.0 if self._path is None else _distance(world.robot.pose, self._path)
-        return f"the robot is {off:.2f} m off its path" if off > most else ""
 
 
 def _distance(pose: Pose, path: FloatArray) -> float:

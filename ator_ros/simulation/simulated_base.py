@@ -26,8 +26,6 @@ class SimulatedBase:
 
     Parameters
     ----------
-    shares : (float, float)
-        Speeds of the left and the right wheel as shares of what was commanded.
     period : float
         Time of a physics step in s.
 
@@ -37,10 +35,8 @@ class SimulatedBase:
         Its body id.
     """
 
-    def __init__(
-        self, client: BulletClient, robot: Robot, shares: tuple[float, float], *, period: float
-    ) -> None:
-        self._bullet, self.robot, self._shares = client, robot, shares
+    def __init__(self, client: BulletClient, robot: Robot, *, period: float) -> None:
+        self._bullet, self.robot = client, robot
         self.body, self._wheels = load_base(client, robot)
         self._com = self._bullet.getDynamicsInfo(self.body, -1)[3]
         self._command, self._expires, self._setpoint = STOP, -math.inf, STOP
@@ -90,8 +86,7 @@ class SimulatedBase:
         target = self._command if time < self._expires else STOP
         self._setpoint = ramped(self._setpoint, target, dt, self.robot.limits, self.robot.stop)
         turn, radius = self._setpoint.w * self.robot.track / 2.0, self.robot.wheel_radius
-        left, right = (self._setpoint.v - turn) / radius, (self._setpoint.v + turn) / radius
-        speeds = (left * self._shares[0], right * self._shares[1])
+        speeds = (self._setpoint.v - turn) / radius, (self._setpoint.v + turn) / radius
         if speeds != (0.0, 0.0):
             self._held = None
         elif self._held is None:

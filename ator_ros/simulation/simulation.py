@@ -43,8 +43,6 @@ class Simulation:
     ----------
     robot, others : Robot, sequence of Robot
         The first robot, with the scene, and others, which stand far away until they are placed.
-    wheels : (float, float)
-        Speeds of the left and the right wheel as shares of what was commanded: below 1 a wheel slips.
 
     Notes
     -----
@@ -52,21 +50,19 @@ class Simulation:
     speeds within a tick as firmware does, and Bullet takes the three steps in one call.
     """
 
-    def __init__(
-        self, robot: Robot, *, wheels: tuple[float, float] = (1.0, 1.0), others: Sequence[Robot] = ()
-    ) -> None:
+    def __init__(self, robot: Robot, *, others: Sequence[Robot] = ()) -> None:
         self.robot = robot
         self._bullet = BulletClient()
         # The origin of the physics is the center of the area: far from it, contacts would be rounded.
         self._area = robot.scene.area
         self._away = max(_AWAY, self._area.width / 2 + self._area.margin + _AWAY / 2)
-        self._build((robot, *others), wheels)
+        self._build((robot, *others))
         for number in range(len(self._bases)):
             self.place_robot(self._area.at(0.0, -self._away * number), number=number)
         for name in self._bodies:
             self.remove_object(name)
 
-    def _build(self, robots: Sequence[Robot], wheels: tuple[float, float]) -> None:
+    def _build(self, robots: Sequence[Robot]) -> None:
         bullet = self._bullet
         bullet.setGravity(0, 0, -GRAVITY)
         bullet.setPhysicsEngineParameter(
@@ -81,7 +77,7 @@ class Simulation:
         self._walls = [wall for bay in bays for wall in make_bay(bullet, bay)]
         self._bodies = {name: make_object(bullet, item) for name, item in scene.objects.items()}
         self._present: dict[str, bool] = {}
-        self._bases = [SimulatedBase(bullet, each, wheels, period=1.0 / PHYSICS_RATE) for each in robots]
+        self._bases = [SimulatedBase(bullet, each, period=1.0 / PHYSICS_RATE) for each in robots]
         for base in self._bases:
             rest = [other.body for other in self._bases if other is not base]
             base.ignore(floor, (*self._bodies.values(), *self._walls, *rest))
