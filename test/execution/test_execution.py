@@ -185,13 +185,6 @@ class TestAlternatives:
         assert other.executor.chain == FORWARD
         assert "x of step 1" in other.refining.reason or "y of step 1" in other.refining.reason
 
-    def test_a_choice_that_was_not_offered_is_rejected(self) -> None:
-        run = execution(FORWARD, refine=True)
-        run.tick(world(), 100.0)
-        run.refined_to(FORWARD, True, "nonsense", chosen=3)
-        assert run.executor.chain == FORWARD
-        assert "chosen: expected an index from 0 to 0, got 3" in run.refining.reason
-
 
 def test_a_goal_before_the_first_ball_message_waits_at_rest() -> None:
     run = execution(chain(("goToPose", Pose(-1.0, 0.0, 0.0)), ("goToBall", Pose(1.0, 0.0, 0.0))))

@@ -8,7 +8,7 @@ from abc import abstractmethod
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
-from ator_ros.domains.soccer.planned.tracker import DISTURBED_DISTANCE, StrengthEstimator, Tracker
+from ator_ros.domains.soccer.planned.tracker import DISTURBED_DISTANCE, Tracker
 from ator_ros.domains.soccer.thresholds import check_arrival, gripping
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
@@ -52,7 +52,6 @@ class PlannedAction(Action):
         self.goal = goal
         self._arrival_speed = goal.speed
         self._replans = 0
-        self._strength = StrengthEstimator(self.robot, self.plan_limits)
         self._tracker: Tracker | None = None
         self._stopping = False  # since there is no way to the goal from a state in motion
         if not self.is_done(world):
@@ -155,7 +154,7 @@ class PlannedAction(Action):
         return self._follower(world, Trajectory(manoeuvre, opening), waits=waits)
 
     def _follower(self, world: World, trajectory: Trajectory, *, waits: bool = False) -> Tracker:
-        return Tracker(self.robot, trajectory, world.time, self._strength, waits=waits, reserve=self.reserve)
+        return Tracker(self.robot, trajectory, world.time, waits=waits, reserve=self.reserve)
 
     def _following(self, world: World, message: str) -> Step:
         assert self._tracker is not None

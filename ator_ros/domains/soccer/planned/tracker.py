@@ -2,40 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 
 from ator_ros.geometry import Pose
 from ator_ros.motion.trajectory import Trajectory
-from ator_ros.robot.description import Limits, Robot
+from ator_ros.robot.description import Robot
 from ator_ros.robot.response import ramped
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, RobotState, World
-
-
-@dataclass(frozen=True, slots=True)
-class Reaction:
-    """What a base did in one tick.
-
-    Attributes
-    ----------
-    passed : float
-        Duration of the tick in s.
-    before, set : Command
-        Speeds at its beginning and end that the commands ask of a base as described, without any lag.
-    was, now : RobotState
-        States of the robot at its beginning and end.
-    """
-
-    passed: float
-    before: Command
-    set: Command
-    was: RobotState
-    now: RobotState
-
 
 _LEAST_LAG_SHARE = 0.8  # of the described acceleration: with less of it a lag hardly shows
 _FOLLOWS = 0.8  # share of the set speed's change with which a base follows that lags, and is not weak
@@ -47,11 +23,14 @@ _MOST = 0.2  # s
 class LagEstimator:
     """Estimates a first-order lag by least squares, from speeds that fall short of set speeds that rise.
 
-    A base that gains speed more slowly than it should is weak; only one that keeps up shows its lag.
+    Set speeds are those that the commands ask of a base as described, without any lag. A base that gains
+    speed more slowly than it should is weak; only one that keeps up shows its lag.
     """
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
+        self._last: World | None = None
+        self._set = STOP
         self._short, self._gained, self._count = 0.0, 0.0, 0
 
     @property
@@ -62,84 +41,21 @@ class LagEstimator:
             return described
         return min(self._short / self._gained, _MOST)
 
-    def update(self, reaction: Reaction) -> None:
-        """Take in what the base did in a tick."""
-        before, after, passed = abs(reaction.before.v), abs(reaction.set.v), reaction.passed
-        was, now = abs(reaction.was.v), abs(reaction.now.v)
-        asked, gained = (after - before) / passed, (now - was) / passed
+    def update(self, world: World, command: Command) -> None:
+        """Process the state after a tick in which the base followed `command`."""
+        last, before, self._last = self._last, self._set, world
+        if last is None or world.time <= last.time:
+            self._set = Command(world.robot.v, world.robot.w)
+            return
+        passed = world.time - last.time
+        self._set = ramped(before, command, passed, self._robot.limits, self._robot.stop)
+        was, now = abs(last.robot.v), abs(world.robot.v)
+        asked, gained = (abs(self._set.v) - abs(before.v)) / passed, (now - was) / passed
         if asked >= _LEAST_LAG_SHARE * self._robot.limits.a and gained >= _FOLLOWS * asked:
-            short = 0.5 * (after + before - now - was)
+            short = 0.5 * (abs(self._set.v) + abs(before.v) - now - was)
             self._short += short * gained
             self._gained += gained * gained
             self._count += 1
-
-
-_LEAST_STRENGTH_SHARE = 0.9  # of the described acceleration that is asked: with less, a weak base keeps up
-_STEADY = 0.05  # by which a share changes from tick to tick where it is the strength's, not the lag's
-_LONGEST_LAG = 0.1  # s, described, beyond which a few ticks do not distinguish weakness from lag
-_WEAK, _HELD = 0.85, 0.3  # shares of what is asked below which a base is weak, or can't at all: at top speed
-_USED = 0.97  # of what it has shown; the rest is for feedback
-_STEP = 0.05  # to which shares are rounded, so that they settle
-
-
-class StrengthEstimator:
-    """Estimates the acceleration of a base as a share of the described one, for driving and for turning.
-
-    Where motors lag, a base gains less at first, then more from tick to tick. A weak one keeps gaining less.
-    Of a base whose motors lag long as described nothing is estimated. `limits` is what plans use of a base as
-    described.
-    """
-
-    def __init__(self, robot: Robot, limits: Limits) -> None:
-        self.described = limits
-        self._applies = robot.motor_time_constant <= _LONGEST_LAG
-        self._driving, self._turning = _AccelerationShare(robot.limits.a), _AccelerationShare(robot.limits.aw)
-
-    @property
-    def limits(self) -> Limits:
-        """What plans may use: less where the base has shown that it is clearly weaker than described."""
-        described, a, aw = self.described, self._driving.usable, self._turning.usable
-        return dataclasses.replace(described, a=min(described.a, a), aw=min(described.aw, aw))
-
-    @property
-    def weak(self) -> bool:
-        """Whether the base has shown that."""
-        return self.limits != self.described
-
-    def update(self, reaction: Reaction) -> None:
-        """Take in what the base did in a tick."""
-        if not self._applies:
-            return
-        before, after, passed = reaction.before, reaction.set, reaction.passed
-        was, now = reaction.was, reaction.now
-        # What it loses of its speed shows the brakes.
-        gain = after.v - before.v if abs(after.v) > abs(before.v) else 0.0
-        self._driving.update(gain / passed, (now.v - was.v) / passed)
-        self._turning.update((after.w - before.w) / passed, (now.w - was.w) / passed)
-
-
-class _AccelerationShare:
-    """Estimates one acceleration of the base, as a share of the described one, `limit`."""
-
-    def __init__(self, limit: float) -> None:
-        self._limit = limit
-        self._last = math.nan
-        self._sum, self._count = 0.0, 0
-
-    @property
-    def usable(self) -> float:
-        """What plans may use: the described one unless the base has shown that it is weak."""
-        if self._count < _LEAST or self._sum >= _WEAK * self._count:
-            return self._limit
-        return _USED * self._limit * _STEP * round(self._sum / self._count / _STEP)
-
-    def update(self, asked: float, had: float) -> None:
-        """Take in an acceleration that was asked, and the one that the base had."""
-        share = had / asked if abs(asked) >= _LEAST_STRENGTH_SHARE * self._limit else math.nan
-        if share >= _HELD and abs(share - self._last) <= _STEADY:
-            self._sum += share
-            self._count += 1
-        self._last = share
 
 
 DISTURBED_DISTANCE = 0.12  # m from the plan
@@ -162,14 +78,11 @@ class Tracker:
 
     The time of the trajectory passes more slowly where the robot falls behind, since the base is weaker than
     its description: so it stays on the way that was planned (trajectory time scaling, Dahl and Nielsen 1990).
-    Once the base has shown how weak it is, the rest is slowed down ahead, where it would ask for too much.
 
     Parameters
     ----------
     start_time : float
         When the trajectory starts, in s of the world's time.
-    strength : StrengthEstimator
-        The accelerations that the base has shown, and shows.
     waits : bool
         Whether the trajectory starts later where the robot does.
     reserve : float
@@ -193,7 +106,6 @@ class Tracker:
         robot: Robot,
         trajectory: Trajectory,
         start_time: float,
-        strength: StrengthEstimator,
         *,
         waits: bool = False,
         reserve: float = math.inf,
@@ -206,13 +118,9 @@ class Tracker:
         still = RobotState(first.pose, first.v, first.w).is_still
         self._waits = waits and still and trajectory.duration > _SHORT
         self._weak = math.sqrt(robot.limits.aw / self.BRISK_TURNING)
-        self._robot, self._lag, self._strength = robot, LagEstimator(robot), strength
-        self._last: World | None = None
-        self._command, self._set = STOP, STOP
-        self._slowed_for = strength.described
+        self._robot, self._lag, self._command = robot, LagEstimator(robot), STOP
         self._gaps = deque([0.0] * 3, maxlen=3)  # between the last states, s
         self._period = CONTROL_PERIOD
-        self._slow_down(start_time)
         self._set_preview(robot.motor_time_constant)
         self._usual = self._preview
 
@@ -231,31 +139,8 @@ class Tracker:
         self._wait_for_start(world)
         self._rate = 1.0 if self._waits else self._rate_for(world)
         self._start += (1.0 - self._rate) * passed
-        reaction = self._reaction(world)
-        if reaction is not None:
-            self._strength.update(reaction)
-            if not self._strength.weak:  # else its speed is behind since it gains less
-                self._lag.update(reaction)
+        self._lag.update(world, self._command)
         self._set_preview(self._lag.seconds)
-        self._slow_down(world.time)
-
-    def _reaction(self, world: World) -> Reaction | None:
-        """Return what the base did since the last state; None at the first one."""
-        last, before = self._last, self._set
-        self._last = world
-        if last is None or world.time <= last.time:
-            self._set = Command(world.robot.v, world.robot.w)
-            return None
-        passed = world.time - last.time
-        self._set = ramped(before, self._command, passed, self._robot.limits, self._robot.stop)
-        return Reaction(passed, before, self._set, last.robot, world.robot)
-
-    def _slow_down(self, time: float) -> None:
-        """Follow the rest of the plan only as fast as the base has shown that it can, from `time` (s) on."""
-        able, passed = self._strength.limits, time - self._start
-        if able != self._slowed_for and passed < self.trajectory.duration:
-            self.trajectory, self._start = self.trajectory.remainder(passed, able), time
-            self._slowed_for = able
 
     def _rate_for(self, world: World) -> float:
         """Return how fast the plan's time passes: 1, or less for a robot that falls behind."""
