@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -91,30 +90,6 @@ def test_missing_holder_is_reported(plain: Robot) -> None:
     assert reason == "dribbleBall needs a holder; robot plain has none"
 
 
-ROBOT = load_robot()
-
-
-@pytest.mark.parametrize(
-    ("build", "message"),
-    [
-        ({"wheel_mass": 4.5}, r"own\.yaml: robot\.build\.wheel_mass: expected at most 4\.41, .* got 4\.5$"),
-        (
-            {"mass_behind": 0.3},
-            r"own\.yaml: robot\.build\.mass_behind: expected at most 0\.24, .* got 0\.3$",
-        ),
-        (
-            {"caster_behind": 0.25},
-            r"own\.yaml: robot\.build\.caster_behind: expected at most 0\.24, .* got 0\.25$",
-        ),
-    ],
-)
-def test_an_impossible_build_is_rejected(build: dict[str, Any], message: str, tmp_path: Path) -> None:
-    data = ROBOT.sections()
-    data["robot"]["build"] = build
-    with pytest.raises(ConfigError, match=message):
-        loaded(data, tmp_path)
-
-
 @pytest.mark.parametrize(
     ("part", "name", "value", "message"),
     [
@@ -122,13 +97,16 @@ def test_an_impossible_build_is_rejected(build: dict[str, Any], message: str, tm
         ("holder", "gap", 0.2, r"robot\.holder\.gap: expected at least 0\.22, the width .* got 0\.2$"),
         ("holder", "radius", 0.123, r"robot\.holder\.radius: expected .* \(ball 0\.11\), got 0\.123$"),
         ("robot", "wheel_torque", 0.3, r"robot\.wheel_torque: expected at least 0\.351.*9 kg .* got 0\.3$"),
+        ("build", "wheel_mass", 4.5, r"robot\.build\.wheel_mass: expected at most 4\.41, .* got 4\.5$"),
+        ("build", "mass_behind", 0.3, r"robot\.build\.mass_behind: expected at most 0\.24, .* got 0\.3$"),
+        ("build", "caster_behind", 0.25, r"robot\.build\.caster_behind: expected at most 0\.24, .* got"),
     ],
 )
 def test_inconsistent_sizes_are_rejected(
     part: str, name: str, value: float, message: str, tmp_path: Path
 ) -> None:
     data = ROBOT.sections()
-    (data["robot"] if part == "robot" else data["robot"]["holder"])[name] = value
+    (data["robot"] if part == "robot" else data["robot"].setdefault(part, {}))[name] = value
     with pytest.raises(ConfigError, match=message):
         loaded(data, tmp_path)
 
