@@ -42,7 +42,7 @@ def test_the_path_is_the_curve_from_robot_to_goal(robot: Robot) -> None:
 def test_ball_must_be_held_at_the_start(robot: Robot, name: str) -> None:
     world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(1.0, 0.0)})
     goal = Goal(Pose(*field_of(robot).goal_center(), 0.0), point=Point.HOLD)
-    with pytest.raises(ActionError, match="expected the ball within"):
+    with pytest.raises(ActionError, match="expected the ball in front"):
         SOCCER.actions("bezier")[name].factory(robot).start(world, goal)
 
 

@@ -225,7 +225,7 @@ def test_a_lost_ball_ends_the_goal_with_ball_lost() -> None:
     run, state = carrying()
     assert run.tick(state.with_object(BALL, ObjectState(1.0, 0.5)), 100.0) == STOP
     assert run.ending is Ending.OBJECT_LOST
-    assert run.reason.startswith("ball lost in dribbleBall: lost the ball, it is")
+    assert run.reason.startswith("ball lost in dribbleBall: lost the ball: it is")
     assert run.executor.records[-1].lost
 
 

@@ -18,7 +18,7 @@ from ator_ros.domains.soccer.field import (
     is_in_goal,
     nearest_to_goals,
 )
-from ator_ros.domains.soccer.thresholds import ball_clearance, check_arrival, gone_beyond
+from ator_ros.domains.soccer.thresholds import ball_clearance, check_arrival, check_held, lost_ball
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.tops.objects import is_at_front
@@ -423,16 +423,15 @@ _TURNING = 0.3
 """Angle in rad that the robot may turn on the spot with the ball, once it is at the goal."""
 
 
-def check_held(world: World, robot: Robot, name: str) -> None:
-    """Raise ActionError unless the ball lies in the robot's front."""
-    distance, most = robot.hold_offset(world, BALL), gone_beyond(robot)
-    if distance > most:
-        raise ActionError(
-            f"{name}: expected the ball within {most:g} m of the hold, it is {distance:.2f} m away"
-        )
+class _BezierHolding(_BezierAction):
+    """An action that follows a curve with the ball in front."""
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self._limits = robot.holder_for(self.name).limits
 
 
-class BezierDribbleBall(_BezierAction):
+class BezierDribbleBall(_BezierHolding):
     """Push the ball to a pose: turning slowly, and never braking harder than the ball.
 
     A ball that lies loosely between the tips of the fins is taken in first, straight ahead.
@@ -440,10 +439,6 @@ class BezierDribbleBall(_BezierAction):
     """
 
     name: ClassVar[str] = "dribbleBall"
-
-    def __init__(self, robot: Robot) -> None:
-        super().__init__(robot)
-        self._limits = robot.holder_for(self.name).limits
 
     def start(self, world: World, goal: Goal) -> None:
         """Commit to `goal`; see `Action.start`."""
@@ -456,9 +451,8 @@ class BezierDribbleBall(_BezierAction):
 
     def step(self, world: World) -> Step:
         """Return the next command; see `Action.step`."""
-        distance = self.robot.hold_offset(world, BALL)
-        if distance > gone_beyond(self.robot):
-            return finished(Status.FAILED, f"lost the ball: it is {distance:.2f} m from the hold")
+        if lost := lost_ball(world, self.robot):
+            return finished(Status.FAILED, lost)
         state, speed = world.robot, self._goal.speed
         rel = self._target.relative(state.pose)
         if reached(rel, state.v, speed):
@@ -491,17 +485,13 @@ _SHOT_OVER = Standstill(0.05)
 """A ball and a robot too slow to score any more, before either has come to rest."""
 
 
-class BezierShoot(_BezierAction):
+class BezierShoot(_BezierHolding):
     """Send the ball into a goal by motion alone.
 
     The goal's position lies in the mouth of one of the field's goals; its heading and speed do not matter.
     """
 
     name: ClassVar[str] = "shoot"
-
-    def __init__(self, robot: Robot) -> None:
-        super().__init__(robot)
-        self._limits = robot.holder_for(self.name).limits
 
     def start(self, world: World, goal: Goal) -> None:
         """Commit to the goal mouth that `goal` lies in; see `Action.start`."""
@@ -536,9 +526,8 @@ class BezierShoot(_BezierAction):
             return finished(Status.SUCCEEDED, "the ball is in the goal", STOP)
         if self._released:
             return self._watch(world, ball)
-        distance = self.robot.hold_offset(world, BALL)
-        if distance > gone_beyond(self.robot):
-            return finished(Status.FAILED, f"lost the ball: it is {distance:.2f} m from the hold")
+        if lost := lost_ball(world, self.robot):
+            return finished(Status.FAILED, lost)
         crossing = self._crossing(world.robot.pose)
         if crossing is None or abs(crossing - mouth.y) > self._half_mouth():
             target = self._target(world.robot.pose)

@@ -14,6 +14,7 @@ from ator_ros.domains.soccer.field import BALL
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.tops.objects import lost_beyond
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges, arrival_speed
+from ator_ros.world.state import World
 
 ARRIVAL_SPEED = 0.8
 """Greatest arrival speed in m/s that is searched, and that situations to learn from are drawn with."""
@@ -48,9 +49,18 @@ def caught_within(robot: Robot) -> float:
     return 0.5 * robot.holder_length
 
 
-def gone_beyond(robot: Robot) -> float:
-    """Return the distance in m from the hold beyond which an action gives the ball up: it is out."""
-    return 1.25 * lost_beyond(robot)
+def lost_ball(world: World, robot: Robot) -> str | None:
+    """Return that the ball is out of the hold, so that an action gives it up; None if it is not."""
+    distance = robot.hold_offset(world, BALL)
+    lost = distance > 1.25 * lost_beyond(robot)
+    return f"lost the ball: it is {distance:.2f} m from the hold" if lost else None
+
+
+def check_held(world: World, robot: Robot, action: str) -> None:
+    """Raise ActionError unless the ball lies in the robot's front."""
+    if lost_ball(world, robot):
+        distance = robot.hold_offset(world, BALL)
+        raise ActionError(f"{action}: expected the ball in front, it is {distance:.2f} m from the hold")
 
 
 def ball_clearance(robot: Robot) -> float:

@@ -11,7 +11,7 @@ from ator_ros.actions.base import ActionError, Goal
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.planned.planner import Obstacles, fastest
-from ator_ros.domains.soccer.thresholds import gone_beyond
+from ator_ros.domains.soccer.thresholds import check_held, lost_ball
 from ator_ros.motion.manoeuvre import Manoeuvre, Side
 from ator_ros.motion.paths import Ends, entries_of, exits_of
 from ator_ros.robot.description import Limits, Robot
@@ -131,16 +131,12 @@ class HoldingAction(PlannedAction):
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the way to `goal`; see `Action.start`."""
-        offset = self.robot.hold_offset(world, BALL)
-        if offset > gone_beyond(self.robot):
-            raise ActionError(f"{self.name}: expected the ball in front, it is {offset:.2f} m from there")
+        check_held(world, self.robot, self.name)
         super().start(world, goal)
 
     def check(self, world: World) -> str | None:
         """Return whether the ball is lost."""
-        offset = self.robot.hold_offset(world, BALL)
-        lost = offset > gone_beyond(self.robot)
-        return f"lost the ball, it is {offset:.2f} m from the front" if lost else None
+        return lost_ball(world, self.robot)
 
 
 class DribbleBall(HoldingAction):
