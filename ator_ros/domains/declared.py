@@ -265,19 +265,12 @@ def drawn_chain(
     NoPlaceError
         There is none.
     """
-    return _drawn_in_time(
-        f"chain {chain.name}",
-        lambda: chain.drawn(library, rng),
-        lambda drawn: _length(*drawn),
-        robot,
-        time_limit,
-    )
 
+    def length(drawn: tuple[World, TopChain]) -> float:
+        places = [drawn[0].robot.pose, *(call.goal.pose for call in drawn[1].calls)]
+        return sum(one.distance(other) for one, other in itertools.pairwise(places))
 
-def _length(world: World, chain: TopChain) -> float:
-    """Return the length in m of the straight ways from step to step."""
-    places = [world.robot.pose, *(call.goal.pose for call in chain.calls)]
-    return sum(one.distance(other) for one, other in itertools.pairwise(places))
+    return _drawn_in_time(f"chain {chain.name}", lambda: chain.drawn(library, rng), length, robot, time_limit)
 
 
 @dataclass(frozen=True, slots=True)

@@ -102,13 +102,16 @@ def _valid_chain(
     robot = library.robot
     if len(steps) > LONGEST_CHAIN:
         raise PlanningError(f"plan of {len(steps)} steps: expected at most {LONGEST_CHAIN}")
-    chain = _chain_of(steps, world, library, fence)
+    calls: list[TopCall] = []
+    end = world
+    for number, step in enumerate(steps, start=1):
+        calls.append(_call(step, end, library, fence, last=number == len(steps)))
+        end = projected(end, calls[-1], robot)
+    chain = TopChain(tuple(calls))
     if out := fence.violation(chain, robot):
         raise PlanningError(out)
     reasons = chain.violations(world, robot)
-    for call in chain.calls:
-        world = projected(world, call, robot)
-    state = state_of(world, robot)
+    state = state_of(end, robot)
     reasons += [f"at the end: {why}" for fact in goal if (why := fact.violation(state))]
     if reasons:
         raise PlanningError(f"plan {', '.join(step.top.name for step in steps)}: {reasons[0]}")
@@ -149,16 +152,6 @@ def _nearest(problem: PlanningProblem, number: int) -> str:
         if same and low <= high and math.isfinite(high - low):
             found[f"{step.top.name} brings it to {low:g} to {high:g} of that"] = None
     return f" ({', '.join(found)})" if found else ""
-
-
-def _chain_of(steps: Sequence[PlannedStep], world: World, library: TopLibrary, fence: Fence) -> TopChain:
-    """Return the chain of a plan's steps, with places in area and fence; PlanningError if there is none."""
-    calls: list[TopCall] = []
-    for number, step in enumerate(steps, start=1):
-        call = _call(step, world, library, fence, last=number == len(steps))
-        calls.append(call)
-        world = projected(world, call, library.robot)
-    return TopChain(tuple(calls))
 
 
 def _call(step: PlannedStep, world: World, library: TopLibrary, fence: Fence, *, last: bool) -> TopCall:

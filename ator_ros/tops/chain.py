@@ -44,14 +44,10 @@ class Top:
     point: Point = Point.AXLE
     settles: float = 0.0
 
-    @property
-    def needs_holder(self) -> bool:
-        """Whether its goal or its conditions refer to the robot's hold."""
-        return self.point is Point.HOLD or "hold" in self.pre.things() | self.post.things()
-
     def lacks(self, robot: Robot) -> str | None:
-        """Return a message if the robot lacks the holder that the TOP needs; else None."""
-        lacking = self.needs_holder and robot.holder is None
+        """Return a message if the robot lacks the holder that goal or conditions refer to; else None."""
+        holds = self.point is Point.HOLD or "hold" in self.pre.things() | self.post.things()
+        lacking = holds and robot.holder is None
         return f"{self.name} needs a holder; robot {robot.name} has none" if lacking else None
 
     @property

@@ -44,7 +44,10 @@ class PlannedAction(Action):
     def __init__(self, robot: Robot, limits: Limits) -> None:
         super().__init__(robot)
         self.limits = limits
-        self.plan_limits = _planned_limits(robot, limits)
+        # What is left of the limits is for feedback.
+        share = PLAN_SHARE - max(0.0, robot.motor_time_constant - _USUAL_LAG)
+        usable = limits.within(robot.limits.scaled(max(share, _LEAST_SHARE)))
+        self.plan_limits = gripping(robot, usable)
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the way to `goal`; see `Action.start`."""
@@ -163,12 +166,6 @@ class PlannedAction(Action):
     def target(self) -> Pose:
         """Return the pose of the axle at the goal."""
         return self.goal.robot_pose(self.robot)
-
-
-def _planned_limits(robot: Robot, limits: Limits) -> Limits:
-    """Return what plans use of the limits of an action; the rest is for feedback."""
-    share = PLAN_SHARE - max(0.0, robot.motor_time_constant - _USUAL_LAG)
-    return gripping(robot, limits.within(robot.limits.scaled(max(share, _LEAST_SHARE))))
 
 
 def _described(distance: float, heading: float) -> str:
