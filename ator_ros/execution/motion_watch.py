@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import enum
 import math
 from collections import deque
@@ -317,42 +318,33 @@ class Commands:
     """The commands of one axis, by the time in s from which they act."""
 
     def __init__(self) -> None:
-        self._sent: deque[tuple[float, float]] = deque()
+        self._times: list[float] = []
+        self._sent: list[float] = []
 
     def add(self, acts: float, command: float) -> None:
         """Note a command that acts from `acts` (s) on; it replaces later ones."""
-        while self._sent and self._sent[-1][0] >= acts:
-            self._sent.pop()
-        self._sent.append((acts, command))
+        earlier = bisect.bisect_left(self._times, acts)
+        self._times[earlier:], self._sent[earlier:] = [acts], [command]
 
     def delay_last(self, seconds: float) -> None:
         """Let the last command act later."""
-        if self._sent:
-            acts, command = self._sent.pop()
-            self._sent.append((acts + seconds, command))
+        if self._times:
+            self._times[-1] += seconds
 
     def forget(self, time: float) -> None:
         """Forget the commands that act no more at `time` (s)."""
-        while len(self._sent) > 1 and self._sent[1][0] <= time:
-            self._sent.popleft()
+        over = max(0, bisect.bisect_right(self._times, time) - 1)
+        del self._times[:over], self._sent[:over]
 
     def between(self, since: float, until: float) -> list[float]:
         """Return the commands that acted between two times in s; where there was none, to stand."""
-        first = next((command for acts, command in reversed(self._sent) if acts <= since + _ROUNDING), 0.0)
-        return [
-            first,
-            *(command for acts, command in self._sent if since + _ROUNDING < acts <= until + _ROUNDING),
-        ]
+        begin, end = (bisect.bisect_right(self._times, time + _ROUNDING) for time in (since, until))
+        return [self._sent[begin - 1] if begin else 0.0, *self._sent[begin:end]]
 
     def sampled(self, since: float, dt: float, count: int) -> list[float | None]:
         """Return the commands that act at `count` times in s from `since` on; None before the first one."""
-        found: list[float | None] = []
-        command, following = None, 0
-        for number in range(count):
-            while following < len(self._sent) and self._sent[following][0] <= since + number * dt + _ROUNDING:
-                command, following = self._sent[following][1], following + 1
-            found.append(command)
-        return found
+        found = (bisect.bisect_right(self._times, since + step * dt + _ROUNDING) for step in range(count))
+        return [self._sent[index - 1] if index else None for index in found]
 
 
 class MotionWatch:

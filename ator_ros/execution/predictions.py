@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 
 from ator_ros.actions.base import ActionError
 from ator_ros.execution.chain_executor import ChainExecutor
@@ -47,44 +46,38 @@ class Predictor:
 class Forecast:
     """What is predicted of a chain under execution: of all of it, and of what remains since its last change.
 
-    Predictions are computed on first use, so that they do not delay a command.
+    Attributes
+    ----------
+    begun : bool
+        Whether the chain has started.
+    whole : ChainPrediction or None
+        The prediction of the chain with which it started; None before, and without models.
     """
 
     def __init__(self, predictor: Predictor, executor: ChainExecutor) -> None:
         self._predictor, self._executor = predictor, executor
-        self._whole: Callable[[], ChainPrediction | None] | None = None
-        self._rest: Callable[[], ChainPrediction | None] | None = None
+        self.begun = False
+        self.whole: ChainPrediction | None = None
+        self._rest: ChainPrediction | None = None
         self._step, self._time = 0, math.nan  # where and when (s) `_rest` begins
-
-    @property
-    def begun(self) -> bool:
-        """Whether the chain has started."""
-        return self._whole is not None
 
     def begin(self, world: World) -> None:
         """Predict the chain from the state `world`, in which it starts."""
         self.change(world)
-        self._whole = self._rest
+        self.begun, self.whole = True, self._rest
 
     def change(self, world: World) -> None:
         """Predict from the state `world` what remains of the chain, which has changed."""
         self._step, self._time = self._executor.index, world.time
-        rest = TopChain(self._executor.chain.calls[self._step :])
-        self._rest = functools.cache(functools.partial(self._predictor.chain, world, rest))
-
-    @property
-    def whole(self) -> ChainPrediction | None:
-        """The prediction of the chain with which it started; None before, and without models."""
-        return None if self._whole is None else self._whole()
+        self._rest = self._predictor.chain(world, TopChain(self._executor.chain.calls[self._step :]))
 
     def remaining(self, now: float) -> float:
         """Return the predicted time in s from `now`, on odometry's clock, to the end; NaN if unknown."""
         step, records = self._executor.index - self._step, self._executor.records
-        prediction = None if self._rest is None or step < 0 else self._rest()
-        if prediction is None:
+        if self._rest is None or step < 0:
             return math.nan
         began = max(self._time, records[-1].end.time) if records else self._time
-        current, *rest = (action.get("duration", math.nan) for action in prediction.actions[step:])
+        current, *rest = (action.get("duration", math.nan) for action in self._rest.actions[step:])
         return max(0.0, current - (now - began)) + sum(rest)
 
 

@@ -297,15 +297,12 @@ def load_robot(path: Path | str | None = None) -> Robot:
     try:
         data = content_with_optional_header(read_yaml(file, largest=_LARGEST), KIND)
         read = structured(data, Description, closed=True)
-    except FileError as error:
-        raise ConfigError(str(error)) from error
-    except SchemaError as error:
-        raise ConfigError(f"{file}: {error}") from error
-    fields = {item.name: getattr(read.robot, item.name) for item in dataclasses.fields(read.robot)}
-    try:
+        fields = {item.name: getattr(read.robot, item.name) for item in dataclasses.fields(read.robot)}
         robot = Robot(**fields, scene=read.scene)
         _check_held(robot)
-    except ConfigError as error:
+    except FileError as error:
+        raise ConfigError(str(error)) from error
+    except (SchemaError, ConfigError) as error:
         raise ConfigError(f"{file}: {error}") from error
     return robot
 

@@ -149,16 +149,8 @@ class Sensors:
         """
         if self.config.exact:
             return world
-        self._coming.append(self._believe(world))
-        while len(self._coming) > 1 and world.time - self._coming[1].time >= self.config.latency - 1e-9:
-            self._coming.popleft()
-        return self._coming[0]
-
-    def _believe(self, world: World) -> World:
         pose = world.robot.pose
-        self._believed = self._dead_reckoning(pose)
-        self._true = pose
-        robot = dataclasses.replace(world.robot, pose=self._believed)
+        self._believed, self._true = self._dead_reckoning(pose), pose
         for name in (*self.config.objects, *world.objects):
             if name not in self._observed:
                 errors = self.config.objects.get(name, ObjectErrors())
@@ -167,7 +159,12 @@ class Sensors:
             name: item.observe(world.time, world.objects.get(name), pose, self._believed)
             for name, item in self._observed.items()
         }
-        return World(world.time, robot, {name: state for name, state in seen.items() if state is not None})
+        robot = dataclasses.replace(world.robot, pose=self._believed)
+        known = {name: state for name, state in seen.items() if state is not None}
+        self._coming.append(World(world.time, robot, known))
+        while len(self._coming) > 1 and world.time - self._coming[1].time >= self.config.latency - 1e-9:
+            self._coming.popleft()
+        return self._coming[0]
 
     def _dead_reckoning(self, pose: Pose) -> Pose:
         if self._true is None or self._true.distance(pose) > _TELEPORT:

@@ -168,7 +168,8 @@ class VelocityCheck:
         if baseline < 0.75 * _BASELINE:
             return there, None
         vx, vy = (there.x - self._sights[0][1]) / baseline, (there.y - self._sights[0][2]) / baseline
-        most = self._tolerance(baseline, there.speed, math.hypot(vx, vy))
+        noise = _SIGMAS * math.hypot(math.sqrt(2.0) * self._noise / baseline, self._velocity_noise)
+        most = _SLACK + _SHARE * max(there.speed, math.hypot(vx, vy)) + _PUSH * baseline + noise
         if math.hypot(there.vx - vx, there.vy - vy) <= most:
             self._doubted, self._said = math.inf, False
             return there, None
@@ -181,11 +182,6 @@ class VelocityCheck:
             f"positions show, got ({there.vx:.2f}, {there.vy:.2f}) m/s: not trusted"
         )
         return ObjectState(there.x, there.y, vx, vy), None if said else remark
-
-    def _tolerance(self, baseline: float, *speeds: float) -> float:
-        """Return the difference of two velocities in m/s that noise, errors of stamps and pushes explain."""
-        noise = _SIGMAS * math.hypot(math.sqrt(2.0) * self._noise / baseline, self._velocity_noise)
-        return _SLACK + _SHARE * max(speeds) + _PUSH * baseline + noise
 
 
 _WINDOW = 0.5
