@@ -275,6 +275,8 @@ def _before_run(share: float, arrival: float, rules: Rules) -> tuple[float, floa
     return least + share * (greatest - least), rules.run
 
 
+_ROOM = 0.02
+"""Room in m that a drive forward needs beyond its change of speed: a search finds what fits only just."""
 _FULL_TURN = 2.0 * math.pi
 _MOST_TURNED = math.radians(450.0)
 _STEP = np.float32(STEP)
@@ -464,7 +466,7 @@ def _time(
         return np.inf
     before = min(max(entry["speed"] + shape["first_change"] * time1, -rates.v), rates.v)
     after = min(max(exit_["speed"] + shape["last_change"] * time2, -rates.v), rates.v)
-    if rules.forward and length < change_distance(before, after, rates):
+    if rules.forward and length < change_distance(before, after, rates) + _ROOM:
         return np.inf
     result += drive_time(length, before, after, rates)
     if rules.passing > 0.0:
@@ -475,7 +477,7 @@ def _time(
     return result
 
 
-_GROUPS, _OTHERS = 16, 16
+_GROUPS, _OTHERS = 16, 24
 """Greatest numbers of groups, and of other shapes in each; the time of a search grows with both."""
 _NEAR = 0.0005
 """Choosing ends when the rest of the grid would save less than this share of the mean time."""

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from ator_ros.geometry import FloatArray
+from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.motion.shapes import ShapeSet
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
@@ -33,10 +33,12 @@ _GREATEST, _OFTEN = 0.995, 0.95  # quantiles taken as the greatest speed and acc
 _LEAST_SAMPLES = 10  # for a quantile
 _BACKWARD = (-0.1, 0.01)  # m/s, and the share of rows that are faster backward in an action that drives so
 _TURNING = 0.1  # share of the greatest turn rate above which the robot turns
-_SPEEDS: FloatArray = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0])
-_CHANGES: FloatArray = np.array([-1.0, -0.5, 0.0, 0.25, 0.5, 0.75, 1.0])
+_SPEEDS: FloatArray = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0])
+_CHANGES: FloatArray = np.array([-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0])
 """Speeds, and changes of speed, for which turn rates are kept; shares of the limits."""
-_USUAL = 0.9  # quantile of the rates of alike turns
+_SLOWER, _FASTER, _OTHER = 0.04, 0.02, 0.1  # by how much alike turns may differ in speed and in its change
+_FEWEST = 3  # alike turns
+_USUAL = 0.6  # quantile of the rates of alike turns
 _RUN_LENGTHS = (0.0, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)  # m
 _PASSINGS = (0.0, 0.2, 0.3, 0.35, 0.4, 0.5)  # m
 _BETTER = 0.97  # share of the error that a change of run or passing must leave at most
@@ -104,7 +106,7 @@ class _Turns(NamedTuple):
     """The turns of an action as shares of its limits, arrays of shape (n,).
 
     start, end: speeds. gain, loss: changes of speed in the first half of the turn, and in the second. rate:
-    greatest turn rate.
+    greatest turn rate. full: whether it turned far enough to reach the greatest rate of the base.
     """
 
     start: FloatArray
@@ -112,6 +114,7 @@ class _Turns(NamedTuple):
     gain: FloatArray
     loss: FloatArray
     rate: FloatArray
+    full: BoolArray
 
 
 def _turns(rows: pd.DataFrame, limits: ObservedLimits) -> _Turns:
@@ -137,25 +140,31 @@ def _turns(rows: pd.DataFrame, limits: ObservedLimits) -> _Turns:
             for change in (np.median(changes[:half]), np.median(changes[-half:]))
         )
         speeds = abs(v[begin]) / limits.v, abs(v[end]) / limits.v
-        found.append((*speeds, gain, loss, np.max(np.abs(w[part])) / limits.w))
-    return _Turns(*np.array(found, dtype=float).reshape(-1, 5).T)
+        rate, angle = np.max(np.abs(w[part])) / limits.w, abs(np.trapezoid(w[part], time[part]))
+        found.append((*speeds, gain, loss, rate, angle))
+    columns: FloatArray = np.array(found, dtype=float).reshape(-1, 6).T
+    full = columns[5] > limits.w**2 / limits.aw
+    return _Turns(columns[0], columns[1], columns[2], columns[3], columns[4], full)
 
 
 def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:
     """Return the usual rates of turns with such a speed and change of speed at one end.
 
-    What goes at a lower speed is taken to go at a higher one. An action of which no turn was seen, as its
-    odometry was not recorded, is taken to turn on the spot.
+    What goes at a lower speed is taken to go at a higher one, and what goes while the speed falls, while it
+    falls less. An action of which no turn was seen, as its odometry was not recorded, is taken to turn on the
+    spot.
     """
     if not len(speeds):
         return lambda speed, change: float(speed == change == 0.0)
+    full = turns.full if turns.full.any() else ~turns.full
+    speeds, changes, rates = speeds[full], changes[full], turns.rate[full]
     table = np.zeros((len(_CHANGES), len(_SPEEDS)))
-    row = np.argmin(np.abs(changes[:, None] - _CHANGES), axis=1)
-    column = np.argmin(np.abs(speeds[:, None] - _SPEEDS), axis=1)
-    for at in set(zip(row.tolist(), column.tolist(), strict=True)):
-        alike = (row == at[0]) & (column == at[1])
-        table[at] = np.quantile(turns.rate[alike], _USUAL)
-    table = np.minimum(np.maximum.accumulate(table, axis=1), 1.0)
+    for at in np.ndindex(table.shape):
+        faster = speeds - _SPEEDS[at[1]]
+        alike = (faster >= -_SLOWER) & (faster <= _FASTER) & (np.abs(changes - _CHANGES[at[0]]) <= _OTHER)
+        if np.count_nonzero(alike) >= _FEWEST:
+            table[at] = np.quantile(rates[alike], _USUAL)
+    table = np.minimum(np.maximum.accumulate(np.maximum.accumulate(table, axis=0), axis=1), 1.0)
 
     def rate(speed: float, change: float) -> float:
         return float(np.interp(change, _CHANGES, [np.interp(speed, _SPEEDS, each) for each in table]))

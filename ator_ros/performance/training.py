@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 import math
 from collections.abc import Sequence
 from functools import partial
@@ -37,9 +38,10 @@ _SMOOTHINGS = (5.0, 60.0)
 the jumps between them: much smoothing is better, unless an action changes its behavior at thresholds."""
 _FOLDS, _FEW_FOLDS = 10, 3
 _BASE = "path_time"
-_EARLIEST = 4.5
-"""Median deviations below the median of what drives take longer than their path, at which it is cut off. A
-drive that is faster shows that its kind of path is not among the chosen ones; it would pull others down."""
+_EARLIEST = ((1.0, 0.85), (4.5, 1.0))
+"""Median deviations below the median of what drives take longer than their path, at which it is cut off, and
+the weight of the errors that this leaves. A drive that is faster shows that its shape of path is not among
+the chosen ones; it would pull others down, and a search finds what is predicted too short."""
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
 LEAST_EPISODES = 20
@@ -124,35 +126,36 @@ def duration_tree(table: pd.DataFrame, durations: FloatArray) -> ModelTree:
     Where the time of the path is among them, the tree is learned of what drives take longer: linear models of
     whole durations undercut the time of the path where there is hardly room, which is where a search looks.
     """
-    base = table[_BASE].to_numpy() if _BASE in table else np.zeros(len(table))
-    late = durations - base
-    if _BASE in table:
-        usual = float(np.median(late))
-        late = np.maximum(late, usual - _EARLIEST * float(np.median(np.abs(late - usual))))
-    learner = ModelTreeRegressor(smoothing=_best_smoothing(table, late))
-    tree: ModelTree = learner.fit(table, late).tree_
-    leaves = tree.apply(np.ascontiguousarray(table.to_numpy()))
-    coefficients, lower, upper = tree.coefficients.copy(), tree.lower.copy(), tree.upper.copy()
-    if _BASE in table:
-        coefficients[tree.is_leaf, tree.names.index(_BASE)] += 1.0
-    for leaf in np.unique(leaves):
-        least, most = np.min(durations[leaves == leaf]), np.max(durations[leaves == leaf])
-        lower[leaf], upper[leaf] = 2.0 * least - most, 2.0 * most - least
-    return narrowed(dataclasses.replace(tree, coefficients=coefficients, lower=lower, upper=upper))
+    if _BASE not in table:
+        return narrowed(_best_learning(table, durations, [(durations, 1.0)]))
+    late = durations - table[_BASE].to_numpy()
+    usual = float(np.median(late))
+    spread = float(np.median(np.abs(late - usual)))
+    cuts = [(np.maximum(late, usual - most * spread), weight) for most, weight in _EARLIEST]
+    return narrowed(dataclasses.replace(_best_learning(table, late, cuts, extrapolation=0.0), base=_BASE))
 
 
-def _best_smoothing(table: pd.DataFrame, values: FloatArray) -> float:
-    """Return which of `_SMOOTHINGS` predicts other rows best."""
-    fold = np.arange(len(values)) % _FEW_FOLDS
-    errors = []
-    for smoothing in _SMOOTHINGS:
-        learner, missed = ModelTreeRegressor(smoothing=smoothing), 0.0
+def _best_learning(
+    table: pd.DataFrame,
+    values: FloatArray,
+    targets: Sequence[tuple[FloatArray, float]],
+    *,
+    extrapolation: float = 1.0,
+) -> ModelTree:
+    """Return the tree with that of `_SMOOTHINGS` and `targets`, with a weight, that predicts `values` best."""
+    fold, least, best = np.arange(len(values)) % _FEW_FOLDS, math.inf, (ModelTreeRegressor(), values)
+    for smoothing, (target, weight) in itertools.product(_SMOOTHINGS, targets):
+        learner = ModelTreeRegressor(smoothing=smoothing, extrapolation=extrapolation)
+        missed = 0.0
         for number in range(_FEW_FOLDS):
             held = fold == number
-            learner.fit(table[~held], values[~held])
-            missed += float(np.abs(learner.predict(table[held]) - values[held]).sum())
-        errors.append(missed)
-    return _SMOOTHINGS[int(np.argmin(errors))]
+            learner.fit(table[~held], target[~held])
+            missed += weight * float(np.abs(learner.predict(table[held]) - values[held]).sum())
+        if missed < least:
+            least, best = missed, (learner, target)
+    learner, target = best
+    tree: ModelTree = learner.fit(table, target).tree_
+    return tree
 
 
 def cross_validated_errors(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]) -> FloatArray:

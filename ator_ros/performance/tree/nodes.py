@@ -35,11 +35,13 @@ class ModelTree:
     intercept, coefficients : arrays of float, shape (n_nodes,) and (n_nodes, n_features)
         A leaf's linear model, in units of target and features; 0 at inner nodes.
     lower, upper : array of float, shape (n_nodes,)
-        A leaf's predictions are held between these, since a linear model extrapolates without end.
+        A leaf's linear model is held between these, since it extrapolates without end.
     spread : array of float, shape (n_nodes,)
         Standard deviation to expect of actual minus predicted at a leaf, in the target's unit.
     samples : array of float, shape (n_nodes,)
         How many rows a node was learned from.
+    base : str
+        The feature whose value is added to each prediction; empty if there is none.
     """
 
     names: tuple[str, ...]
@@ -52,6 +54,7 @@ class ModelTree:
     upper: FloatArray
     spread: FloatArray
     samples: FloatArray
+    base: str = ""
 
     @property
     def is_leaf(self) -> BoolArray:
@@ -65,10 +68,12 @@ class ModelTree:
         return int(self.is_leaf.sum())
 
     def used_features(self) -> tuple[str, ...]:
-        """Return the features that partition the tree or appear in a leaf's model (paper, section 4.2)."""
+        """Return the features that predictions depend on (paper, section 4.2)."""
         used = (self.coefficients[self.is_leaf] != 0).any(axis=0)
         used[self.feature[~self.is_leaf]] = True
-        return tuple(name for name, is_used in zip(self.names, used, strict=True) if is_used)
+        return tuple(
+            name for name, is_used in zip(self.names, used, strict=True) if is_used or name == self.base
+        )
 
     def apply(self, X: FloatArray) -> IntArray:
         """Return the leaf that each row falls into.
@@ -125,6 +130,8 @@ class ModelTree:
             value,
             leaf,
         )
+        if self.base:
+            value += rows[places[self.names.index(self.base)]]
         return value, leaf
 
 
@@ -210,7 +217,8 @@ class RuleWriter:
         for name, part in sorted(parts.items(), key=lambda item: -abs(item[1])):
             lines += [f"  {part:+9.3f}  {name} = {self._value(name, values[name])}"]
         linear = intercept + sum(parts.values())
-        lower, upper = float(tree.lower[leaf]), float(tree.upper[leaf])
+        base = values.get(tree.base, 0.0)
+        lower, upper = base + float(tree.lower[leaf]), base + float(tree.upper[leaf])
         if not lower <= linear <= upper:
             lines.append(f"  held within {lower:.3f} to {upper:.3f}: {linear:.3f} is beyond the experience")
         return "\n".join(lines)
@@ -223,8 +231,10 @@ class RuleWriter:
         return f"({self._value(name, lower)} < {name} <= {self._value(name, upper)})"
 
     def _slopes(self, leaf: int) -> dict[str, float]:
-        slopes = zip(self.tree.names, self.tree.coefficients[leaf].tolist(), strict=True)
-        return {name: slope for name, slope in slopes if slope}
+        tree = self.tree
+        slopes = zip(tree.names, tree.coefficients[leaf].tolist(), strict=True)
+        total = {name: slope + (name == tree.base) for name, slope in slopes}
+        return {name: slope for name, slope in total.items() if slope}
 
     def _formula(self, leaf: int) -> str:
         terms = [(slope / self._scale(name), f"*{name}") for name, slope in self._slopes(leaf).items()]

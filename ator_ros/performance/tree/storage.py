@@ -60,15 +60,17 @@ StoredNode = StoredSplit | StoredLeaf
 
 @dataclass(frozen=True)
 class StoredTree:
-    """A tree: the names of its features in column order, and its root."""
+    """A tree: the names of its features in column order, its root, and `ModelTree.base`."""
 
     features: tuple[str, ...]
     root: StoredNode
+    base: str = ""
 
     def __post_init__(self) -> None:
         """Check the names."""
         once = len(set(self.features)) == len(self.features) > 0
         require(once, "features", "names, each once", list(self.features))
+        require(self.base in ("", *self.features), "base", f"one of {', '.join(self.features)}", self.base)
         for node in _preorder(self.root):
             used = {node.feature} if isinstance(node, StoredSplit) else node.slopes.keys()
             unknown = sorted(used - set(self.features))
@@ -84,7 +86,7 @@ def _preorder(node: StoredNode) -> Iterator[StoredNode]:
 
 def stored(tree: ModelTree) -> StoredTree:
     """Return the tree as dataclasses; `restored` makes the same tree of them."""
-    return StoredTree(tree.names, _stored_node(tree, 0))
+    return StoredTree(tree.names, _stored_node(tree, 0), tree.base)
 
 
 def _stored_node(tree: ModelTree, number: int) -> StoredNode:
@@ -132,4 +134,5 @@ def restored(tree: StoredTree) -> ModelTree:
         upper=upper,
         spread=spread,
         samples=np.array([node.samples for node in nodes]),
+        base=tree.base,
     )
