@@ -142,7 +142,7 @@ def _best_learning(
     *,
     extrapolation: float = 1.0,
 ) -> ModelTree:
-    """Return the tree with that of `_SMOOTHINGS` and `targets`, with a weight, that predicts `values` best."""
+    """Return the tree, of all `_SMOOTHINGS` and weighted `targets`, that predicts `values` best."""
     fold, least, best = np.arange(len(values)) % _FEW_FOLDS, math.inf, (ModelTreeRegressor(), values)
     for smoothing, (target, weight) in itertools.product(_SMOOTHINGS, targets):
         learner = ModelTreeRegressor(smoothing=smoothing, extrapolation=extrapolation)
