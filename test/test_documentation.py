@@ -42,7 +42,7 @@ BY_TEST = {
     r"scripts/run python benchmarks/speed\.py": "test_benchmarks.py::test_each_part_of_the_speed_is_measured",
     r"python scripts/figures\.py": "test_figures.py::test_both_figures_are_drawn",
     r"collect .*my_domain\.yaml --over-ros": "nodes/test_tour_node.py::test_drives_over_ros_take_as_long",
-    r"dask .*|.*--backend dask.*": "test_documentation.py::test_a_cluster_collects",
+    r"dask .*|.*--cluster .*": "test_documentation.py::test_a_cluster_collects",
     r".*examples\.call|ros2 (service|action) \w+": "nodes/test_call_example.py::test_a_service_is_",
     r"make run EXE=executor .*my_config.*": f"{_ROS}::test_a_copy_of_the_configuration_is_used",
     r"ros2 action send_goal /execute_chain .*": f"{_ROS}::test_the_printed_requests",
@@ -232,7 +232,7 @@ def test_a_cluster_collects(tmp_path: Path) -> None:
     texts = [printed.text for printed in commands() if "dask" in printed.text]
     (scheduler,) = [text for text in texts if text.startswith("dask scheduler")]
     (worker,) = [text for text in texts if text.startswith("dask worker")]
-    (collect,) = [text for text in texts if "--backend dask" in text]
+    (collect,) = [text for text in texts if "--cluster" in text]
     here = "--host 127.0.0.1 --no-dashboard"
     started = [subprocess.Popen(f"{scheduler} {here} --port 0 --scheduler-file s.json".split(), cwd=tmp_path)]
     try:

@@ -18,44 +18,38 @@ from tqdm import tqdm
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-BACKENDS = ("loky", "dask")
 _WORKERS_S = 60
 """Time in s to wait for the first worker of a cluster."""
 
 
 class BackendError(RuntimeError):
-    """A parallel backend that cannot be used; the message says what to install or to start."""
+    """Workers that cannot be used; the message says what to install or to start."""
 
 
 @contextlib.contextmanager
-def workers(jobs: int = 1, backend: str = "loky", scheduler: str | None = None) -> Iterator[None]:
+def workers(jobs: int = 1, cluster: str | None = None) -> Iterator[None]:
     """Spread tasks over workers during the block; otherwise this process executes them.
 
     Parameters
     ----------
     jobs : int
-        Number of worker processes; 1 runs in this process, -1 takes every core. With `dask` the cluster
-        decides and this only says how many tasks are under way at once (-1: as many as it has threads).
-    backend : {"loky", "dask"}
-        Local processes, or a cluster.
-    scheduler : str or None
-        Address of the cluster's scheduler, as in ``tcp://host:8786``.
+        Number of worker processes; 1 runs in this process, -1 takes every core. A cluster has its own
+        workers, and this only says how many tasks are under way at once (-1: as many as it has threads).
+    cluster : str, optional
+        Address of a dask scheduler, as in ``tcp://host:8786``.
 
     Raises
     ------
     BackendError
-        The backend is not installed; there is no cluster, it has no workers, or they cannot import this
-        package.
+        dask is not installed; there is no cluster, it has no workers, or they cannot import this package.
     """
     import joblib  # takes a second
 
-    with _cluster(scheduler):
-        try:
-            config = joblib.parallel_config(backend=backend, n_jobs=jobs)
-        except (ImportError, ValueError) as error:
-            raise BackendError(f"backend {backend!r} cannot be used: {error}") from error
-        with config:
-            yield
+    with contextlib.ExitStack() as stack:
+        if cluster is not None:
+            stack.enter_context(_connected(cluster))
+        stack.enter_context(joblib.parallel_config("loky" if cluster is None else "dask", n_jobs=jobs))
+        yield
 
 
 def run_tasks(function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
@@ -119,12 +113,8 @@ def progress(results: Iterable[Result], *, done: int, total: int, unit: str) -> 
     return tqdm(results, initial=done, total=total, unit=unit, mininterval=period, delay=period - 0.1)
 
 
-@contextlib.contextmanager
-def _cluster(address: str | None) -> Iterator[None]:
-    """Connect to the dask scheduler at `address`; None connects to nothing."""
-    if address is None:
-        yield
-        return
+def _connected(address: str) -> Any:
+    """Return a client of the dask scheduler at `address`, for a with statement."""
     try:
         from distributed import Client
     except ImportError as error:
@@ -135,13 +125,12 @@ def _cluster(address: str | None) -> Iterator[None]:
         raise BackendError(
             f"cluster: expected a dask scheduler as in tcp://host:8786, got {address!r}: {error}"
         ) from error
-    with client:
-        try:
-            client.wait_for_workers(1, timeout=_WORKERS_S)
-            client.run_on_scheduler(version, "ator_ros")
-            client.run(version, "ator_ros")
-        except TimeoutError as error:
-            raise BackendError(f"cluster: expected a worker within {_WORKERS_S} s, found none") from error
-        except ImportError as error:  # without ator_ros tasks would never end
-            raise BackendError(f"cluster: expected ator_ros on scheduler and workers: {error}") from error
-        yield
+    try:
+        client.wait_for_workers(1, timeout=_WORKERS_S)
+        client.run_on_scheduler(version, "ator_ros")
+        client.run(version, "ator_ros")
+    except TimeoutError as error:
+        raise BackendError(f"cluster: expected a worker within {_WORKERS_S} s, found none") from error
+    except ImportError as error:  # without ator_ros tasks would never end
+        raise BackendError(f"cluster: expected ator_ros on scheduler and workers: {error}") from error
+    return client

@@ -18,7 +18,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import EvaluationError
-from ator_ros.experience.parallel import BACKENDS, BackendError, workers
+from ator_ros.experience.parallel import BackendError, workers
 from ator_ros.experience.table import ExperienceError
 from ator_ros.files import FileError, portable_command
 from ator_ros.nodes.network import NodesError
@@ -133,19 +133,22 @@ def add_factor(parser: argparse.ArgumentParser, default: float) -> None:
 
 
 def add_parallel_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for parallel work: jobs, backend, cluster."""
+    """Add the options for parallel work: jobs and cluster."""
     parser.add_argument(
         "--jobs", type=jobs, default=-1, metavar="N", help="worker processes (default: -1, one per core)"
     )
-    parser.add_argument("--backend", choices=BACKENDS, default="loky", help="default: %(default)s")
-    parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, as in tcp://host:8786")
+    parser.add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help="work on the cluster of this dask scheduler, as in tcp://host:8786",
+    )
 
 
 def _workers_of(options: argparse.Namespace) -> contextlib.AbstractContextManager[None]:
     """Return the workers that the options of `add_parallel_options` name, if there are these options."""
     if "jobs" not in options:
         return contextlib.nullcontext()
-    return workers(options.jobs, options.backend, options.cluster)
+    return workers(options.jobs, options.cluster)
 
 
 def _check_names(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -29,7 +28,7 @@ def address() -> Iterator[str]:
 
 
 def on(address: str) -> list[str]:
-    return ["--backend", "dask", "--cluster", address]
+    return ["--cluster", address]
 
 
 @pytest.mark.long
@@ -59,11 +58,5 @@ def test_evaluate_gives_the_same_runs(address: str, tmp_path: Path) -> None:
 
 def test_an_invalid_address_is_rejected() -> None:
     expected = "cluster: expected a dask scheduler as in tcp://host:8786, got 'nowhere'"
-    with pytest.raises(BackendError, match=expected), workers(2, "dask", "nowhere"):
-        pass
-
-
-def test_dask_without_a_cluster_is_rejected() -> None:
-    gc.collect()  # dask fails if clients of previous tests are garbage-collected meanwhile
-    with pytest.raises(BackendError, match="'dask' cannot be used"), workers(2, "dask"):
+    with pytest.raises(BackendError, match=expected), workers(2, "nowhere"):
         pass
