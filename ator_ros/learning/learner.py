@@ -165,11 +165,6 @@ class Learner:
         }
         for name, verdict in self._last.get("actions", {}).items():
             values[f"{name}: episodes"] = verdict["episodes"]
-            for when in ("before", "after"):
-                if verdict[when] is not None:
-                    loss, unit = ("error", " (s)") if name.count("/") == 1 else ("loss", "")
-                    newest = f"{loss} on the newest {verdict['tested']} {when}{unit}"
-                    values[f"{name}: {newest}"] = f"{verdict[when]:.3g}"
             values[f"{name}: {'switched' if verdict['kind'] else 'not switched'}"] = verdict["reason"]
         return values
 

@@ -87,11 +87,6 @@ def test_a_changed_robot_gets_a_new_set(
     assert values["set"] == manifest.digest
     assert values["last switch"] == manifest.time
     assert values["default/goToPose: switched"] == manifest.reasons["default/goToPose"]
-    before, after = (
-        next(values[key] for key in values if key.startswith("default/goToPose: error") and key.endswith(end))
-        for end in ("before (s)", "after (s)")
-    )
-    assert float(after) < 0.6 * float(before)
     assert "error from" in values["default/goToPose: switched"]
 
 
