@@ -93,7 +93,7 @@ def select(
                 )
             there = near
         if role == ODOM and there:
-            namespace = there[0][0].removesuffix(name)
+            namespace = there[0][0].rpartition("/")[0] + "/"
         for link in there:
             roles[link].append(role)
     return roles, skipped

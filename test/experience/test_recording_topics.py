@@ -15,7 +15,7 @@ from bags import ODOMETRY, TWIST, Messages, Tick
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.recordings import read_recording
-from ator_ros.experience.table import Experience
+from ator_ros.experience.table import Experience, ExperienceError
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.tools import train
 
@@ -145,6 +145,14 @@ def test_a_topic_of_another_type_is_skipped_and_reported(
     (line,) = experience.remarks
     assert line.startswith(f"bag: skipped {topic}: expected ")
     assert line.endswith(", got geometry_msgs/msg/PoseStamped")
+
+
+def test_of_several_robots_one_is_read(tmp_path: Path, usual: pd.DataFrame) -> None:
+    other = ("/b/odom", ODOMETRY, lambda make, tick: make.odometry(tick)), ("/b/cmd_vel", TWIST, command)
+    bag = recorded(tmp_path, *other, odom="/a/odom", cmd_vel="/a/cmd_vel")
+    with pytest.raises(ExperienceError, match="skipped /a/odom, /b/odom: expected one of them as odom"):
+        read(bag)
+    pd.testing.assert_frame_equal(read_recording(bag, ROBOT, SOCCER, {"odom": "/a/odom"}).frame, usual)
 
 
 DRIVER = {"odom": "/base/wheel_odometry", "cmd_vel": "/base/command"}
