@@ -162,7 +162,6 @@ class Rules(NamedTuple):
     passing: float
     detour: float
     forward: bool
-    hold: float
 
 
 @dataclass(frozen=True)
@@ -224,11 +223,11 @@ class ShapeSet:
         turned = 2.0 * np.pi if self.forward else np.pi
         return float(2.0 * turn_time(turned, self.limits.w, self.limits.aw)), 2.0 * turned
 
-    def rules(self, hold: float) -> Rules:
-        """Return what holds for all shapes, with an object `hold` m ahead of the destination."""
+    @cached_property
+    def rules(self) -> Rules:
+        """What holds for all shapes."""
         run = np.nan if self.run is None else self.run
-        detour = _DETOUR / self.limits.v
-        return Rules(rates_of(self.limits), run, self.passing, detour, self.forward, hold)
+        return Rules(rates_of(self.limits), run, self.passing, _DETOUR / self.limits.v, self.forward)
 
 
 _END = np.dtype([("speed", float), ("length", float), ("time", float), ("row", np.intp)])
@@ -305,6 +304,7 @@ def search_fastest(
     tables: TurnTables,
     rules: Rules,
     missed: tuple[float, float],
+    hold: float,
     result: FloatArray,
     first: int,
     end: int,
@@ -319,6 +319,8 @@ def search_fastest(
         Those of a `ShapeSet`.
     missed : tuple of float
         Time (s) and angle (rad) that stand for ends between which no path has room.
+    hold : float
+        See `fastest_paths`.
     result : ndarray, shape (2, n)
         Becomes the time in s, and the sum of the angles turned in rad.
     first, end : int
@@ -337,14 +339,14 @@ def search_fastest(
         if at == first or arrival != ends[4, at - 1]:
             _set_arrival(exits, arrival, firsts, tables, rules)
         time, turned, likely = _fastest(
-            x, y, turn, np.inf, likely, entries, exits, gaps, firsts, tables, rules
+            x, y, turn, hold, np.inf, likely, entries, exits, gaps, firsts, tables, rules
         )
         if others[likely] < others[likely + 1]:
             group = shapes[others[likely] : others[likely + 1]]
             _set_speed(other_entries, speed, group, tables, rules)
             _set_arrival(other_exits, arrival, group, tables, rules)
             faster, angles, _ = _fastest(
-                x, y, turn, time, 0, other_entries, other_exits, gaps, group, tables, rules
+                x, y, turn, hold, time, 0, other_entries, other_exits, gaps, group, tables, rules
             )
             if faster < time:
                 time, turned = faster, angles
@@ -358,6 +360,7 @@ def _fastest(
     x: float,
     y: float,
     turn: float,
+    hold: float,
     most: float,
     likely: int,
     entries: Rows,
@@ -369,7 +372,7 @@ def _fastest(
 ) -> tuple[float, float, int]:
     """Return time (s), turned angle (rad) and shape of the fastest path; infinite unless below `most`."""
     cos, sin = math.cos(turn), math.sin(turn)
-    object_x, object_y = x + rules.hold * cos, y + rules.hold * sin
+    object_x, object_y = x + hold * cos, y + hold * sin
     # The whole change of heading may be either way round, or a full turn more.
     circle = math.copysign(_FULL_TURN, turn)
     totals = (turn, turn - circle, turn + circle)
@@ -501,7 +504,7 @@ def needed_shapes(grid: ShapeSet, ends: FloatArray, *, hold: float) -> list[list
     alone, never = np.ones(2, dtype=np.intp), (np.inf, 0.0)
     for number in range(len(times)):
         row = grid.rows[number : number + 1]
-        search_fastest(ends, row, alone, grid.tables, grid.rules(hold), never, result, 0, count)
+        search_fastest(ends, row, alone, grid.tables, grid.rules, never, hold, result, 0, count)
         times[number] = result[0]
     least = times.min(axis=0)
     reached = np.isfinite(least)
@@ -564,8 +567,9 @@ def fastest_paths(ends: FloatArray, shapes: ShapeSet, *, hold: float) -> FloatAr
         shapes.rows,
         shapes.others,
         shapes.tables,
-        shapes.rules(hold),
+        shapes.rules,
         shapes.missed,
+        hold,
         result,
     )
     parallel_for(search, ends.shape[1], _CHUNK)

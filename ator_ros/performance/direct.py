@@ -70,7 +70,7 @@ def names_with(further: Iterable[str]) -> tuple[str, ...]:
 
 
 def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
-    """Bring direct variables into the rows of a table; one that is such a table stays as it is.
+    """Bring direct variables into the rows of a table; one that is such a table stays as it is, unchecked.
 
     Scalars are spread, so that one situation and a thousand go through the same operations: numpy computes
     them the same to the last bit only then.
@@ -89,7 +89,7 @@ def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
     """
     names = names_with(further)
     if isinstance(direct, DirectTable) and direct.names == names:
-        return _finite(direct)
+        return direct
     missing = [name for name in names if name not in direct]
     if missing:
         raise ValueError(f"direct variables: expected {', '.join(names)}; missing: {', '.join(missing)}")
@@ -101,12 +101,7 @@ def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
     table = np.empty((len(given), next(iter(sizes))[0] if sizes else 1))
     for row, values in zip(table, given, strict=True):
         row[:] = values
-    return _finite(DirectTable(names, table))
-
-
-def _finite(direct: DirectTable) -> DirectTable:
-    """Return the same; raises ValueError where a number is not finite."""
-    if not np.isfinite(direct.table).all():
-        wrong = [name for name, row in direct.items() if not np.isfinite(row).all()]
+    if not np.isfinite(table).all():
+        wrong = [name for name, row in zip(names, table, strict=True) if not np.isfinite(row).all()]
         raise ValueError(f"direct variables: expected finite numbers; not finite: {', '.join(wrong)}")
-    return direct
+    return DirectTable(names, table)

@@ -112,8 +112,8 @@ def restored_shape(numbers: StoredShape) -> Shape:
 _CHANGES = (-1.0, -0.6, -0.25, 0.0, 0.25, 0.6, 1.0)  # of speed in a turn
 RUNS = (0.0, 0.35, 0.8, 1.0)  # speeds at which a run of given length begins, from the least to the greatest
 _GAINS = _LOSSES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of speed, of actions that only drive forward
-_LEADS = (0.05, 0.1, 0.15, 0.2, 0.35, 0.55, 0.8)  # speeds to reach before the first turn
-_ARRIVALS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.75, 0.95)  # speeds after the last turn
+_LEADS = (0.05, 0.1, 0.15, 0.2, 0.35, 0.55, 0.8, 1.0)  # speeds to reach before the first turn
+_ARRIVALS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.75, 0.95, 1.0)  # after the last
 _LEAST = (0.0, 0.25, 0.5, 0.75)  # speeds at start or goal that decide how fast the robot may turn there
 _SLOWEST = 0.1  # share of the turn rate below which no turn is tried
 """Kinds of paths; the time of a prediction grows with their number."""

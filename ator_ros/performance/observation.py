@@ -60,7 +60,10 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
     if np.mean(rows["v"] < _BACKWARD[0]) <= _BACKWARD[1]:
         turns = _turns(rows, limits)
         first, last = _rates(turns.start, turns.gain, turns), _rates(turns.end, turns.loss, turns)
-        shapes, paths = forward_shapes(limits, first, last), ShapeSet(limits, (), run=None, forward=True)
+        shapes = forward_shapes(limits, first, last)
+        if not shapes:  # of an action whose odometry shows no turns, too
+            shapes = forward_shapes(limits, _on_the_spot, _on_the_spot)
+        paths = ShapeSet(limits, (), run=None, forward=True)
         drives = chosen_shapes(shapes, paths, _geometry(starts, robot).ends, hold=robot.hold)
         return DrivingStyle(limits, drives, forward=True)
     free = starts if holding.all() else starts[~holding]
@@ -150,26 +153,29 @@ def _turns(rows: pd.DataFrame, limits: ObservedLimits) -> _Turns:
 def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:
     """Return the usual rates of turns with such a speed and change of speed at one end.
 
-    What goes at a lower speed is taken to go at a higher one, and what goes while the speed falls, while it
-    falls less. An action of which no turn was seen, as its odometry was not recorded, is taken to turn on the
-    spot.
+    What goes at a lower speed is taken to go at a higher one, if turns at higher ones were seen at all, and
+    what goes while the speed falls, while it falls less.
     """
-    if not len(speeds):
-        return lambda speed, change: float(speed == change == 0.0)
     full = turns.full if turns.full.any() else ~turns.full
     speeds, changes, rates = speeds[full], changes[full], turns.rate[full]
     table = np.zeros((len(_CHANGES), len(_SPEEDS)))
     for at in np.ndindex(table.shape):
-        faster = speeds - _SPEEDS[at[1]]
-        alike = (faster >= -_SLOWER) & (faster <= _FASTER) & (np.abs(changes - _CHANGES[at[0]]) <= _OTHER)
+        faster, other = speeds - _SPEEDS[at[1]], np.abs(changes - _CHANGES[at[0]])
+        alike = (faster >= -_SLOWER) & (faster <= _FASTER) & (other <= _OTHER)
         if np.count_nonzero(alike) >= _FEWEST:
             table[at] = np.quantile(rates[alike], _USUAL)
+    highest = np.max(np.flatnonzero(table.any(axis=0)), initial=0)
     table = np.minimum(np.maximum.accumulate(np.maximum.accumulate(table, axis=0), axis=1), 1.0)
+    table[:, highest + 2 :] = 0.0
 
     def rate(speed: float, change: float) -> float:
         return float(np.interp(change, _CHANGES, [np.interp(speed, _SPEEDS, each) for each in table]))
 
     return rate
+
+
+def _on_the_spot(speed: float, change: float) -> float:
+    return float(speed == change == 0.0)
 
 
 def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> DrivingStyle:

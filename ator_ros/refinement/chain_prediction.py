@@ -241,13 +241,12 @@ class ChainModel:
             direct = DirectTable(tables[0][steps[0]].names, table)
             prediction = self._predicted(steps[0], direct, fields)
             columns = {name: getattr(prediction, name, None) for name in fields}
-            known = {
-                name: np.broadcast_to(each, len(places)) for name, each in columns.items() if each is not None
-            }
-            cost = np.broadcast_to(self._cost(prediction), len(places))
+            known = {name: np.ravel(each).tolist() for name, each in columns.items() if each is not None}
+            cost = np.ravel(self._cost(prediction)).tolist()
             for row, (chain, step) in enumerate(places):
-                actions[chain][step] = {name: float(each[row]) for name, each in known.items()}
-                costs[chain, step] = cost[row]
+                # A prediction that is the same for all situations may be a single one.
+                actions[chain][step] = {name: each[row % len(each)] for name, each in known.items()}
+                costs[chain, step] = cost[row % len(cost)]
         return [
             ChainPrediction(tuple(each), float(cost))
             for each, cost in zip(actions, costs.sum(axis=1), strict=True)

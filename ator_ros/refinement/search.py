@@ -37,11 +37,11 @@ BLOCK = 512
 """Pairs of candidates evaluated between two checks of the deadline: a millisecond with the shipped models."""
 
 # By the number of a subgoal's free variables, from 0; the last entry is for all that have more
-_FIRST_ALONE = (1, 60, 144, 256, 400)  # first candidates: 6 degrees of an angle, the width of narrow valleys
-_FIRST_BESIDE = (1, 30, 24, 48, 64)  # beside another subgoal with free variables: all pairs are evaluated
+_FIRST_ALONE = (1, 60, 108, 256, 400)  # first candidates: 6 degrees of an angle, the width of narrow valleys
+_FIRST_BESIDE = (1, 30, 24, 36, 48)  # beside another subgoal with free variables: all pairs are evaluated
 
 # For each free variable of a subgoal
-_IN_WINDOW = 6  # candidates of a window, besides its center
+_IN_WINDOW = 5  # candidates of a window, besides its center
 _ROUNDS = 4  # most rounds: more variables need more moves
 
 _ON_GRID = 2  # free variables up to which the first candidates form a grid, which has the ends of ranges
