@@ -5,8 +5,6 @@ An instance replaces the chain executor in `ator_ros.evaluation.chain_run.run_ch
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from executions import execution
 
 from ator_ros.actions.base import Status, Step
@@ -23,60 +21,36 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World
 
 
-@dataclass(frozen=True)
-class Along:
-    """Settings to refine a chain again during execution.
-
-    Attributes
-    ----------
-    plans : tuple of TopChain
-        The plans of the goal, with their open variables.
-    chosen : int
-        Index of the plan that refinement chose at the start.
-    refiner : Refiner
-        The refiner that answers questions.
-    again_after : float
-        Distance in m between the world and the refined forecast that causes a question; 0: never.
-    """
-
-    plans: tuple[TopChain, ...]
-    refiner: Refiner
-    chosen: int = 0
-    again_after: float = AGAIN_AFTER
-
-
 class RefinedAlong:
     """Executes a chain as `ChainExecutor` does; answers of refinement arrive one tick after questions.
 
-    Attributes
-    ----------
-    questions, again : int
-        Numbers of questions after the start, and of answers that changed the chain.
-
     Parameters
     ----------
-    library : TopLibrary
-        TOPs and actions.
     chain : TopChain
         The initial chain, chosen by refinement.
-    along : Along
-        Settings of the refinement during execution.
+    plan : TopChain
+        The plan of the goal, with its open variables.
+    again_after : float
+        Distance in m between the world and the refined forecast that causes a question; 0: never.
     time_limit : float
         Time in s that each step may take.
     """
 
-    def __init__(self, library: TopLibrary, chain: TopChain, along: Along, *, time_limit: float) -> None:
-        self.questions = 0
-        self._chain, self._along = chain, along
+    def __init__(
+        self,
+        library: TopLibrary,
+        chain: TopChain,
+        plan: TopChain,
+        refiner: Refiner,
+        *,
+        again_after: float = AGAIN_AFTER,
+        time_limit: float,
+    ) -> None:
+        self._chain, self._refiner, self._begun = chain, refiner, False
+        deadlines = Deadlines(action=time_limit)
         self._supervisor = execution(
-            *along.plans,
-            refine=True,
-            library=library,
-            deadlines=Deadlines(action=time_limit),
-            again_after=along.again_after,
-            now=0.0,
+            plan, refine=True, library=library, deadlines=deadlines, again_after=again_after, now=0.0
         )
-        self._begun = False
 
     @property
     def again(self) -> int:
@@ -94,10 +68,9 @@ class RefinedAlong:
         if not self._begun:
             self._begun = True
             run.tick(world, world.time)
-            run.refined_to(self._chain, True, "as chosen before", chosen=self._along.chosen)
+            run.refined_to(self._chain, True, "as chosen before")
         self._answer()
         command = run.tick(world, world.time)
-        self.questions += run.question is not None
         status = Status.RUNNING
         if run.ending is not None:
             status = Status.SUCCEEDED if run.ending is Ending.SUCCEEDED else Status.FAILED
@@ -114,7 +87,7 @@ class RefinedAlong:
             return
         chains = (question.chain, *(chain for _, chain in question.others))
         try:
-            choice = choose(self._along.refiner, question.world, chains)
+            choice = choose(self._refiner, question.world, chains)
         except RefinementError as error:
             run.unrefined(str(error))
             return
@@ -126,5 +99,6 @@ def refining_along(tools: Toolset, library: TopLibrary, trial: Trial) -> tuple[T
     """Return a refined chain (headings and speeds), and its executor with a gate."""
     choice = POLICIES["refined_speed"](tools, trial)
     assert choice.refinement is not None
-    along = Along((choice.refinement.original,), tools.refiner(gated=True))
-    return choice.chain, RefinedAlong(library, choice.chain, along, time_limit=tools.domain.time_limit)
+    plan, refiner = choice.refinement.original, tools.refiner(gated=True)
+    limit = tools.domain.time_limit
+    return choice.chain, RefinedAlong(library, choice.chain, plan, refiner, time_limit=limit)

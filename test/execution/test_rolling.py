@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from refined_along import Along, RefinedAlong
+from refined_along import RefinedAlong
 
 from ator_ros.actions.base import ActionError
 from ator_ros.domains.soccer.domain import SOCCER
@@ -17,6 +17,7 @@ from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, make_library, make_toolset
 from ator_ros.evaluation.trials import Trial, random_trial
 from ator_ros.execution.chain_executor import ChainExecutor
+from ator_ros.execution.refining import AGAIN_AFTER
 from ator_ros.execution.rolling import Rolling
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
@@ -58,17 +59,20 @@ def test_questions_change_the_chain_and_disabled_ones_do_not(
     drawn, library = trial(tools, 5), make_library(tools.robot, SOURCE)
     choice = POLICIES["refined_speed"](tools, drawn)
     assert choice.refinement is not None
-    along = Along((choice.refinement.original,), tools.refiner(gated=True))
+    plan, refiner = choice.refinement.original, tools.refiner(gated=True)
 
-    def run(along: Along) -> tuple[ChainRun, int]:
-        executor = RefinedAlong(library, choice.chain, along, time_limit=SOCCER.time_limit)
+    def run(again_after: float) -> tuple[ChainRun, int]:
+        limit = SOCCER.time_limit
+        executor = RefinedAlong(
+            library, choice.chain, plan, refiner, again_after=again_after, time_limit=limit
+        )
         done = run_chain(tools.robot, library, drawn.world, choice.chain, executor=executor)
         return done, executor.again
 
     once = run_chain(tools.robot, library, drawn.world, choice.chain)
-    never, _ = run(dataclasses.replace(along, again_after=0.0))
+    never, _ = run(0.0)
     assert dataclasses.replace(never, reason=once.reason) == once
-    again, changes = run(along)
+    again, changes = run(AGAIN_AFTER)
     assert again.success
     assert changes >= 1
 
