@@ -21,7 +21,6 @@ from ator_ros.tops.objects import (
     has_left,
     held_first,
     is_at_front,
-    is_in_the_way,
     is_lost,
     kept,
     object_fetched_by,
@@ -226,9 +225,7 @@ class ChainExecutor:
         if chain.calls[self.index] != self._run.call:
             standing_first = self._run.stage is Stage.STANDING
             run = self._new_run(chain, standing_first=standing_first, since=self._run.since)
-            name = followed(self._run.call.top)
-            blocked = name is not None and is_in_the_way(world, self._library.robot, name)
-            if self._run.stage is Stage.SETTLING or (self._run.begun and blocked):
+            if self._run.stage is Stage.SETTLING:
                 return False
             if self._run.begun:
                 self._planned = world.time

@@ -8,7 +8,6 @@ from collections.abc import Iterable
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import goal_values
-from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top, TopCall
 from ator_ros.tops.conditions import Condition, Statement, state_of
@@ -16,8 +15,6 @@ from ator_ros.world.state import World
 
 _TOUCHING = 0.08
 """Distance in m from the hold, beyond the length of the holder, within which an object counts as touched."""
-_ROOM = 0.06
-"""Clearance in m between the robot and an object that it can pass."""
 _SLACK = 1.2
 """Hysteresis: distance beyond which a held object is lost, over that up to which it is held."""
 
@@ -124,19 +121,3 @@ def is_lost(world: World, robot: Robot, name: str) -> bool:
 def is_at_front(world: World, robot: Robot, name: str) -> bool:
     """Return whether the robot's front touches an object, or nearly: then the robot moves it."""
     return robot.hold_offset(world, name) < robot.holder_length + _TOUCHING
-
-
-def is_in_the_way(world: World, robot: Robot, name: str) -> bool:
-    """Return whether an object lies so close ahead that the robot can neither stop before it nor pass it.
-
-    The robot brakes with `limits.brake`. A search for a plan from there would take long and fail.
-    """
-    there, v = world.objects.get(name), world.robot.v
-    if there is None or v <= 0.0:
-        return False
-    place = world.robot.pose.relative(Pose(there.x, there.y, 0.0))
-    radius = robot.scene.radius(name)
-    reach = robot.tip + radius + _ROOM
-    braking = v * v / (2.0 * robot.limits.brake)
-    beside = abs(place.y) > robot.half_width + radius + _ROOM
-    return not beside and 0.0 < place.x < reach + braking
