@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -106,19 +105,13 @@ def brier(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dict[s
     }
 
 
-def kinds(starts: pd.DataFrame, robot: Robot) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield subsets of starts by what makes a difference: rest or motion, how far, and what kind of goal."""
-    near = pd.Series(Geometry(direct_of(starts), robot).dist < SHORT, index=starts.index)
-    rest, stop, held = starts["v"].abs() <= AT_REST.v, starts["speedg"] <= AT_REST.v, starts["hold"] == 1
-    short, rest, moving = rest & near, rest & ~near, ~rest
-    masks: Mapping[str, pd.Series] = {
-        "at rest": rest,
-        f"turns, and drives below {SHORT:g} m": short,
-        "at rest, pose": rest & ~held,
-        "at rest, object, arriving at rest": rest & stop & held,
-        "at rest, object, arriving at speed": rest & ~stop & held,
-        "in motion": moving,
+def kinds(starts: pd.DataFrame, robot: Robot) -> dict[str, pd.DataFrame]:
+    """Return subsets of starts by what makes a difference: at rest and not near the goal, near it, moving."""
+    rest = (starts["v"].abs() <= AT_REST.v).to_numpy()
+    near = Geometry(direct_of(starts), robot).dist < SHORT
+    masks = {
+        "at rest": rest & ~near,
+        f"turns, and drives below {SHORT:g} m": rest & near,
+        "in motion": ~rest,
     }
-    for name, mask in masks.items():
-        if mask.any():
-            yield name, starts[mask]
+    return {name: starts[mask] for name, mask in masks.items()}

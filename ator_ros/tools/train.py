@@ -166,7 +166,7 @@ def _measured(model: PerformanceModel, starts: pd.DataFrame, seed: int) -> dict[
     """Return the accuracy on fresh starts at rest, or on all of them, and on each kind of start."""
     parts = {
         name: accuracy(model, part, seed=seed)
-        for name, part in kinds(starts, model.robot)
+        for name, part in kinds(starts, model.robot).items()
         if part["success"].any()
     }
     measured = parts.pop("at rest", None)
