@@ -182,7 +182,6 @@ def read_recording(
         "domain": domain.name,
         "action_set": action_sets[0] if action_sets else None,  # odometry and commands name none
         "command": f"recording {file.name}",
-        "records_left_out": reader.left_out[RECORDS],
         "versions": library_versions(),
     }
     rows = checked_rows(file, join(frames), metadata["action_set"] or DEFAULT_SET)
@@ -242,7 +241,7 @@ def read_sources(
     robot : Robot
         The robot that all sources must be of.
     domain : Vocabulary
-        The domain that all sources must be of; a table without a domain must have objects of this one.
+        The domain that all sources must be of.
     action_set : str, optional
         Action set of sources that do not name one; all others must name this one.
     topics : mapping, optional
@@ -262,12 +261,7 @@ def read_sources(
     sets |= {action_set} if action_set else set()
     if len(sets) > 1:
         raise ExperienceError(f"expected experience of one action set, got {', '.join(sorted(sets))}")
-    joined = {
-        "domain": domain.name,
-        "action_set": sets.pop(),
-        "records_left_out": sum(table.metadata.get("records_left_out", 0) for table in tables),
-    }
-    metadata = {**tables[0].metadata, **joined}
+    metadata = {**tables[0].metadata, "domain": domain.name, "action_set": sets.pop()}
     return Experience(join(frames), metadata, tuple(remark for table in tables for remark in table.remarks))
 
 
@@ -288,12 +282,11 @@ def _source(
         raise ExperienceError(
             f"{path}: expected a table of collect (.parquet) or a recording (.mcap, or the folder it is in)"
         )
-    found = table.metadata.get("domain")
-    foreign = [name for name in table.objects if found is None and name not in domain.objects]
-    if foreign or found not in (None, domain.name):
-        there = f"a table with the objects {', '.join(foreign)}" if foreign else quoted(found)
+    found = table.metadata.get("domain", domain.name)
+    if found != domain.name:
         raise ExperienceError(
-            f"{path}: metadata.domain: expected {domain.name!r}, got {there}: name its domain with --domain"
+            f"{path}: metadata.domain: expected {domain.name!r}, got {quoted(found)}: "
+            "name its domain with --domain"
         )
     digest = table.metadata.get("robot_digest", robot.digest())
     if digest != robot.digest():

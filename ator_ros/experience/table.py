@@ -158,8 +158,7 @@ def _numbers(source: Path | str, column: pd.Series) -> FloatArray:
     expected = (
         f"{source}: {name}: expected {'whole ' if name in _TYPES else ''}numbers from {low:g} to {high:g}"
     )
-    is_truth = pd.api.types.is_bool_dtype(column)
-    if not pd.api.types.is_numeric_dtype(column) or (is_truth and high != 1.0):
+    if not pd.api.types.is_numeric_dtype(column):
         raise ExperienceError(f"{expected}, got the type {column.dtype}")
     values: FloatArray = column.to_numpy(dtype=float, na_value=np.nan)
     good = (values >= low) & (values <= high) | np.isnan(values) & (name not in _LEAST)

@@ -157,8 +157,6 @@ def _read(
     experience = read_sources(paths, robot, domain, action_set, topics)
     for remark in experience.remarks:
         print(f"train: {remark}", file=sys.stderr)
-    if left_out := experience.metadata["records_left_out"]:
-        print(f"train: left out {left_out} records that cannot be used", file=sys.stderr)
     return experience
 
 
