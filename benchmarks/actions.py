@@ -1,0 +1,108 @@
+"""Measure how the actions of soccer perform: success, duration, and how it changes with the start.
+
+scripts/run python benchmarks/actions.py --out docs/actions.md
+scripts/run python benchmarks/actions.py --action-set bezier --out docs/actions_bezier.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from ator_ros.domains.domain import find_domain
+from ator_ros.experience.collect import episode_generator
+from ator_ros.experience.episode import Episode, run_episode
+from ator_ros.experience.parallel import progress, run_tasks, workers
+from ator_ros.files import write_text
+from ator_ros.geometry import wrap_angle
+from ator_ros.simulation.simulation import Simulation
+from ator_ros.tops.library import top_of
+
+TURN = math.radians(1.0)
+TEXT = """# How the actions perform (set `{action_set}`)
+
+{situations} random situations of each action, seed {seed}, drawn as for experience. *Turned by 1°* is the change of duration
+when only the start's heading changes by a degree: 95th and 99th percentile. A control tick is 0.05 s.
+
+    scripts/run python benchmarks/actions.py {options}
+
+| action | success | mean duration | turned by 1° |
+| --- | --- | --- | --- |
+{rows}
+
+{failed}
+"""
+
+
+def run_both(task: tuple[str, int], *, action_set: str, seed: int) -> tuple[Episode, Episode]:
+    """Return the episode from a situation, and that from the same one turned by a degree."""
+    name, number = task
+    domain = find_domain("soccer")
+    robot, spec = domain.robot(), domain.actions(action_set)[name]
+    situation = spec.sample(robot, episode_generator(name, seed, number))
+    pose = situation.robot.pose
+    turned = dataclasses.replace(situation.robot, pose=pose._replace(yaw=wrap_angle(pose.yaw + TURN)))
+    episodes = []
+    for drawn in (situation, dataclasses.replace(situation, robot=turned)):
+        with Simulation(robot) as simulation:
+            top = top_of(drawn, domain.tops, robot)
+            episodes.append(run_episode(simulation, spec.factory(robot), drawn, top=top))
+    return episodes[0], episodes[1]
+
+
+def measure(action_set: str, situations: int, seed: int) -> tuple[list[str], str]:
+    """Return the rows of the table, and what failed."""
+    names = tuple(find_domain("soccer").actions(action_set))
+    tasks = [(name, number) for name in names for number in range(situations)]
+    run = partial(run_both, action_set=action_set, seed=seed)
+    with workers(-1):
+        found = list(progress(run_tasks(run, tasks), done=0, total=len(tasks), unit="situation"))
+    rows, failures = [], Counter[str]()
+    for name in names:
+        pairs = [pair for (action, _), pair in zip(tasks, found, strict=True) if action == name]
+        failures.update(f"{name}: {first.reason}" for first, _ in pairs if not first.success)
+        good = [(first.duration, other.duration) for first, other in pairs if first.success and other.success]
+        durations = np.array(good)
+        change = np.quantile(np.abs(durations[:, 1] - durations[:, 0]), [0.95, 0.99])
+        success = np.mean([first.success for first, _ in pairs])
+        mean = durations[:, 0].mean()
+        rows.append(f"| {name} | {success:.1%} | {mean:.2f} s | {change[0]:.2f} / {change[1]:.2f} s |")
+    failed = "\n".join(f"* {count} x {why}" for why, count in failures.most_common())
+    return rows, f"What failed:\n\n{failed}" if failed else "Nothing failed."
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    parser = argparse.ArgumentParser(prog="actions", description=__doc__)
+    parser.add_argument("--action-set", default="default")
+    parser.add_argument("--situations", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=901)
+    parser.add_argument("--out", type=Path, help="a page (default: print)")
+    options = parser.parse_args(argv)
+    rows, failed = measure(options.action_set, options.situations, options.seed)
+    given = "" if options.action_set == "default" else f"--action-set {options.action_set} "
+    page = TEXT.format(
+        action_set=options.action_set,
+        situations=options.situations,
+        seed=options.seed,
+        options=f"{given}--out {options.out}",
+        rows="\n".join(rows),
+        failed=failed,
+    )
+    if options.out is None:
+        print(page)
+    else:
+        write_text(options.out, page)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
