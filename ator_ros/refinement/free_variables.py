@@ -369,8 +369,8 @@ def _outside_experience(
     for step, (call, direct) in enumerate(zip(chain.calls, situations, strict=True)):
         known = experience_of(models.get(call.top.action))
         opens = frozenset(name for name in ("x", "y", "yaw", "speed") if call.opens(name))
-        values = _quantities({name: float(row[0]) for name, row in direct.items()}, robot, opened, opens)
-        for name, label, value, unit in values:
+        numbers = dict(zip(direct.names, direct.table[:, 0].tolist(), strict=True))
+        for name, label, value, unit in _quantities(numbers, robot, opened, opens):
             low, high = known.get(name, (-math.inf, math.inf))
             slack = _SLACK + (_ROOM * (high - low) if math.isfinite(high - low) else 0.0)
             if not low - slack <= value <= high + slack:

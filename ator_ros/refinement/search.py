@@ -37,12 +37,12 @@ BLOCK = 512
 """Pairs of candidates evaluated between two checks of the deadline: a millisecond with the shipped models."""
 
 # By the number of a subgoal's free variables, from 0; the last entry is for all that have more
-_FIRST_ALONE = (1, 60, 108, 256, 400)  # first candidates: 6 degrees of an angle, the width of narrow valleys
+_FIRST_ALONE = (1, 40, 108, 256, 400)  # first candidates: 9 degrees of an angle
 _FIRST_BESIDE = (1, 30, 24, 36, 48)  # beside another subgoal with free variables: all pairs are evaluated
 
-# For each free variable of a subgoal
-_IN_WINDOW = 5  # candidates of a window, besides its center
-_ROUNDS = 4  # most rounds: more variables need more moves
+_IN_WINDOW = (0, 6, 10, 15, 20)  # candidates of a window, besides its center
+
+_ROUNDS = 4  # most rounds for each free variable of a subgoal: more variables need more moves
 
 _ON_GRID = 2  # free variables up to which the first candidates form a grid, which has the ends of ranges
 _LEAST_STEPS = 3  # of a grid in each direction
@@ -262,7 +262,7 @@ class _Windows:
         best = self._best(center, curve)
         if not free or not self._has_turn(number):
             return best
-        each = _IN_WINDOW * free
+        each = _of(_IN_WINDOW, free)
         offsets = 2.0 * spread_points(free, self._used, each * len(best)) - 1.0
         self._used += len(offsets)
         if free > 1:
