@@ -29,9 +29,9 @@ from ator_ros.tops.library import top_of
 TURN = math.radians(1.0)
 TEXT = """# How the actions perform (set `{action_set}`)
 
-{situations} random situations of each action, seed {seed}, drawn as for experience. *Turned by 1°* is the change
-of duration when only the start's heading changes by a degree: 95th and 99th percentile. A control tick is
-0.05 s.
+{situations} random situations of each action, seed {seed}, drawn as for experience. *Turned by 1°*
+is the change of duration when only the start's heading changes by a degree: 95th and 99th percentile.
+A control tick is 0.05 s.
 
     scripts/run python benchmarks/actions.py {options}
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 import uuid
-from collections.abc import Callable
 from functools import partial
 from itertools import chain
 from typing import Any
@@ -267,7 +266,7 @@ class RemoteGoal:
         return self.accepted is False or self.result is not None
 
     def release(self) -> bool:
-        """Cancel it unless it is over, now or when it is accepted after all; return whether it was not over."""
+        """Cancel it unless it is over, now or once it is accepted; return whether it was not over."""
         if self._question is not None and not self._question.done():
             self._cancel.remove_pending_request(self._question)
         self._released = True
