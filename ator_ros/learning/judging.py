@@ -48,7 +48,7 @@ class TrainingData:
 
     def predicted(self, tree: ModelTree, which: IntArray) -> FloatArray:
         """Return a tree's predictions for some of the records."""
-        values = tree.predict(np.ascontiguousarray(self.table[list(tree.names)].to_numpy()[which]))
+        values = tree.predict(self.table[list(tree.names)].to_numpy()[which])
         return np.clip(values, 0.0, 1.0) if self.measure == "success" else np.maximum(values, 0.0)
 
     def losses(self, predicted: FloatArray, which: IntArray) -> FloatArray:
@@ -333,6 +333,6 @@ def _with_observed_spread(tree: ModelTree, data: TrainingData, losses: FloatArra
     """Return the tree with spreads as large as its losses on the newest records."""
     error = 1.4826 * float(np.median(losses))  # standard deviation, robust against outliers
     table = data.table[list(tree.names)].to_numpy()[-len(losses) :]
-    expected = float(np.median(tree.predict_with_spread(np.ascontiguousarray(table))[1]))
+    expected = float(np.median(tree.spread[tree.apply(table)]))
     factor = float(np.clip(error / expected, *_SPREADS)) if expected > 0.0 else 1.0
     return dataclasses.replace(tree, spread=factor * tree.spread)

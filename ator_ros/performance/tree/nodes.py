@@ -94,11 +94,6 @@ class ModelTree:
         """Predict the target of each row, in its unit; shapes as in `apply`."""
         return self.evaluate(*self._rows_of(X))[0]
 
-    def predict_with_spread(self, X: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Predict the target of each row and the standard deviation to expect of its error, each (n,)."""
-        value, leaf = self.evaluate(*self._rows_of(X))
-        return value, self.spread.take(leaf)
-
     def _rows_of(self, X: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return features, shape (n, k), as `evaluate` takes them."""
         if X.ndim != 2 or X.shape[1] != len(self.names):
