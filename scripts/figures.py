@@ -14,7 +14,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
@@ -29,7 +31,7 @@ from ator_ros.refinement.chain_prediction import ChainModel
 from ator_ros.refinement.free_variables import analyze, names_of
 from ator_ros.refinement.objective import Objective
 from ator_ros.robot.description import Robot
-from ator_ros.tools.demo import BLUE, GRAY, ORANGE, draw_robot, new_figure
+from ator_ros.tools.demo import BLUE, GRAY, ORANGE
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -40,6 +42,34 @@ EXAMPLE = math.radians(45.0)  # the angle whose rule is printed
 # Of Figure 6, as in Figure 1: the robot drives away from the goal to get to the ball.
 START, BALL, GOAL = Pose(1.5, 0.6, math.pi), Pose(-0.5, 0.0, 0.0), Pose(2.2, 0.0, 0.0)
 CANDIDATES = 180
+_STYLE: Any = {
+    "font.family": "DejaVu Sans",
+    "svg.fonttype": "none",
+    "svg.hashsalt": "ator_ros",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e3e5e8",
+    "axes.axisbelow": True,
+    "font.size": 9,
+}
+
+
+def new_figure(width: float, height: float) -> Any:
+    """Return an empty figure of this size in inches."""
+    mpl.rcParams.update(_STYLE)
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def draw_robot(axes: Any, robot: Robot, pose: Pose, color: str) -> None:
+    """Draw the robot's outline at `pose`, with a line that shows its front."""
+    front, rear, half = robot.front, -robot.rear, robot.half_width
+    corners = ((front, half), (front, -half), (rear, -half), (rear, half))
+    outline = np.array([pose.compose(Pose(x, y, 0.0))[:2] for x, y in corners])
+    axes.fill(outline[:, 0], outline[:, 1], facecolor=color, edgecolor="none", alpha=0.2)
+    axes.plot(*np.append(outline, outline[:1], axis=0).T, color=color, lw=1.0, alpha=0.85)
+    tip = pose.ahead(robot.front)
+    axes.plot([pose.x, tip.x], [pose.y, tip.y], color=color, lw=1.6, alpha=0.85)
 
 
 def situations(robot: Robot, angles: FloatArray) -> dict[str, Any]:

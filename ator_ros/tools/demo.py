@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.collections import LineCollection
@@ -21,7 +20,6 @@ from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.files import atomic_write
-from ator_ros.geometry import Pose
 from ator_ros.nodes.shapes import surroundings
 from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import (
@@ -42,40 +40,12 @@ from ator_ros.world.state import World
 
 PICTURE = (
     "the robot's path in each situation, naive (orange) and refined (blue); "
-    "dots are objects, crosses the goals of the steps, green where nothing is open"
+    "arrows are the robot, dots objects, crosses the goals of the steps, green where nothing is open"
 )
 """What `save_picture` draws."""
 _COLUMNS = 3
 _LONGEST_DEMO = 200  # situations of which one page shows all pictures
 BLUE, ORANGE, GRAY, GREEN = "#1f5fa8", "#d9791a", "#8a8f98", "#2e7d4f"
-_STYLE: Any = {
-    "font.family": "DejaVu Sans",
-    "svg.fonttype": "none",
-    "svg.hashsalt": "ator_ros",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#e3e5e8",
-    "axes.axisbelow": True,
-    "font.size": 9,
-}
-
-
-def new_figure(width: float, height: float) -> Any:
-    """Return an empty figure of this size in inches."""
-    mpl.rcParams.update(_STYLE)
-    return Figure(figsize=(width, height), layout="constrained")
-
-
-def draw_robot(axes: Any, robot: Robot, pose: Pose, color: str) -> None:
-    """Draw the robot's outline at `pose`, with a line that shows its front."""
-    front, rear, half = robot.front, -robot.rear, robot.half_width
-    corners = ((front, half), (front, -half), (rear, -half), (rear, half))
-    outline = np.array([pose.compose(Pose(x, y, 0.0))[:2] for x, y in corners])
-    axes.fill(outline[:, 0], outline[:, 1], facecolor=color, edgecolor="none", alpha=0.2)
-    axes.plot(*np.append(outline, outline[:1], axis=0).T, color=color, lw=1.0, alpha=0.85)
-    tip = pose.ahead(robot.front)
-    axes.plot([pose.x, tip.x], [pose.y, tip.y], color=color, lw=1.6, alpha=0.85)
 
 
 @dataclass(frozen=True)
@@ -173,7 +143,7 @@ def summary(situations: Sequence[DemoSituation]) -> str:
 def save_picture(file: Path, domain: Domain, robot: Robot, situations: Sequence[DemoSituation]) -> None:
     """Write the paths in the scene, a panel for each situation, as a PNG file."""
     rows = math.ceil(len(situations) / _COLUMNS)
-    figure = new_figure(4.6 * _COLUMNS, 3.4 * rows)
+    figure = Figure(figsize=(4.6 * _COLUMNS, 3.4 * rows), layout="constrained")
     for number, situation in enumerate(situations, start=1):
         axes = figure.add_subplot(rows, _COLUMNS, number)
         _panel(axes, domain, robot, situation)
@@ -185,7 +155,8 @@ def save_picture(file: Path, domain: Domain, robot: Robot, situations: Sequence[
 def _panel(axes: Any, domain: Domain, robot: Robot, situation: DemoSituation) -> None:
     for lines in surroundings(domain, robot):
         axes.add_collection(LineCollection(list(lines.points), colors=GRAY, linewidths=0.8))
-    draw_robot(axes, robot, situation.start.robot.pose, "#333333")
+    at = situation.start.robot.pose
+    axes.quiver(at.x, at.y, math.cos(at.yaw), math.sin(at.yaw), color="#333333", scale=18.0)
     for there in situation.start.objects.values():
         axes.plot(there.x, there.y, "o", color="black", ms=4)
     for call in situation.chain.calls:
