@@ -43,6 +43,16 @@ def domain() -> Iterator[int]:
         yield number
 
 
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Processes, Client]]:
+    """Yield processes and a client for all tests of a file, on a ROS domain of their own."""
+    with free_domain() as number:
+        processes, made = Processes(number, tmp_path_factory.mktemp("logs")), Client(number)
+        yield processes, made
+        made.close()
+        processes.kill()
+
+
 @pytest.fixture
 def start(domain: int, tmp_path: Path) -> Iterator[Start]:
     """Yield a function that starts executables: start("simulation", namespace="a", real_time_factor=0.0)."""

@@ -1,105 +1,24 @@
 """The subset of the `ros2` command line in the documentation, for machines without it.
 
-Options and defaults are those of ros2cli 0.32 and launch_ros 0.26 (Jazzy); the output format differs.
+Options and defaults are those of ros2cli 0.32 and launch_ros 0.26 (Jazzy); messages are printed as YAML, by
+`ator_ros.examples.call`.
 """
 
 from __future__ import annotations
 
-import importlib
 import os
 import re
 import shlex
 import signal
 import subprocess
 import sys
-from argparse import ArgumentParser
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-import rclpy
-import yaml
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
-from rclpy.action import ActionClient
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 
-from ator_ros.examples.call import filled
-
-
-def kind_of(name: str) -> Any:
-    """Return the type named package/srv/Name."""
-    package, folder, kind = name.split("/")
-    return getattr(importlib.import_module(f"{package}.{folder}"), kind)
-
-
-def echo_options() -> ArgumentParser:
-    """Return the options of `ros2 topic echo`."""
-    parser = ArgumentParser("ros2 topic echo")
-    parser.add_argument("topic")
-    parser.add_argument("type")
-    parser.add_argument("--once", action="store_true")
-    parser.add_argument("--qos-reliability", choices=("reliable", "best_effort"))
-    parser.add_argument("--qos-durability", choices=("transient_local", "volatile"))
-    return parser
-
-
-def echo_profile(reliability: str | None, durability: str | None) -> QoSProfile:
-    """Return the QoS of `ros2 topic echo`: sensor data, changed by the options."""
-    profile = QoSProfile(
-        depth=qos_profile_sensor_data.depth,
-        reliability=qos_profile_sensor_data.reliability,
-        durability=qos_profile_sensor_data.durability,
-    )
-    if reliability:
-        profile.reliability = ReliabilityPolicy.get_from_short_key(reliability)
-    if durability:
-        profile.durability = DurabilityPolicy.get_from_short_key(durability)
-    return profile
-
-
-def echo(node: Node, words: list[str]) -> None:
-    """Print the messages of a topic."""
-    options = echo_options().parse_args(words)
-    received: list[Any] = []
-    profile = echo_profile(options.qos_reliability, options.qos_durability)
-    node.create_subscription(kind_of(options.type), options.topic, received.append, profile)
-    while True:
-        rclpy.spin_once(node)
-        for message in received:
-            print(message, "---", sep="\n", flush=True)
-        if received and options.once:
-            return
-        received.clear()
-
-
-def call(node: Node, words: list[str]) -> None:
-    """Call a service and print its answer."""
-    name, kind = words[0], kind_of(words[1])
-    client = node.create_client(kind, name)
-    client.wait_for_service()
-    request = filled(kind.Request, yaml.safe_load(words[2]) if words[2:] else {})
-    future = client.call_async(request)
-    rclpy.spin_until_future_complete(node, future)
-    print(f"response:\n{future.result()!r}")
-
-
-def send_goal(node: Node, words: list[str]) -> None:
-    """Send a goal; print feedback and result, or that it was rejected."""
-    (name, type_name, values) = (word for word in words if word != "--feedback")
-    kind = kind_of(type_name)
-    client = ActionClient(node, kind, name)
-    client.wait_for_server()
-    goal = filled(kind.Goal, yaml.safe_load(values))
-    show = (lambda message: print(f"Feedback: {message.feedback}")) if "--feedback" in words else None
-    sent = client.send_goal_async(goal, feedback_callback=show)
-    rclpy.spin_until_future_complete(node, sent)
-    if not sent.result().accepted:
-        print("Goal was rejected.")
-        return
-    ended = sent.result().get_result_async()
-    rclpy.spin_until_future_complete(node, ended)
-    print(f"Result: {ended.result().result}")
+from ator_ros.examples.call import main as call
 
 
 def launch(words: list[str]) -> int:
@@ -169,12 +88,12 @@ def main(words: list[str]) -> int:
             return 0
         case ["launch", *rest]:
             return launch(rest)
-    verbs = {("service", "call"): call, ("action", "send_goal"): send_goal, ("topic", "echo"): echo}
-    verb = verbs[words[0], words[1]]
-    rclpy.init()
-    node = Node(f"_ros2cli_{os.getpid()}")
-    verb(node, words[2:])
-    return 0
+        case ["topic", "echo", *rest]:
+            topic = next(word for word in rest if word.startswith("/"))
+            return call(["echo", topic, *(["--once"] if "--once" in rest else [])])
+        case ["service", "call", *rest] | ["action", "send_goal", *rest]:
+            return call(rest)
+    raise SystemExit(f"ros2: not in the subset: {words}")
 
 
 if __name__ == "__main__":

@@ -6,8 +6,6 @@ machine. With late ticks the robot may lose the ball once more than planned, and
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 from chain_client import ChainClient, SentGoal, call, chain_of_the_paper
 from process import Processes
@@ -15,7 +13,6 @@ from ros_client import Client
 
 from ator_interfaces.msg import Outcome, TopChain
 from ator_ros.geometry import Pose
-from ator_ros.nodes.network import free_domain
 from ator_ros.world.messages import pose_from
 
 pytestmark = pytest.mark.node
@@ -26,18 +23,15 @@ LONG = 120.0
 
 
 @pytest.fixture(scope="module")
-def chains(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ChainClient]:
-    """Yield a client of an executor with a simulation at real time."""
-    with free_domain() as domain:
-        processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
-        processes.start("simulation")
-        processes.start("refinement", gate=False, deadline=5.0)
-        processes.start(
-            "executor", odom_timeout=5.0, ball_timeout=0.5, start_timeout=60.0, refinement_timeout=20.0
-        )
-        yield ChainClient(client)
-        client.close()
-        processes.kill()
+def chains(shared: tuple[Processes, Client]) -> ChainClient:
+    """Return a client of an executor with a simulation at real time."""
+    processes, client = shared
+    processes.start("simulation")
+    processes.start("refinement", gate=False, deadline=5.0)
+    processes.start(
+        "executor", odom_timeout=5.0, ball_timeout=0.5, start_timeout=60.0, refinement_timeout=20.0
+    )
+    return ChainClient(client)
 
 
 @pytest.fixture(autouse=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import signal
 import time
-from collections.abc import Callable, Iterator
 
 import pytest
 from action_msgs.msg import GoalStatus, GoalStatusArray
@@ -20,7 +19,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
-from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import LATCHED, RESULTS
 
 pytestmark = pytest.mark.node
@@ -37,28 +35,14 @@ SETTINGS = {
 
 
 @pytest.fixture(scope="module")
-def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Callable[[str], Process], Client]]:
-    """Return a function that starts a node, and a client, on a separate domain."""
-    with free_domain() as domain:
-        processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
-        yield lambda name: processes.start(name, **SETTINGS.get(name, {})), client
-        client.close()
-        processes.kill()
+def simulation(shared: tuple[Processes, Client]) -> Process:
+    return shared[0].start("simulation", **SETTINGS["simulation"])
 
 
 @pytest.fixture(scope="module")
-def simulation(graph) -> Process:
-    return graph[0]("simulation")
-
-
-@pytest.fixture(scope="module")
-def executor(graph, simulation: Process) -> Process:
-    return graph[0]("executor")
-
-
-@pytest.fixture(scope="module")
-def chains(graph, executor: Process) -> ChainClient:
-    return ChainClient(graph[1])
+def chains(shared: tuple[Processes, Client], simulation: Process) -> ChainClient:
+    shared[0].start("executor", **SETTINGS["executor"])
+    return ChainClient(shared[1])
 
 
 @pytest.fixture(autouse=True)

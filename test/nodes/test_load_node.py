@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
 from load import short_request, worst_request
-from process import PATIENCE, Process, Processes
+from process import PATIENCE, Processes
 from rclpy.action import ActionClient
 from ros_client import Client
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome
 from ator_interfaces.srv import RefineSubgoal
-from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.refinement import PARAMETERS
 
@@ -23,23 +22,19 @@ pytestmark = pytest.mark.node
 
 DEADLINE = next(parameter.default for parameter in PARAMETERS if parameter.name == "deadline")
 
-Nodes = tuple[Processes, Process, Process, Client]
-
 
 @pytest.fixture(scope="module")
-def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
-    """Yield a refinement process, an executor process, and a client."""
-    with free_domain() as domain:
-        processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
-        yield processes, processes.start("refinement"), processes.start("executor"), client
-        client.close()
-        processes.kill()
+def nodes(shared: tuple[Processes, Client]) -> Client:
+    """Return a client of refinement and executor."""
+    for name in ("refinement", "executor"):
+        shared[0].start(name)
+    return shared[1]
 
 
 @pytest.fixture
-def requests(nodes: Nodes) -> Any:
+def requests(nodes: Client) -> Any:
     """Return a client of refine_subgoal with a queue for many responses."""
-    client = nodes[-1].node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
+    client = nodes.node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
     assert client.wait_for_service(timeout_sec=PATIENCE)
     return client
 
@@ -52,7 +47,7 @@ def answers(futures: Sequence[Any], patience: float = PATIENCE) -> list[Any]:
     return [future.result() for future in futures if future.done()]
 
 
-def test_each_of_many_requests_is_answered(requests: Any, nodes: Nodes) -> None:
+def test_each_of_many_requests_is_answered(requests: Any) -> None:
     responses = answers([requests.call_async(short_request()) for _ in range(500)])
     assert len(responses) == 500
     assert all(answer.accepted for answer in responses)
@@ -78,8 +73,8 @@ def test_a_too_large_request_is_rejected_in_a_short_line(requests: Any) -> None:
     assert all(len(answer.reason) <= 200 and answer.reason.isprintable() for answer in answers)
 
 
-def test_each_of_many_goals_is_accepted_and_has_a_result(nodes: Nodes) -> None:
-    client, services, number = nodes[-1], ("goal", "result", "cancel"), 100
+def test_each_of_many_goals_is_accepted_and_has_a_result(nodes: Client) -> None:
+    client, services, number = nodes, ("goal", "result", "cancel"), 100
     depths = {f"{name}_service_qos_profile": SERVICES for name in services}
     server = ActionClient(client.node, ExecuteChain, "execute_chain", **depths)
     assert server.wait_for_server(timeout_sec=PATIENCE)

@@ -14,7 +14,6 @@ from ros_client import Client
 
 from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_ros.geometry import Pose
-from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import LATCHED, SENSOR_DATA
 
 pytestmark = pytest.mark.node
@@ -37,19 +36,17 @@ GLOBAL = {
 
 
 @pytest.fixture(scope="module")
-def robots(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Client]]:
+def robots(shared: tuple[Processes, Client]) -> Iterator[dict[str, Client]]:
     """Start all nodes of both robots; yield a client for each, and one ("") without a namespace."""
-    with free_domain() as domain:
-        processes = Processes(domain, tmp_path_factory.mktemp("logs"))
-        for robot, world in ROBOTS.items():
-            for name, parameters in NODES.items():
-                settings = world if name == "simulation" else parameters
-                processes.start(name, namespace=robot, **settings)
-        clients = {robot: Client(domain, robot) for robot in ("", *ROBOTS)}
-        yield clients
-        for client in clients.values():
-            client.close()
-        processes.kill()
+    processes, unnamed = shared
+    for robot, world in ROBOTS.items():
+        for name, parameters in NODES.items():
+            settings = world if name == "simulation" else parameters
+            processes.start(name, namespace=robot, **settings)
+    clients = {robot: Client(unnamed.domain, robot) for robot in ROBOTS}
+    yield {"": unnamed, **clients}
+    for client in clients.values():
+        client.close()
 
 
 def test_a_chain_moves_one_robot_only(robots: dict[str, Client]) -> None:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from conftest import Host
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from process import Process, Processes
+from process import Processes
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue, SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from refinement_requests import refine, request_of_the_paper, save_small_models
 from ros_client import Client
 from visualization_msgs.msg import MarkerArray
 
-from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.performance.model_file import model_path
 from ator_ros.refinement.gate import ThresholdGate, save_gate
@@ -32,18 +30,9 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def shared(tmp_path_factory: pytest.TempPathFactory, models: Path) -> Iterator[tuple[Process, Client]]:
-    """Yield a node with default settings for several tests, and a client."""
-    with free_domain() as domain:
-        processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
-        yield processes.start("refinement", models=models, deadline=20.0), client
-        client.close()
-        processes.kill()
-
-
-@pytest.fixture
-def service_client(shared: tuple[Process, Client]) -> Client:
-    """Return a client of the shared node."""
+def service_client(shared: tuple[Processes, Client], models: Path) -> Client:
+    """Return a client of a node with default settings, which several tests share."""
+    shared[0].start("refinement", models=models, deadline=20.0)
     return shared[1]
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 from graph import surface
 from process import Processes
@@ -11,7 +9,6 @@ from rclpy.node import NodeNameNonExistentError
 from ros_client import Client
 from sros2_policy import allowed, read_policy
 
-from ator_ros.nodes.network import free_domain
 from ator_ros.resources import share_folder
 
 POLICY = read_policy(share_folder() / "security" / "ator_ros.policy.xml")
@@ -20,16 +17,11 @@ EVERYWHERE = {"/parameter_events", "/rosout"}
 
 
 @pytest.fixture(scope="module")
-def observer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
-    """Start the three nodes and yield a client."""
-    with free_domain() as domain:
-        processes = Processes(domain, tmp_path_factory.mktemp("logs"))
-        for name, parameters in NODES.items():
-            processes.start(name, **parameters)
-        client = Client(domain)
-        yield client
-        client.close()
-        processes.kill()
+def observer(shared: tuple[Processes, Client]) -> Client:
+    """Start the three nodes and return a client."""
+    for name, parameters in NODES.items():
+        shared[0].start(name, **parameters)
+    return shared[1]
 
 
 @pytest.mark.node

@@ -6,7 +6,6 @@ import functools
 import itertools
 import math
 import signal
-from collections.abc import Iterator
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -24,7 +23,6 @@ from tf2_msgs.msg import TFMessage
 from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.nodes.messages import pose_of
-from ator_ros.nodes.network import free_domain
 from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SENSOR_DATA
 from ator_ros.world.messages import robot_from
 
@@ -34,17 +32,13 @@ START = Pose(-2.0, 0.0, 0.0)
 
 
 @pytest.fixture(scope="module")
-def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, Client]]:
-    """Yield a simulation with default parameters for several tests, and a client."""
-    with free_domain() as domain:
-        processes, client = Processes(domain, tmp_path_factory.mktemp("logs")), Client(domain)
-        yield processes.start("simulation", real_time_factor=5.0, publish_clock=True), client
-        client.close()
-        processes.kill()
+def simulation(shared: tuple[Processes, Client]) -> Process:
+    """Return a simulation with default parameters for several tests."""
+    return shared[0].start("simulation", real_time_factor=5.0, publish_clock=True)
 
 
 @pytest.fixture
-def world(shared: tuple[Process, Client]) -> Client:
+def world(shared: tuple[Processes, Client], simulation: Process) -> Client:
     """Reset the simulation and return its client."""
     client = shared[1]
     assert client.call(Trigger, "reset").success
@@ -151,10 +145,8 @@ def test_invalid_requests_are_rejected_and_move_nothing(
     assert math.hypot(world.ball().x, world.ball().y) < 0.02
 
 
-def test_invalid_commands_are_reported_and_move_nothing(
-    shared: tuple[Process, Client], world: Client
-) -> None:
-    node, stranger = shared[0], Client(world.domain, "stranger")
+def test_invalid_commands_are_reported_and_move_nothing(simulation: Process, world: Client) -> None:
+    node, stranger = simulation, Client(world.domain, "stranger")
     try:
         words = stranger.node.create_publisher(String, "/cmd_vel", NEWEST)
         world.eventually(
