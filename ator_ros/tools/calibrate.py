@@ -143,13 +143,7 @@ class _Driver:
         node.create_subscription(Odometry, "odom", self._on_odometry, SENSOR_DATA)
 
     def run(self) -> None:
-        """Drive to the end.
-
-        Raises
-        ------
-        DriveError
-            Odometry is missing or malformed, another program commands the base, or it does not move.
-        """
+        """Drive to the end; raises DriveError."""
         began = time.monotonic()
         try:
             while not self._done:
@@ -165,14 +159,13 @@ class _Driver:
         if not self._commands.connected and (mismatch := self._commands.mismatch()):
             raise DriveError(mismatch)
         if self._received is None and now - began > _FIRST:
-            raise DriveError(f"odom: expected a message within {_FIRST:g} s, got none; {self._cause()}")
+            cause = self._diagnosis.cause("odom", _FIRST)
+            raise DriveError(f"odom: expected a message within {_FIRST:g} s, got none; {cause}")
         if self._received is not None and now - self._received > _SILENCE:
-            raise DriveError(f"odom: expected a newer message every {_SILENCE:g} s; {self._cause()}")
+            cause = self._diagnosis.cause("odom", _FIRST)
+            raise DriveError(f"odom: expected a newer message every {_SILENCE:g} s; {cause}")
         if self._node.count_publishers("cmd_vel") > 1:
             raise DriveError("cmd_vel: expected no other publisher; end the executor and what else drives")
-
-    def _cause(self) -> str:
-        return self._diagnosis.cause("odom", _FIRST)
 
     def _on_odometry(self, message: Odometry) -> None:
         try:
