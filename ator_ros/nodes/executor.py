@@ -16,6 +16,7 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.remote import LONGEST
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.motion_watch import MotionWatch
+from ator_ros.execution.predictions import Predictor, warm_up_actions
 from ator_ros.execution.refining import AGAIN_AFTER
 from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.supervisor import (
@@ -31,7 +32,7 @@ from ator_ros.nodes.diagnostics import STEADY, Diagnosis, Diagnostics, Health, T
 from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
 from ator_ros.nodes.inputs import Subscriptions
-from ator_ros.nodes.models import LEARNED, warmed_up_predictors
+from ator_ros.nodes.models import LEARNED, LearnedSets
 from ator_ros.nodes.parameters import (
     DOMAIN,
     FENCE,
@@ -155,7 +156,9 @@ class ExecutorNode(Node):
         left_out = (reason for library in self._libraries.values() for reason in library.left_out.values())
         for reason in filter(None, (*(top.lacks(robot) for top in domain.tops_for(robot)), *left_out)):
             self.get_logger().warning(reason)
-        self._sets = warmed_up_predictors(self, self._settings, domain, self._libraries)
+        self._sets = LearnedSets(self, domain, self._libraries, self._settings)
+        for name, predictor in self._predictors().items():
+            warm_up_actions(self._libraries[name], predictor)
         self._inputs = inputs_of(self._settings, domain.objects)
         self._motion = MotionWatch(robot, self._settings["latency"])
         self._fence = fence_of(self._settings, robot)
@@ -292,7 +295,7 @@ class ExecutorNode(Node):
             run = GoalRun(
                 handle,
                 self._libraries,
-                {name: read.user for name, read in self._sets.present.items()},
+                self._predictors(),
                 self._refinement,
                 self._settings,
                 self._fence,
@@ -308,6 +311,11 @@ class ExecutorNode(Node):
         # A simulation as fast as possible waits for commands, also while the first action plans.
         self._send(STOP)
         return concluded(await run.finished, handle)
+
+    def _predictors(self) -> dict[str, Predictor]:
+        """Return what predicts chains with the models in use, by action set."""
+        present = self._sets.present.items()
+        return {name: Predictor(self._libraries[name].robot, read.models) for name, read in present}
 
     def _refused(self, handle: ServerGoalHandle, reason: str) -> Any:
         """Return the result of a goal that cannot be used."""

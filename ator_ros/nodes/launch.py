@@ -7,7 +7,6 @@ python3 -m ator_ros.nodes.launch urdf ROBOT_FILE
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from ator_ros.files import FileError, read_yaml
@@ -39,16 +38,10 @@ def urdf(file: str) -> str:
         sys.exit(f"launch: {error}")
 
 
-_VALUES: Mapping[str, Callable[[str], str]] = {
-    "domain": configured_domain,
-    "urdf": urdf,
-}
-
-
 def main() -> None:
     """Print a value, without an end of line."""
     _, name, argument = sys.argv
-    sys.stdout.write(_VALUES[name](argument))
+    sys.stdout.write(urdf(argument) if name == "urdf" else configured_domain(argument))
 
 
 if __name__ == "__main__":

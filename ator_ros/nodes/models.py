@@ -1,4 +1,4 @@
-"""The models of each action set: read at the start, replaced by learned sets, for refiners and predictors."""
+"""The models of each action set: read at the start, and replaced by learned sets."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from rclpy.node import Node
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain
-from ator_ros.execution.fence import Fence
-from ator_ros.execution.predictions import Predictor, warm_up_actions, warm_up_refinement
 from ator_ros.files import FileError
 from ator_ros.learning.sets import Manifest, current_set, read_manifest
 from ator_ros.nodes.diagnostics import STEADY
@@ -29,7 +27,6 @@ from ator_ros.performance.model_file import (
     models_folder,
 )
 from ator_ros.refinement.gate import NO_GATE, Gate, gate_in
-from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.library import TopLibrary
 
 LEARNED = Parameter(
@@ -39,34 +36,30 @@ LEARNED = Parameter(
 )
 _PERIOD = 0.5
 
-User = TypeVar("User")
-Models = Mapping[str, PerformanceModel]
-Libraries = Mapping[str, TopLibrary]
-
 
 @dataclass(frozen=True)
-class ModelSet(Generic[User]):
-    """The performance models of one action set, by action, what uses them, and the digest of their files.
+class ModelSet:
+    """The performance models of one action set, by action, its gate, and the digest of the models' files.
 
     `absent` is why there are none. `problem` is what is wrong: a damaged file, another robot. It is no
     problem to have none.
     """
 
-    models: Models
-    user: User
+    models: Mapping[str, PerformanceModel]
+    gate: Gate = NO_GATE
     absent: str = ""
     problem: str = ""
     digest: str = ""
 
 
-class LearnedSets(Generic[User]):
+class LearnedSets:
     """The models of a node: those of its parameter `models`, or the set that `learned` has in use.
 
     Parameters
     ----------
-    make : callable
-        Makes what the node works with of the models of one action set (there may be none) and the folder of
-        all sets. It is called in a thread when a learned set is new, and may not touch what the node uses.
+    warm_up : callable, optional
+        Called with the library of an action set and its models before they are used, in a thread when a
+        learned set is new.
 
     Attributes
     ----------
@@ -78,15 +71,15 @@ class LearnedSets(Generic[User]):
         self,
         node: Node,
         domain: Domain,
-        libraries: Libraries,
+        libraries: Mapping[str, TopLibrary],
         settings: Mapping[str, Any],
-        make: Callable[[TopLibrary, Models, Path], User],
+        warm_up: Callable[[TopLibrary, ModelSet], None] = lambda *_: None,
     ) -> None:
         models, learned = settings["models"], settings["learned"]
-        self._node, self._domain, self._libraries, self._make = node, domain, libraries, make
+        self._node, self._domain, self._libraries, self._warm_up = node, domain, libraries, warm_up
         self._folder = Path(learned).expanduser() if learned else None
         self._threads = ThreadPoolExecutor(1)
-        self._loading: Future[tuple[Manifest, dict[str, ModelSet[User]]]] | None = None
+        self._loading: Future[tuple[Manifest, dict[str, ModelSet]]] | None = None
         self._seen = None if self._folder is None else current_set(self._folder)
         self._manifest: Manifest | None = None
         self._source = f"models in {models}" if models else "shipped models"
@@ -102,13 +95,14 @@ class LearnedSets(Generic[User]):
         if self._folder is not None:
             node.create_timer(_PERIOD, self._look, clock=STEADY)
 
-    def _load(self, place: Path) -> dict[str, ModelSet[User]]:
+    def _load(self, place: Path) -> dict[str, ModelSet]:
         """Read the models in a folder of every action set; log what is wrong."""
         return {name: self._read(library, place) for name, library in self._libraries.items()}
 
-    def _read(self, library: TopLibrary, place: Path) -> ModelSet[User]:
+    def _read(self, library: TopLibrary, place: Path) -> ModelSet:
         name, warn, known = library.action_set, self._node.get_logger().warning, self._domain.known_features
-        models: Models = {}
+        models: Mapping[str, PerformanceModel] = {}
+        gate: Gate = NO_GATE
         absent = problem = digest = ""
         try:
             with warnings.catch_warnings(record=True) as caught:
@@ -123,7 +117,14 @@ class LearnedSets(Generic[User]):
             absent = problem = str(error)
         if problem and (absent or name == DEFAULT_SET):  # others are seldom used
             warn(f"action set {name}: {problem}")
-        return ModelSet(models, self._make(library, models, place), absent, problem, digest)
+        try:
+            gate = gate_in(models_folder(place, name), name)
+        except FileError as error:
+            warn(f"no gate, refining whenever a gain is predicted: {error}")
+        read = ModelSet(models, gate, absent, problem, digest)
+        if models:
+            self._warm_up(library, read)
+        return read
 
     def _look(self) -> None:
         """Take over a set that has been loaded, or begin to load a new one."""
@@ -175,44 +176,3 @@ class LearnedSets(Generic[User]):
 def _described(manifest: Manifest) -> str:
     episodes = ", ".join(f"{count} of {name}" for name, count in sorted(manifest.episodes.items()))
     return f"{manifest.digest} of {manifest.time} from episodes: {episodes or 'none'}"
-
-
-def warmed_up_predictors(
-    node: Node, settings: Mapping[str, Any], domain: Domain, libraries: Libraries
-) -> LearnedSets[Predictor]:
-    """Return the predictors that the parameters `models` and `learned` name, and warm up all actions."""
-    sets = LearnedSets(
-        node, domain, libraries, settings, lambda library, models, _: Predictor(library.robot, models)
-    )
-    for name, library in libraries.items():
-        warm_up_actions(library, sets.present[name].user)
-    return sets
-
-
-def warmed_up_refiners(
-    node: Node, settings: Mapping[str, Any], domain: Domain, libraries: Libraries, fence: Fence
-) -> LearnedSets[Refiner | None]:
-    """Return the refiners that the parameters `models` and `learned` name; None for a set without models.
-
-    Places are searched inside the `fence`.
-    """
-
-    def make(library: TopLibrary, models: Models, place: Path) -> Refiner | None:
-        if not models:
-            return None
-        gate = _gate(node, models_folder(place, library.action_set), library.action_set)
-        ranges = fence.narrowed(domain.ranges, library.robot)
-        refiner = Refiner(library.robot, models, gate, ranges=ranges)
-        warm_up_refinement(library, refiner)
-        return refiner
-
-    return LearnedSets(node, domain, libraries, settings, make)
-
-
-def _gate(node: Node, folder: Path, action_set: str) -> Gate:
-    """Read the gate of an action set; without one the predicted gain alone decides."""
-    try:
-        return gate_in(folder, action_set)
-    except FileError as error:
-        node.get_logger().warning(f"no gate, refining whenever a gain is predicted: {error}")
-        return NO_GATE

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import functools
 import time
 import traceback
@@ -16,10 +15,11 @@ from ator_interfaces.srv import PlanChains, RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.compiled import use_cores
 from ator_ros.execution.fence import Fence
+from ator_ros.execution.predictions import warm_up_refinement
 from ator_ros.nodes import messages
 from ator_ros.nodes.diagnostics import Diagnostics, Health
 from ator_ros.nodes.drawing import LazyPublisher, marker_array
-from ator_ros.nodes.models import LEARNED, warmed_up_refiners
+from ator_ros.nodes.models import LEARNED, LearnedSets, ModelSet
 from ator_ros.nodes.parameters import (
     DOMAIN,
     FENCE,
@@ -90,11 +90,12 @@ class RefinementNode(Node):
         super().__init__("refinement", automatically_declare_parameters_from_overrides=True)
         self._settings = declare_parameters(self, PARAMETERS)
         use_cores(self._settings["cores"])
-        robot = robot_of(self._settings)
+        self._robot = robot = robot_of(self._settings)
         self._fence = fence_of(self._settings, robot)
         self._domain = domain = domain_of(self._settings)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
-        self._sets = warmed_up_refiners(self, self._settings, domain, self._libraries, self._fence)
+        self._ranges = self._fence.narrowed(domain.ranges, robot)  # places are searched inside the fence
+        self._sets = LearnedSets(self, domain, self._libraries, self._settings, self._warm_up)
         self._goals = domain.goals(robot)
         self._variables = known_variables(domain.objects, holder=robot.holder is not None)
         self._answered, self._cut_short, self._last_error = 0, 0, ""
@@ -109,22 +110,23 @@ class RefinementNode(Node):
 
     def _gate_text(self) -> str:
         """Return what decides on refinements by the default action set."""
-        refiner = self._sets.present[DEFAULT_SET].user
-        if refiner is None:
+        read = self._sets.present[DEFAULT_SET]
+        if not read.models:
             return "chains stay as they are sent"
         if not self._settings["gate"]:
             return "gate is false: a chain is changed whenever a gain is predicted"
-        if refiner.gate == NO_GATE:
+        if read.gate == NO_GATE:
             return "no gate: a chain is changed whenever a gain is predicted; train or gate learns one"
         return "with a gate"
 
-    def _configured(self, refiner: Refiner) -> Refiner:
+    def _refiner(self, read: ModelSet) -> Refiner:
         """Return a refiner with the parameters `gate` and `failure_cost` as they are now."""
-        refiner, cost = copy.copy(refiner), self._settings["failure_cost"]
-        if not self._settings["gate"]:
-            refiner.gate = NO_GATE
-        refiner.failure_cost = cost if cost >= 0.0 else self._domain.time_limit
-        return refiner
+        gate, cost = read.gate if self._settings["gate"] else NO_GATE, self._settings["failure_cost"]
+        cost = cost if cost >= 0.0 else self._domain.time_limit
+        return Refiner(self._robot, read.models, gate, ranges=self._ranges, failure_cost=cost)
+
+    def _warm_up(self, library: TopLibrary, read: ModelSet) -> None:
+        warm_up_refinement(library, self._refiner(read))
 
     def _serve_refinement(self, request: RefineSubgoal.Request, _: Any) -> RefineSubgoal.Response:
         started = time.monotonic()
@@ -158,9 +160,9 @@ class RefinementNode(Node):
         frame = self._settings["frame"]
         action_set = messages.action_set_from(request.chain, allowed=self._libraries)
         present, library = self._sets.present[action_set], self._libraries[action_set]
-        if present.user is None:
+        if not present.models:
             raise RefinementError(f"action set {action_set}: {present.absent}")
-        refiner = self._configured(present.user)
+        refiner = self._refiner(present)
         choice = refine_request(
             request, refiner, library, frame=frame, fence=self._fence, deadline=lambda: time.monotonic() > end
         )
@@ -183,7 +185,7 @@ class RefinementNode(Node):
         )
 
     def _health(self) -> Health:
-        usable = any(read.user is not None for read in self._sets.present.values())
+        usable = any(read.models for read in self._sets.present.values())
         return Health(
             self._sets.problem or ("" if usable else "no models for any action set"),
             error=not usable,

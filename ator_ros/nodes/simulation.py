@@ -112,7 +112,9 @@ class SimulationNode(Node):
         odom (nav_msgs/Odometry): the middle of the axle, twist in the robot's frame.
         NAME of each object of the scene (nav_msgs/Odometry): position and velocity, both in the
         header's frame; nothing while the object is not there.
-        joint_states, robot_description; tf of all robots: see `RobotTopics`.
+        joint_states (sensor_msgs/JointState), and tf (tf2_msgs/TFMessage) from the frame of odometry to the
+        robot's own, where there are subscribers; robot_description (std_msgs/String, transient local): URDF.
+        tf_static (tf2_msgs/TFMessage, transient local), of robots with names: from `world` to odometry.
         /clock (rosgraph_msgs/Clock), when `publish_clock`: every tick.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Services
@@ -366,17 +368,8 @@ def _starts(numbers: Sequence[float], count: int, area: Area) -> list[Pose]:
 class RobotTopics:
     """Publishes what the sensors of one robot observe, tf, joint states and the URDF.
 
-    The robot's name is the namespace of its topics and frames. Robots of one node share `tf`, in which their
-    frames are children of the frame `world`.
-
-    Publishes
-        odom, NAME of each object (nav_msgs/Odometry): what the sensors observe.
-        tf (tf2_msgs/TFMessage): from the frame of odometry to the robot's own, where there are subscribers.
-        tf_static (tf2_msgs/TFMessage, transient local), with a name: from `world` to the frame of odometry.
-        joint_states (sensor_msgs/JointState): the wheels, where there are subscribers.
-        robot_description (std_msgs/String, transient local): URDF.
-
-    The name is put before `frame`, of odometry, and `robot_frame`.
+    The robot's name is put before its topics, `frame` (of odometry) and `robot_frame`. Robots of one node
+    share `tf`, in which their frames are children of the frame `world`.
     """
 
     def __init__(self, node: Node, robot: SimulatedRobot, *, frame: str, robot_frame: str) -> None:

@@ -7,9 +7,9 @@ import contextlib
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
@@ -27,13 +27,10 @@ from ator_ros.tools.command_line import (
     namespace,
     whole,
 )
-from ator_ros.tools.own_nodes import all_nodes
+from ator_ros.tools.own_nodes import NodeProcesses, all_nodes
 from ator_ros.view.backend import Backend
 from ator_ros.view.editor import Editor
 from ator_ros.world.messages import plain_frame
-
-if TYPE_CHECKING:  # needs viser
-    from ator_ros.view.page import Page
 
 _PORTS = (1024, 65535)  # below, only root may listen
 _PERIOD = 1.0 / 25.0  # s
@@ -62,14 +59,15 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
         raise DomainError(f"domain: expected one with chains, got {found.name}, which has none")
     body = found.robot(options.robot or None)
     source = ToolsetSource(domain=options.domain or found.name, robot=options.robot, models=options.models)
-    number, check = None, lambda: None
+    nodes: NodeProcesses | None = None
+    started: dict[str, Any] = {}
     with contextlib.ExitStack() as closing:
         if options.attach:
             stay_on_this_machine(os.environ)
         else:
             nodes = closing.enter_context(all_nodes(options.real_time_factor, source, _SIMULATED, _EXECUTED))
-            number, check = nodes.domain, nodes.check
-            print(f"view: three nodes start on ROS domain {number} …", flush=True)
+            started = {"ros_domain": nodes.domain, "check": nodes.check}
+            print(f"view: three nodes start on ROS domain {nodes.domain} …", flush=True)
         backends: dict[str, Backend] = {}
         for name in dict.fromkeys(options.robots or [""]):
             space = ["--ros-args", "-r", f"__ns:=/{name}"] if name else []
@@ -77,9 +75,8 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
                 found,
                 body,
                 frame=options.frame or (f"{name}/odom" if name else "odom"),
-                ros_domain=number,
                 arguments=[*words, *space],
-                check=check,
+                **started,
             )
             closing.callback(backends[name].close)
         for backend in backends.values():
@@ -93,7 +90,13 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
         closing.callback(page.close)
         address = f"http://{options.host}:{page.server.get_port()}"
         print(f"view: open {address} in a browser; Ctrl-C ends it", flush=True)
-        _loop(editor, page, check, list(backends.values()))
+        while True:
+            if nodes is not None:
+                nodes.check()
+            for backend in backends.values():
+                backend.spin(_PERIOD / len(backends))
+            editor.step(page.take_commands())
+            page.update(time.monotonic())
 
 
 def _models(folder: str, domain: Domain, robot: Robot) -> Mapping[str, Mapping[str, PerformanceModel]]:
@@ -104,15 +107,6 @@ def _models(folder: str, domain: Domain, robot: Robot) -> Mapping[str, Mapping[s
             place = Path(folder) if folder else domain.shipped_models
             found[name] = load_models(robot, domain.known_features, action_set=name, folder=place)
     return found
-
-
-def _loop(editor: Editor, page: Page, check: Callable[[], None], backends: Sequence[Backend]) -> None:
-    while True:
-        check()
-        for backend in backends:
-            backend.spin(_PERIOD / len(backends))
-        editor.step(page.take_commands())
-        page.update(time.monotonic())
 
 
 def arguments() -> argparse.ArgumentParser:

@@ -164,11 +164,6 @@ class ExecutedChain:
     outcome: str
     places: tuple[Pose, ...]
 
-    @property
-    def error(self) -> float:
-        """Predicted less actual duration in s; NaN if one is unknown."""
-        return self.predicted - self.actual
-
     def repeats(self, other: ExecutedChain) -> bool:
         """Return whether it had the same TOPs, start and goal as another one."""
         return (
@@ -201,7 +196,8 @@ class History:
         if not rows:
             return "no chain was executed yet"
         lines = [f"{len(rows)} chains, {sum(chain.refined for chain, _ in rows)} of them refined.", ""]
-        errors = [chain.error for chain, _ in rows[-_RECENT:] if math.isfinite(chain.error)]
+        differences = (chain.predicted - chain.actual for chain, _ in rows[-_RECENT:])
+        errors = [error for error in differences if math.isfinite(error)]
         if errors:
             size, bias = float(np.mean(np.abs(errors))), float(np.mean(errors))
             lines += [
