@@ -32,10 +32,6 @@ from ator_ros.tops.ranges import USUAL_RANGES, Range
 from ator_ros.world.messages import FARTHEST, ObjectSource
 from ator_ros.world.state import RobotState, World
 
-STATE_VARIABLES = (*(f"robot.{name}" for name in ("x", "y", "yaw", "v", "w")), "hold.x", "hold.y")
-"""The variables of the robot's state that conditions may name."""
-
-
 T = TypeVar("T")
 
 _MOST_PLACES = 1000

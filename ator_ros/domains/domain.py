@@ -27,7 +27,6 @@ from ator_ros.actions.remote import UnreachableAction
 from ator_ros.actions.situation import ActionFactory, ActionSpec, Sampler, Situation
 from ator_ros.domains import DEFAULT, DRIVE
 from ator_ros.domains.declared import (
-    STATE_VARIABLES,
     DeclaredAction,
     DeclaredDomain,
     DeclaredServer,
@@ -41,7 +40,7 @@ from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot, load_robot
 from ator_ros.schema import SchemaError, require, structured
 from ator_ros.tops.chain import Top, TopChain
-from ator_ros.tops.conditions import Condition
+from ator_ros.tops.conditions import Condition, state_variables
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import objects_in
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges, declared_ranges
@@ -174,8 +173,7 @@ class Domain:
                     require(name in (None, *known), f"{place}: goal", f"one of {', '.join(known)}", name)
 
     def _check_condition(self, place: str, condition: Condition, action: str) -> None:
-        axes = itertools.product(self.objects, ("x", "y", "vx", "vy"))
-        state = (*STATE_VARIABLES, *(".".join(axis) for axis in axes))
+        state = state_variables(self.objects)
         known = [
             {*GOAL_VARIABLES, *(variable.name for variable in spec.goal_variables)}
             for specs in self.action_sets.values()

@@ -35,7 +35,7 @@ from ator_ros.nodes.parameters import (
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.shapes import refinement_shapes
-from ator_ros.planning.goals import PlanningError, known_variables
+from ator_ros.planning.goals import PlanningError
 from ator_ros.planning.planner import chains_for
 from ator_ros.printable import printable
 from ator_ros.refinement import RefinementError
@@ -43,6 +43,7 @@ from ator_ros.refinement.gate import NO_GATE
 from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.refinement.refiner import Refinement, Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
+from ator_ros.tops.conditions import state_variables
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.messages import MessageError, pose_from, world_from
 
@@ -97,7 +98,7 @@ class RefinementNode(Node):
         self._ranges = self._fence.narrowed(domain.ranges, robot)  # places are searched inside the fence
         self._sets = LearnedSets(self, domain, self._libraries, self._settings, self._warm_up)
         self._goals = domain.goals(robot)
-        self._variables = known_variables(domain.objects, holder=robot.holder is not None)
+        self._variables = state_variables(domain.objects, holder=robot.holder is not None)
         self._answered, self._cut_short, self._last_error = 0, 0, ""
         self._markers = LazyPublisher(self, MarkerArray, "refinement_markers")
         self.create_service(RefineSubgoal, "refine_subgoal", self._serve_refinement, qos_profile=SERVICES)

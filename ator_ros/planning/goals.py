@@ -10,7 +10,6 @@ from ator_ros.printable import quoted
 from ator_ros.tops.conditions import Region, Statement
 
 MOST_STATEMENTS = 8
-_ROBOT = tuple(f"robot.{name}" for name in ("x", "y", "yaw", "v", "w"))
 
 
 class PlanningError(ValueError):
@@ -26,12 +25,6 @@ class Unspecified:
 
 
 GoalStatement = Statement | Unspecified
-
-
-def known_variables(objects: Sequence[str], *, holder: bool) -> tuple[str, ...]:
-    """Return the state variables that a goal may name."""
-    moving = (f"{name}.{axis}" for name in objects for axis in ("x", "y", "vx", "vy"))
-    return (*_ROBOT, *(("hold.x", "hold.y") if holder else ()), *moving)
 
 
 def check_goal(goal: Sequence[GoalStatement], known: Sequence[str]) -> None:

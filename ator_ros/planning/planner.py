@@ -16,11 +16,11 @@ from ator_ros.actions.goal_variables import with_values
 from ator_ros.execution.fence import Fence
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.planning.facts import Fact, difference, is_chosen, placed_thing, resolved, target_of
-from ator_ros.planning.goals import GoalStatement, PlanningError, check_goal, known_variables
+from ator_ros.planning.goals import GoalStatement, PlanningError, check_goal
 from ator_ros.planning.problem import PlannedStep, PlanningProblem, facts_of, planning_problem, steps_for
 from ator_ros.refinement.refiner import LONGEST_CHAIN, MOST_ALTERNATIVES
 from ator_ros.tops.chain import Top, TopCall, TopChain, projected
-from ator_ros.tops.conditions import State, Statement, state_of
+from ator_ros.tops.conditions import State, Statement, state_of, state_variables
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import missing_object
 from ator_ros.tops.ranges import USUAL_RANGES
@@ -63,7 +63,7 @@ def chains_for(
         no TOP achieves, or why no plan can be used.
     """
     robot = library.robot
-    check_goal(goal, known_variables(objects, holder=robot.holder is not None))
+    check_goal(goal, state_variables(objects, holder=robot.holder is not None))
     unfit = {top.name: why for top in library.values() if (why := _unfit(top, world, library))}
     unfit |= library.left_out
     tops = [top for top in library.values() if top.name not in unfit]

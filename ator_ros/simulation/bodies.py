@@ -124,14 +124,11 @@ def load_base(client: BulletClient, robot: Robot) -> tuple[int, list[int]]:
     count = client.getNumJoints(body)
     names = {client.getJointInfo(body, joint)[1].decode(): joint for joint in range(count)}
     wheels = [names[name] for name in WHEEL_NAMES]
-    wheel_friction, caster_friction = 1.0, 0.0
-    front = robot.build.front_friction
-    client.changeDynamics(body, -1, lateralFriction=front, restitution=1.0)
+    client.changeDynamics(body, -1, lateralFriction=robot.build.front_friction, restitution=1.0)
     for wheel in wheels:
         client.changeDynamics(
-            body, wheel, lateralFriction=wheel_friction, rollingFriction=0.0, restitution=0.0,
+            body, wheel, lateralFriction=1.0, rollingFriction=0.0, restitution=0.0,
             linearDamping=0.0, angularDamping=0.0, jointDamping=0.0
         )  # fmt: skip
-    caster = names["caster_joint"]
-    client.changeDynamics(body, caster, lateralFriction=caster_friction, restitution=0.0)
+    client.changeDynamics(body, names["caster_joint"], lateralFriction=0.0, restitution=0.0)
     return int(body), wheels

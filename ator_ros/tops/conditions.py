@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -24,6 +24,13 @@ from ator_ros.world.state import RobotState, World
 
 
 State = Mapping[str, float]
+
+
+def state_variables(objects: Iterable[str], *, holder: bool = True) -> tuple[str, ...]:
+    """Return the names of the state variables, with those of `objects`, and of a holder; see `state_of`."""
+    robot = (f"robot.{name}" for name in ("x", "y", "yaw", "v", "w"))
+    moving = (f"{name}.{axis}" for name in objects for axis in ("x", "y", "vx", "vy"))
+    return (*robot, *(("hold.x", "hold.y") if holder else ()), *moving)
 
 
 def state_of(world: World, robot: Robot) -> dict[str, float]:
