@@ -20,14 +20,12 @@ from ator_ros.evaluation.policies import reopened
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.experience.table import ExperienceError
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.features import CANDIDATES, Feature
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import LEAST_EPISODES, direct_of, train
 from ator_ros.refinement.chain_prediction import predict_chain
 from ator_ros.refinement.gate import FEATURES, ThresholdGate
 from ator_ros.refinement.objective import expected_time
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import CONTROL_PERIOD
@@ -51,12 +49,11 @@ def gate_of_episodes(
     *,
     seed: int,
     situations: int,
-    features: Mapping[str, tuple[Feature, ...]] | None = None,
 ) -> ThresholdGate:
     """Learn the gate of models from tables of episodes.
 
-    The threshold grows with the spread, so it also holds for models that are learned
-    later from more or fewer episodes. It is at least one `CONTROL_PERIOD`, the resolution of executed chains.
+    The threshold grows with the spread, so it also holds for models that are learned later from more or fewer
+    episodes. It is at least one `CONTROL_PERIOD`, the resolution of executed chains.
 
     Parameters
     ----------
@@ -68,8 +65,6 @@ def gate_of_episodes(
         Name of the domain's chain.
     seed, situations : int
         Seed and number of the situations in which chains are chosen.
-    features : mapping of str to tuple of Feature, optional
-        Candidate features of the models by action; by default the general ones.
 
     Raises
     ------
@@ -86,8 +81,7 @@ def gate_of_episodes(
                 f"{action}: expected at least {2 * LEAST_EPISODES} episodes that succeeded, as models of "
                 f"each half judge those of the other, got {succeeded}"
             )
-    known = {action: (features or {}).get(action, CANDIDATES) for action in used}
-    examples = _CrossFit(domain, library.robot, used, known).examples(trials, seed)
+    examples = _CrossFit(domain, library, used).examples(trials, seed)
     gate = fit_threshold(examples, keep=KEPT)
     return dataclasses.replace(gate, gain=max(gate.gain, CONTROL_PERIOD))
 
@@ -95,25 +89,20 @@ def gate_of_episodes(
 class _CrossFit:
     """Models of both halves of the episodes, and the errors of each on the other half."""
 
-    def __init__(
-        self,
-        domain: Domain,
-        robot: Robot,
-        rows: Mapping[str, pd.DataFrame],
-        features: Mapping[str, tuple[Feature, ...]],
-    ) -> None:
-        self._robot, self._failure_cost = robot, domain.time_limit
+    def __init__(self, domain: Domain, library: TopLibrary, rows: Mapping[str, pd.DataFrame]) -> None:
+        self._robot, self._failure_cost = library.robot, domain.time_limit
+        features = {action: domain.candidates(action, library.action_set) for action in rows}
         parts = {action: _halves(table) for action, table in rows.items()}
         first, second = (
             {
-                action: train(action, part[half], robot, features=features[action])
+                action: train(action, part[half], self._robot, features=features[action])
                 for action, part in parts.items()
             }
             for half in (0, 1)
         )
         self._judges = (second, first)
         self._refiners = [
-            Refiner(robot, models, ranges=domain.ranges, failure_cost=domain.time_limit)
+            Refiner(self._robot, models, ranges=domain.ranges, failure_cost=domain.time_limit)
             for models in (first, second)
         ]
         self._errors = {

@@ -68,10 +68,9 @@ def train(
     read = _read(domain, experience, robot, action_set, topics)
     source, action_set = read.metadata, read.metadata["action_set"]
     tests = _read(domain, fresh, robot, action_set, topics) if fresh else Experience(read.frame[:0], {})
-    by_action = dict(iter(read.frame.groupby("action", sort=False)))
     errors: list[str] = []
-    used: dict[str, tuple[Feature, ...]] = {}
-    for action, examples in by_action.items():
+    learned: dict[str, pd.DataFrame] = {}
+    for action, examples in read.frame.groupby("action", sort=False):
         features = domain.candidates(action, action_set)
         # A recording rarely holds enough episodes of every action. Each model is saved once it is learned.
         try:
@@ -79,7 +78,7 @@ def train(
         except ExperienceError as error:
             errors.append(str(error))
             continue
-        used[action] = features
+        learned[action] = examples
         starts = tests.frame[(tests.frame["action"] == action) & (tests.frame["t"] == 0.0)]
         measured = _measured(model, starts, tests.metadata.get("seed") or 0) if len(starts) else {}
         training = {
@@ -107,13 +106,12 @@ def train(
         else:
             tested = "" if measured else _cross_validated(examples, robot, features)
         print(f"{file}: {rules}{tested}", flush=True)
-    if not used:
+    if not learned:
         raise ExperienceError("; ".join(errors))
     for missing in errors:
         print(f"train: {missing}; the other actions are learned", file=sys.stderr)
     if gate:
-        rows = {name: by_action[name] for name in used}
-        _learn_gate(domain, robot, folder, action_set, rows, used, command)
+        _learn_gate(domain, robot, folder, action_set, learned, command)
 
 
 def _learn_gate(
@@ -122,7 +120,6 @@ def _learn_gate(
     folder: Path,
     action_set: str,
     rows: Mapping[str, pd.DataFrame],
-    features: Mapping[str, tuple[Feature, ...]],
     command: str,
 ) -> None:
     """Learn the gate from the episodes of the models; report the reason if that is not possible."""
@@ -133,7 +130,7 @@ def _learn_gate(
         if chain is None:
             raise ExperienceError(f"domain {domain.name} has no chain with only {', '.join(rows)}")
         print(f"train: learning the gate in {_GATE_SITUATIONS} situations of the chain {chain} …", flush=True)
-        gate = gate_of_episodes(domain, library, rows, chain, **sizes, features=features)
+        gate = gate_of_episodes(domain, library, rows, chain, **sizes)
     except (ExperienceError, ConfigError) as error:
         result = f"{file} stays as it is" if file.exists() else "refinement accepts every predicted gain"
         print(f"{file.parent}: no gate: {error}; {result}")
