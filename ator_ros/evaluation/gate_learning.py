@@ -57,23 +57,16 @@ def gate_examples(records: Iterable[Mapping[str, Any]]) -> GateExamples:
     return GateExamples.of(rows)
 
 
-def fit_threshold(examples: GateExamples, *, keep: float = KEPT) -> ThresholdGate:
-    """Return the threshold with the fewest slower runs among those that keep the share `keep` of the gain.
+def fit_threshold(examples: GateExamples) -> ThresholdGate:
+    """Return the threshold with the fewest slower runs among those that keep the share `KEPT` of the gain.
 
     If no threshold keeps so much, it is one of those that keep most.
-
-    Parameters
-    ----------
-    examples : GateExamples
-        Executed situations.
-    keep : float
-        Least share of the ungated gain of each kind of refinement.
     """
     gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
     gates = [ThresholdGate(least, factor) for least in GAINS for factor in SPREAD_FACTORS]
     refine = [gain > gate.gain + gate.spread_factor * spread for gate in gates]
     kept = [_kept(examples, rows) for rows in refine]
-    allowed = [index for index, share in enumerate(kept) if share >= min(keep, max(kept))]
+    allowed = [index for index, share in enumerate(kept) if share >= min(KEPT, max(kept))]
     slower = labels(examples.refined, examples.naive) == "Lower"
     return gates[
         min(allowed, key=lambda index: (np.sum(slower & refine[index]), -_gain(examples, refine[index])))

@@ -1,4 +1,4 @@
-"""Study a robot in one folder: collect experience, train models, learn the gate, evaluate, report.
+"""Study a robot in one folder: collect experience, train models, evaluate, report.
 
 The same command resumes where it was interrupted.
 """
@@ -25,7 +25,6 @@ from ator_ros.evaluation.trials import EvaluationError, possible_actions, possib
 from ator_ros.experience.table import join, read_experience
 from ator_ros.files import load, save, write_text
 from ator_ros.performance.model_file import load_model
-from ator_ros.refinement.gate import GATE
 from ator_ros.tools.collect import collect
 from ator_ros.tools.command_line import (
     RESUMES,
@@ -36,14 +35,13 @@ from ator_ros.tools.command_line import (
     whole,
 )
 from ator_ros.tools.evaluate import evaluate
-from ator_ros.tools.gate import learn_gate
 from ator_ros.tools.train import train
 
 KIND = "study"
 POLICIES = ("naive", "analytic", "refined", "gated", "analytic_speed", "refined_speed", "gated_speed")
 EXPLAINED = 50
 """Situations in which open variables are explained, at most."""
-MARGIN = 1.0
+MARGIN = 0.5
 """Time in s: headings predicted to take this much longer than the best are not executed by the oracle."""
 
 
@@ -58,7 +56,7 @@ def study(
     chain: str | None,
     oracle: int,
 ) -> None:
-    """Collect, train, learn the gate and evaluate for a robot; write `study.json` and `study.html` to `out`.
+    """Collect, train and evaluate for a robot; write `study.json` and `study.html` to `out`.
 
     Parameters
     ----------
@@ -69,9 +67,9 @@ def study(
     episodes : int
         Of each action.
     situations : int
-        Number of situations of the gate, and of others of the evaluation.
+        Number of situations of the evaluation.
     seed : int
-        Seed of the episodes; fresh episodes, gate and evaluation use the three seeds after it.
+        Seed of the episodes; fresh episodes and the evaluation use the two seeds after it.
     chain : str or None
         The chain of the evaluation, if the robot can execute it.
     oracle : int
@@ -101,7 +99,6 @@ def study(
             fresh=tables[1:],
             domain=of_domain,
             robot=described,
-            gate=False,
         )
     learned = [name for name, file in models.items() if file.exists()]
     possible = possible_chain(of_domain, make_library(described, source), chain, learned)
@@ -110,18 +107,14 @@ def study(
     if possible is None:
         print(f"study: without an evaluation: no chain of {of_domain.name} has only {', '.join(learned)}")
     else:
-        if not (source.folder() / GATE).exists():
-            print("study: gate", flush=True)
-            made = "gate of study"
-            learn_gate(source, possible, out / "gate", command=made, seed=seed + 2, situations=situations)
         folder = out / "evaluation"
         if not (folder / RESULT).exists():
             print("study: evaluation", flush=True)
             margin = MARGIN if oracle else None
-            evaluated = Settings(seed + 3, possible, POLICIES, oracle, margin, source=source)
+            evaluated = Settings(seed + 2, possible, POLICIES, oracle, margin, source=source)
             evaluate(evaluated, folder, command="evaluate of study", situations=situations)
         evaluation = load(folder / RESULT, EVALUATION, dict[str, Any])["summary"]
-        variables = _variables(source, possible, seed + 3, min(situations, EXPLAINED))
+        variables = _variables(source, possible, seed + 2, min(situations, EXPLAINED))
     ends = join(
         read_experience(table).frame.drop_duplicates(["action", "episode"], keep="last") for table in tables
     )
@@ -197,12 +190,11 @@ def arguments() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument(
         "--situations", type=whole(10), default=200, metavar="M",
-        help="that the gate is learned from, and others that the evaluation executes; at least 10 "
-        "(default: %(default)s)",
+        help="that the evaluation executes, at least 10 (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
         "--seed", type=whole(), default=1, metavar="S",
-        help="of the episodes; fresh episodes, the gate and the evaluation take the three after it",
+        help="of the episodes; fresh episodes and the evaluation take the two after it",
     )  # fmt: skip
     parser.add_argument("--chain", metavar="NAME", help="to evaluate (default: the domain's first)")
     parser.add_argument(

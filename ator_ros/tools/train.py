@@ -1,4 +1,4 @@
-"""Learn performance models and the gate from experience; show rules and accuracy (paper, sections 3, 5)."""
+"""Learn performance models from experience; show rules and accuracy (paper, sections 3, 5)."""
 
 from __future__ import annotations
 
@@ -14,8 +14,6 @@ import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
-from ator_ros.evaluation.trials import possible_chain
 from ator_ros.experience.drives import CMD_VEL, ODOM
 from ator_ros.experience.recordings import read_sources
 from ator_ros.experience.table import Experience, ExperienceError, library_versions
@@ -30,12 +28,9 @@ from ator_ros.performance.training import (
     start_ranges,
 )
 from ator_ros.performance.training import train as train_model
-from ator_ros.refinement.gate import save_gate
-from ator_ros.robot.description import ConfigError, Robot
+from ator_ros.refinement.gate import CAUTIOUS, save_gate
+from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import add_setting, run_tool, topic
-
-_GATE_SEED, _GATE_SITUATIONS = 1, 60
-"""Seed and number of the situations in which the gate is learned."""
 
 
 def train(
@@ -48,9 +43,8 @@ def train(
     robot: Robot,
     action_set: str | None = None,
     topics: Mapping[str, str] | None = None,
-    gate: bool = True,
 ) -> None:
-    """Learn a model of each action in the experience, and the gate, and write them.
+    """Learn a model of each action in the experience and write it, beside a cautious gate if there is none.
 
     Parameters
     ----------
@@ -62,14 +56,12 @@ def train(
         The command line, for the files.
     domain, robot, action_set, topics
         As for `read_sources`.
-    gate : bool
-        Learn the gate from the same episodes.
     """
     read = _read(domain, experience, robot, action_set, topics)
     source, action_set = read.metadata, read.metadata["action_set"]
     tests = _read(domain, fresh, robot, action_set, topics) if fresh else Experience(read.frame[:0], {})
     errors: list[str] = []
-    learned: dict[str, pd.DataFrame] = {}
+    learned = 0
     for action, examples in read.frame.groupby("action", sort=False):
         features = domain.candidates(action, action_set)
         # A recording rarely holds enough episodes of every action. Each model is saved once it is learned.
@@ -78,7 +70,7 @@ def train(
         except ExperienceError as error:
             errors.append(str(error))
             continue
-        learned[action] = examples
+        learned += 1
         starts = tests.frame[(tests.frame["action"] == action) & (tests.frame["t"] == 0.0)]
         measured = _measured(model, starts, tests.metadata.get("seed") or 0) if len(starts) else {}
         training = {
@@ -110,33 +102,10 @@ def train(
         raise ExperienceError("; ".join(errors))
     for missing in errors:
         print(f"train: {missing}; the other actions are learned", file=sys.stderr)
-    if gate:
-        _learn_gate(domain, robot, folder, action_set, learned, command)
-
-
-def _learn_gate(
-    domain: Domain,
-    robot: Robot,
-    folder: Path,
-    action_set: str,
-    rows: Mapping[str, pd.DataFrame],
-    command: str,
-) -> None:
-    """Learn the gate from the episodes of the models; report the reason if that is not possible."""
-    file, library = folder / model_path("gate", action_set), domain.library(robot, action_set)
-    sizes = {"seed": _GATE_SEED, "situations": _GATE_SITUATIONS}
-    try:
-        chain = possible_chain(domain, library, None, list(rows))
-        if chain is None:
-            raise ExperienceError(f"domain {domain.name} has no chain with only {', '.join(rows)}")
-        print(f"train: learning the gate in {_GATE_SITUATIONS} situations of the chain {chain} …", flush=True)
-        gate = gate_of_episodes(domain, library, rows, chain, **sizes)
-    except (ExperienceError, ConfigError) as error:
-        result = f"{file} stays as it is" if file.exists() else "refinement accepts every predicted gain"
-        print(f"{file.parent}: no gate: {error}; {result}")
-        return
-    save_gate(file, gate, {"command": command, **sizes}, action_set)
-    print(f"{file}: {gate.rules()[0]}")
+    gate = folder / model_path("gate", action_set)
+    if not gate.exists():
+        save_gate(gate, CAUTIOUS, {"command": command}, action_set)
+        print(f"{gate}: {CAUTIOUS.rules()[0]}, until `gate` learns it from executed chains")
 
 
 def _is_own(robot: Robot, domain: Domain) -> bool:
@@ -208,11 +177,6 @@ def arguments() -> argparse.ArgumentParser:
         metavar="NAME",
         help="of odometry and commands that were recorded (tables and records know their own)",
     )
-    parser.add_argument(
-        "--no-gate",
-        action="store_true",
-        help="do not learn the gate from the same episodes (`gate` learns one from executed chains)",
-    )
     for role, what in ((ODOM, "odometry"), (CMD_VEL, "velocity commands")):
         parser.add_argument(
             f"--{role.replace('_', '-')}",
@@ -249,7 +213,6 @@ def _run(options: argparse.Namespace, domain: Domain, command: str) -> None:
         robot=robot,
         action_set=options.action_set,
         topics=topics,
-        gate=not options.no_gate,
     )
 
 

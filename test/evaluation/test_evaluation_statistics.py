@@ -5,15 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
-from refinement_fakes import LIBRARY
 
-from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.evaluation.gate_from_episodes import gate_of_episodes
 from ator_ros.evaluation.gate_learning import GateExamples, fit_threshold, fit_tree
 from ator_ros.evaluation.statistics import labels, summarize
-from ator_ros.experience.table import ExperienceError
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.gate import FEATURES
 
@@ -94,9 +89,3 @@ def test_threshold_keeps_nearly_all_of_the_gain_of_both_kinds() -> None:
     gate = fit_threshold(synthetic(features, actual))
     angle = (kind == 0) & (gain > gate.gain + gate.spread_factor * 0.1)
     assert actual[angle].sum() >= 0.97 * actual[kind == 0].sum()
-
-
-def test_too_few_episodes_for_cross_validation_are_rejected() -> None:
-    rows = pd.DataFrame({"episode": np.arange(39), "success": True})
-    with pytest.raises(ExperienceError, match=r"goToPose: expected at least 40 episodes .* got 39"):
-        gate_of_episodes(SOCCER, LIBRARY, {"goToPose": rows}, "dribble", seed=1, situations=1)

@@ -21,7 +21,7 @@ from selection import few
 
 from ator_ros.experience.parallel import run_tasks, workers
 from ator_ros.experience.table import Experience, read_experience, write_experience
-from ator_ros.refinement.gate import ThresholdGate, load_gate, save_gate
+from ator_ros.refinement.gate import CAUTIOUS, ThresholdGate, load_gate, save_gate
 from ator_ros.robot.description import load_robot
 from ator_ros.tools import collect, evaluate, train
 from ator_ros.tools.command_line import INTERRUPTED
@@ -40,7 +40,7 @@ def table(path: Path, seed: int, **metadata: Any) -> Path:
 @pytest.fixture
 def learned(tmp_path: Path) -> Path:
     experience, fresh = table(tmp_path / "a.parquet", 1), table(tmp_path / "b.parquet", 2)
-    words = [str(experience), "--fresh", str(fresh), "--models", str(tmp_path / "models"), "--no-gate"]
+    words = [str(experience), "--fresh", str(fresh), "--models", str(tmp_path / "models")]
     assert train.main(words) == 0
     return tmp_path / "models"
 
@@ -173,7 +173,8 @@ sys.exit(collect.main(sys.argv[1:]))
 
 
 def test_train_writes_models_with_their_accuracy(learned: Path) -> None:
-    assert sorted(path.name for path in learned.iterdir()) == ["dribbleBall.json", "goToPose.json"]
+    names = ["dribbleBall.json", "gate.json", "goToPose.json"]
+    assert sorted(path.name for path in learned.iterdir()) == names
     data = json.loads((learned / "goToPose.json").read_text())
     accuracy = data["accuracy"]
     assert accuracy["seed"] == 2
@@ -186,35 +187,17 @@ def test_train_writes_models_with_their_accuracy(learned: Path) -> None:
     assert data["robot_digest"] == ROBOT.digest()
 
 
-def test_train_learns_the_gate_from_the_same_episodes(
+def test_train_writes_a_cautious_gate_where_there_is_none(
     learned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert not (learned / "gate.json").exists()  # --no-gate
-    capsys.readouterr()
-    models = tmp_path / "gated"
-    assert train.main([str(tmp_path / "a.parquet"), "--models", str(models)]) == 0
-    gate = load_gate(models / "gate.json")
-    assert isinstance(gate, ThresholdGate)
-    message = f"{models}/gate.json: refines where the predicted gain is above {gate.gain:.2f} s"
-    assert message in capsys.readouterr().out
-    assert json.loads((models / "gate.json").read_text())["training"]["command"].startswith("train ")
-
-
-def test_train_reports_in_one_line_why_there_is_no_gate(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    given = {"seed": 1, "robot_digest": ROBOT.digest(), "action_set": "default"}
-    write_experience(tmp_path / "one.parquet", Experience(synthetic_experience("dribbleBall", seed=1), given))
-    models = tmp_path / "models"
-    words = [str(tmp_path / "one.parquet"), "--models", str(models)]
+    assert load_gate(learned / "gate.json") == CAUTIOUS
+    words = [str(tmp_path / "a.parquet"), "--models", str(tmp_path / "others")]
+    save_gate(tmp_path / "others" / "gate.json", ThresholdGate(0.2), {})
     assert train.main(words) == 0
-    why = f"{models}: no gate: domain soccer has no chain with only dribbleBall; "
-    assert capsys.readouterr().out.endswith(f"{why}refinement accepts every predicted gain\n")
-    assert not (models / "gate.json").exists()
-    save_gate(models / "gate.json", ThresholdGate(0.2), {})
+    assert load_gate(tmp_path / "others" / "gate.json") == ThresholdGate(0.2)
+    (tmp_path / "others" / "gate.json").unlink()
     assert train.main(words) == 0
-    assert capsys.readouterr().out.endswith(f"{why}{models}/gate.json stays as it is\n")
-    assert load_gate(models / "gate.json") == ThresholdGate(0.2)
+    assert "gate.json: refines where the predicted gain is above 0.05 s" in capsys.readouterr().out
 
 
 def test_rules_are_printed_by_action_and_by_file(learned: Path, capsys: pytest.CaptureFixture[str]) -> None:
