@@ -8,7 +8,7 @@ import pytest
 from chain_client import ChainClient, call
 from conftest import Host
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, Twist
 from moving_base import MovingBase
 from nav_msgs.msg import Odometry
 from ros_client import Client
@@ -91,3 +91,16 @@ def test_a_goal_succeeds_though_odometry_is_slower_than_real_time(
     chains = ChainClient(client)
     outcome = chains.send([call("goToPose", Pose(0.4, 0.0, 0.0))]).result(60.0).outcome
     assert outcome.code == Outcome.SUCCEEDED, outcome.reason
+
+
+def test_a_robot_that_moves_when_odometry_returns_is_stopped(host: Host, client: Client) -> None:
+    host("executor")
+    base = MovingBase(client)
+    sent = ChainClient(client).send(AWAY)
+    client.eventually(lambda: base.commanded.linear.x > 0.2, "the robot drives")
+    base.timer.cancel()
+    assert sent.outcome().code == Outcome.INPUT_LOST
+    base.commanded = Twist()
+    base.commanded.linear.x = 0.5  # it has driven on
+    base.timer.reset()
+    client.eventually(lambda: base.commanded.linear.x == 0.0, "a command to stop")
