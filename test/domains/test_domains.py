@@ -7,7 +7,6 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
-from view.in_process import InProcessBackend
 
 from ator_ros.domains import domain as domains
 from ator_ros.domains.domain import DomainError, find_domain
@@ -17,7 +16,6 @@ from ator_ros.experience.table import read_experience
 from ator_ros.performance.features import GENERAL
 from ator_ros.robot.description import ConfigError, load_robot
 from ator_ros.tools import collect
-from ator_ros.view.editor import Editor
 
 
 def install(monkeypatch: pytest.MonkeyPatch, value: str) -> None:
@@ -90,8 +88,6 @@ def test_a_chain_with_an_omitted_top_is_rejected_and_others_are_drawn() -> None:
     assert actions == ["goToPose"]
     assert left_out == {"dribbleBall": LACKS, "shoot": LACKS.replace("dribbleBall", "shoot")}
     assert possible_chain(SMALL, library, "dribble", actions) == "drive"
-    editor = Editor(InProcessBackend(SMALL, robot), SMALL, {"small": library})
-    assert editor.chain_name == "drive"
 
 
 def test_collect_uses_the_actions_of_the_set(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
