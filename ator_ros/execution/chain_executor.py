@@ -29,6 +29,8 @@ from ator_ros.world.state import STOP, World
 
 STOPPING = "stopping, to go on from there"
 """Message of a step that waits until the robot stands."""
+_STAYED = 0.02
+"""Distance in m, and angle in rad, within which a robot has stayed where it was."""
 
 
 class Ending(enum.Enum):
@@ -159,6 +161,19 @@ class ChainExecutor:
     def choose(self, chain: TopChain) -> None:
         """Execute `chain` instead of the one given; only before the first tick."""
         self.chain, self._run = chain, self._new_run(chain)
+
+    def fall_back_to(self, chain: TopChain) -> bool:
+        """Execute `chain` instead if the first action failed where it began; return whether it did."""
+        first = self.records[0] if self.records else None
+        if len(self.records) != 1 or first is None or first.index or first.ending is not Ending.FAILED:
+            return False
+        there, here = first.start.robot.pose, first.end.robot.pose
+        stayed = there.distance(here) <= _STAYED and abs(there.relative(here).yaw) <= _STAYED
+        if first.lost is not None or not stayed or chain.calls[0] == self.chain.calls[0]:
+            return False
+        self.chain, self.index = chain, 0
+        self._run = self._new_run(chain, standing_first=True)
+        return True
 
     def step(self, world: World) -> Step:
         """Return the command of this tick; after an action ends, the next one begins in the same tick.

@@ -189,6 +189,18 @@ class Refining:
             why = f"executed as sent, refinement failed: {why}"
         self._close(why, changed=False)
 
+    def revert(self, why: str) -> bool:
+        """Begin with the chain as sent if the first action of the refined one failed where it began.
+
+        Returns whether it begins again; `why` is the failure.
+        """
+        if not self.refined or not self._executor.fall_back_to(self._plans[self._number]):
+            return False
+        self.refined, self.refined_again = False, 0
+        self._first = f"executed as sent, as the refined chain failed at its start: {why}"
+        self._changed = self._unchanged = ""
+        return True
+
     def apply(self, world: World) -> bool:
         """Switch to the refined goals of an answer, if they can still be used; return whether it did."""
         answer, question, self._answer = self._answer, self.question, None

@@ -237,6 +237,9 @@ class Supervisor:
         if step.status is Status.RUNNING:
             self.refining.ask_again(world, now)
             return step.command
+        if step.status is Status.FAILED and self.refining.revert(step.message):
+            self.forecast.change(at_rest(world, self._robot))
+            return STOP
         last, missing = self.executor.records[-1], missing_object(self._top, world)
         if missing is not None:
             self._end_without(missing, self._top)

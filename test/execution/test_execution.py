@@ -240,3 +240,21 @@ def test_a_lost_ball_is_fetched_at_its_current_place() -> None:
         assert run.tick(world(state.time + wait), 100.1) == STOP
     assert run.ending is Ending.INPUT_LOST
     assert "ball is missing: goToBall needs it" in run.reason
+
+
+def test_the_original_chain_is_executed_if_the_refined_one_has_no_path() -> None:
+    sent = chain(("goToPose", Pose(3.0, 1.0, 0.0)), opened=frozenset({"x"}))
+    in_a_post = chain(("goToPose", Pose(4.0, 1.0, 0.0)), opened=frozenset({"x"}))
+    run = execution(sent, refine=True)
+    run.tick(world(), 100.0)
+    run.refined_to(in_a_post, True, "0.5 s faster")
+    assert run.refining.refined
+    for tick in range(1, 60):
+        command = run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick)
+        if not run.refining.refined and command != STOP:
+            break
+    assert (run.ending, run.executor.chain, run.refining.refined) == (None, sent, False)
+    assert command.v > 0.0
+    assert run.refining.reason.startswith("executed as sent, as the refined chain failed at its start: ")
+    assert "found none" in run.refining.reason
+    assert [record.ending for record in run.executor.records] == [Ending.FAILED]
