@@ -21,7 +21,7 @@ from ator_ros.domains.domain import find_domain
 from ator_ros.experience.collect import episode_generator
 from ator_ros.experience.episode import Episode, run_episode
 from ator_ros.experience.parallel import progress, run_tasks, workers
-from ator_ros.files import write_text
+from ator_ros.files import portable_command, write_text
 from ator_ros.geometry import wrap_angle
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.library import top_of
@@ -33,7 +33,7 @@ TEXT = """# How the actions perform (set `{action_set}`)
 is the change of duration when only the start's heading changes by a degree: 95th and 99th percentile.
 A control tick is 0.05 s.
 
-    scripts/run python benchmarks/actions.py {options}
+    {command}
 
 | action | success | mean duration | turned by 1° |
 | --- | --- | --- | --- |
@@ -71,11 +71,12 @@ def measure(action_set: str, situations: int, seed: int) -> tuple[list[str], str
         pairs = [pair for (action, _), pair in zip(tasks, found, strict=True) if action == name]
         failures.update(f"{name}: {first.reason}" for first, _ in pairs if not first.success)
         good = [(first.duration, other.duration) for first, other in pairs if first.success and other.success]
-        durations = np.array(good)
-        change = np.quantile(np.abs(durations[:, 1] - durations[:, 0]), [0.95, 0.99])
-        success = np.mean([first.success for first, _ in pairs])
-        mean = durations[:, 0].mean()
-        rows.append(f"| {name} | {success:.1%} | {mean:.2f} s | {change[0]:.2f} / {change[1]:.2f} s |")
+        success, measured = np.mean([first.success for first, _ in pairs]), "- | -"
+        if good:
+            durations, turned = np.array(good).T
+            change = np.quantile(np.abs(turned - durations), [0.95, 0.99])
+            measured = f"{durations.mean():.2f} s | {change[0]:.2f} / {change[1]:.2f} s"
+        rows.append(f"| {name} | {success:.1%} | {measured} |")
     failed = "\n".join(f"* {count} x {why}" for why, count in failures.most_common())
     return rows, f"What failed:\n\n{failed}" if failed else "Nothing failed."
 
@@ -89,12 +90,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="a page (default: print)")
     options = parser.parse_args(argv)
     rows, failed = measure(options.action_set, options.situations, options.seed)
-    given = "" if options.action_set == "default" else f"--action-set {options.action_set} "
     page = TEXT.format(
         action_set=options.action_set,
         situations=options.situations,
         seed=options.seed,
-        options=f"{given}--out {options.out}",
+        command=portable_command("actions.py", sys.argv[1:] if argv is None else argv),
         rows="\n".join(rows),
         failed=failed,
     )

@@ -24,6 +24,7 @@ from sklearn.tree import DecisionTreeRegressor
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.table import Experience, read_experience
 from ator_ros.geometry import FloatArray
+from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import PAPER_11, Feature, feature_table
 from ator_ros.performance.observation import observed_driving
 from ator_ros.performance.training import direct_of
@@ -40,11 +41,10 @@ OTHERS: dict[str, Callable[[], Any]] = {
 
 
 def examples(
-    experience: Experience, action: str, features: tuple[Feature, ...], robot: Robot
+    experience: Experience, action: str, features: tuple[Feature, ...], robot: Robot, driving: DrivingStyle
 ) -> tuple[FloatArray, FloatArray]:
     """Return features and durations (s) of an action's episodes that succeeded."""
     frame = experience.of(action)
-    driving = observed_driving(frame, robot)
     frame = frame[frame["success"] & (frame["t"] == 0.0)]
     X = np.ascontiguousarray(feature_table(direct_of(frame), robot, features, driving))
     return X, frame["duration"].to_numpy(dtype=float)
@@ -80,9 +80,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     robot = domain.robot()
     experience, fresh = read_experience(options.experience), read_experience(options.fresh)
     for action in experience.frame["action"].unique():
+        driving = observed_driving(experience.of(action), robot)
         for features, kind in ((PAPER_11, "of the paper"), (domain.candidates(action), "shipped")):
-            X, y = examples(experience, action, features, robot)
-            test, test_y = examples(fresh, action, features, robot)
+            X, y = examples(experience, action, features, robot, driving)
+            test, test_y = examples(fresh, action, features, robot, driving)
             print(f"\n{action}, {len(features)} features {kind}, {len(y)} episodes, {len(test_y)} fresh\n")
             print("| learner | fit (s) | predict 360 (ms) | RMSE (s) | MAE (s) |\n|---|---|---|---|---|")
             tree = ModelTreeRegressor()

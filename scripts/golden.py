@@ -97,7 +97,7 @@ def refined(name: str, count: int) -> list[Json]:
     """Return what refinement decides in `count` situations of one of `REFINED`; no deadline."""
     source, chain, opening = REFINED[name]
     tools, _ = tools_of(source)
-    refiner = tools_of(source)[0].refiner(gated=True)
+    refiner = tools.refiner(gated=True)
     found = []
     for trial in _trials(source, chain, 4001, count):
         start = naive(tools, trial).chain

@@ -38,7 +38,8 @@ def summarize(records: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]
         By policy, and for the oracle: mean_duration_s, improvement_percent (of the sums, against naive),
         improvement_ci95, mean_ratio_improvement_percent (mean of the runs' own percentages),
         higher, equal, lower (runs), mean_gain_higher_percent, mean_loss_lower_percent,
-        oracle_captured_percent, failures, worst_loss_percent.
+        oracle_captured_percent and oracle_captured_ci95 (of what the oracle of the same variables saves),
+        failures, worst_loss_percent.
     """
     runs = {name: [record["policies"][name] for record in records] for name in records[0]["policies"]}
     oracles = [name for name in ("oracle", "oracle_speed") if name in records[0]]
@@ -78,11 +79,14 @@ def _policy_summary(
         "worst_loss_percent": _rounded(max(0.0, -ratio.min())),
         "oracle_captured_percent": None,
     }
-    best = durations.get("oracle", reference)
-    possible = reference.sum() - best.sum()
+    joint = name.endswith("_speed") and "oracle_speed" in durations
+    oracle = "oracle_speed" if joint else "oracle"
+    possible = reference.sum() - durations.get(oracle, reference).sum()
     if possible > _WORTH_SHARING * reference.sum():
-        captured = (reference.sum() - duration.sum()) / possible
-        summary["oracle_captured_percent"] = _rounded(100.0 * captured)
+        summary["oracle_captured_percent"] = _rounded(100.0 * (reference.sum() - duration.sum()) / possible)
+        drawn = resampled["naive"] - resampled[oracle]
+        shares = (resampled["naive"] - resampled[name])[drawn > 0.0] / drawn[drawn > 0.0]
+        summary["oracle_captured_ci95"] = _interval(100.0 * shares)
     return summary
 
 

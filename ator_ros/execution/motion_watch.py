@@ -129,6 +129,7 @@ class Axis:
         self._measured: deque[tuple[float, float]] = deque()
         self._smooth: deque[tuple[float, float]] = deque()
         self._fault = Debounce()
+        self._constant = False
         self._slow_for, self._share = 0.0, 1.0
         self._lost, self._eased, self._lost_for, self._commanded = 0.0, 0.0, 0.0, 0.0
         self._shares: deque[tuple[float, float]] = deque(maxlen=_FEWEST)
@@ -159,7 +160,8 @@ class Axis:
         limit = self.thresholds.limit
         recent = [clip(command, limit) for command in commands.between(time - _DELAY, time)]
         fault = self._judge(time, speed, recent, commands, gap)
-        needed = _CONSTANT_PERSISTS if fault is Fault.CONSTANT else _PERSISTS
+        was_constant, self._constant = self._constant, fault is Fault.CONSTANT
+        needed = _CONSTANT_PERSISTS if was_constant and self._constant else _PERSISTS
         persists = self._fault.update(fault is not None, gap, needed)
         stood = 0.0 in commands.between(time - _DELAY - 2.0 * self.thresholds.lag, time)
         loses = not stood and self._loses(speed, min(recent), max(recent), gap)

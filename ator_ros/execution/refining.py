@@ -13,7 +13,7 @@ from ator_ros.actions.goal_variables import goal_values, with_values
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.printable import printable
-from ator_ros.refinement.free_variables import allowed_changes
+from ator_ros.refinement.free_variables import allowed_changes, same_value
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
@@ -311,9 +311,9 @@ def _same(done: TopCall, planned: TopCall) -> bool:
     """Return whether a step that is done has the TOP and all bound goal variables of a planned one."""
     there = goal_values(done.goal)
     return done.top == planned.top and all(
-        there.get(name) == value
+        name in there and same_value(name, there[name], value)
         for name, value in goal_values(planned.goal).items()
-        if not planned.opens(name) and not (name in "xy" and followed(planned.top))
+        if not planned.opens(name) and not (name in ("x", "y") and followed(planned.top))
     )
 
 

@@ -143,6 +143,7 @@ def scaled(tree: ModelTree, slope: float, shift: float) -> ModelTree:
         lower=np.where(leaf, slope * tree.lower + shift, 0.0),
         upper=np.where(leaf, slope * tree.upper + shift, 0.0),
         spread=slope * tree.spread,
+        base_slope=slope * tree.base_slope,
     )
 
 

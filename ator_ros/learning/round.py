@@ -31,11 +31,9 @@ from ator_ros.performance.model_file import (
 )
 from ator_ros.performance.observation import observed_driving
 from ator_ros.performance.tree.nodes import ModelTree
-from ator_ros.refinement.gate import GATE, ThresholdGate, save_gate
+from ator_ros.refinement.gate import CAUTIOUS, GATE, save_gate
 from ator_ros.robot.description import Robot
 
-CAUTION = ThresholdGate(0.05, 0.5)
-"""Gate of models without one: it accepts more as their spreads, and with them their errors, shrink."""
 _LEAST_RECORDS = 12  # to estimate the mean of a measure
 _FORMER = 3  # earlier sets whose models are candidates
 
@@ -223,15 +221,15 @@ def _make_set(
         kinds = "; ".join(f"{measure}: {of.kind}" for measure, of in found.items() if of.tree is not None)
         former = source.model(base, action, action_set)
         # Kept, since records of refined chains cover less of the ranges of starts.
-        starts = {"starts": former.experience} if former is not None and former.experience else {}
+        starts = former.metadata.get("training", {}).get("starts", {}) if former is not None else {}
         episodes = max(verdict.episodes for verdict in found.values())
         metadata = {
             "action_set": action_set,
-            "training": {"command": "learning", "kind": kinds, "episodes": episodes, **starts},
+            "training": {"command": "learning", "kind": kinds, "episodes": episodes, "starts": starts},
             "versions": library_versions(),
             "robot_digest": source.robot.digest(),
         }
         save_model(folder / f"{action}.json", dataclasses.replace(model, metadata=metadata))
         if not (folder / GATE).exists():
-            save_gate(folder / GATE, CAUTION, {"command": "learning"}, action_set)
+            save_gate(folder / GATE, CAUTIOUS, {"command": "learning"}, action_set)
     return made

@@ -1,1 +1,1 @@
-"""Motion within limits: durations of turns, straights and two-turn manoeuvres, to plan and as ideal times."""
+"""Motion within limits: durations, turn-drive-turn paths, trajectories."""

@@ -1,9 +1,8 @@
-"""How long turns and straight drives take at a robot's limits, for plans and for ideal times.
+"""Durations of turns and straight drives within limits.
 
 All functions of times take numbers, or arrays that broadcast; `Real` is what the first of them is.
 
-Reciprocals are multiplied with, not divided by: the search for ideal motions is most of a refinement's work,
-and compiled loops compute the reciprocals once.
+Reciprocals are multiplied, since the search for paths dominates refinement. Compiled loops compute them once.
 """
 
 from __future__ import annotations
@@ -63,7 +62,7 @@ def change_time(before: Real, after: Any, rates: Bounds) -> Real:
     """Return the time in s in which the speed goes straight from `before` to `after` (m/s)."""
     per_a, per_brake = 1.0 / rates.a, 1.0 / rates.brake
     gain = np.abs(after) - np.abs(before)
-    # What turns round loses speed, then gains it in the other direction: at the slower of both rates.
+    # If the sign of the speed changes, the base brakes and accelerates at the lower of both rates.
     turns_round = (before * after < 0.0) * np.abs(after - before)
     result: Real = np.maximum(
         np.maximum(gain * per_a, gain * -per_brake), turns_round * np.maximum(per_a, per_brake)
@@ -118,7 +117,7 @@ def drive_parts(distance: Real, before: Any, after: Any, rates: Bounds) -> tuple
 
 @elementwise
 def forward_parts(distance: Real, before: Any, after: Any, rates: Bounds) -> tuple[Real, Real, Real, Real]:
-    """Return the same of drives that gain speed first, or keep it, and lose it at the end.
+    """Return `drive_parts` of drives that accelerate first, or keep their speed, and brake at the end.
 
     An end at which the robot drives backward is reached, or left, at the lesser of both accelerations: what
     it loses beyond standing still it gains in the other direction.

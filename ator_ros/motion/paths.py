@@ -164,7 +164,7 @@ def _search(
     found, count, steps = np.empty((1024, 6)), 0, np.empty(_POINTS, dtype=np.intp)
     befores = np.empty((2, len(entries.times), _POINTS), dtype=np.float32)
     afters = np.empty((2, len(exits.times), _POINTS), dtype=np.float32)
-    # Arrays that have names of their own are not counted at each use.
+    # Local names avoid reference counting at each access.
     sides1, sides2, times1, times2 = entries.sides, exits.sides, entries.times, exits.times
     (along1, across1), (along2, across2) = entries.turns, exits.turns
     cos, sin = math.cos(turn), math.sin(turn)
@@ -281,8 +281,9 @@ def refined(
 ) -> tuple[float, float, float]:
     """Return a first turn (rad) after which the drive meets the last turn, its cosine and sine.
 
-    It is one secant step from `first`, and from `low` to `high`; the drive after `low` passes the last turn
-    `gap` m on the right. The last turn ends `ahead` m and `aside` m from where the first one begins.
+    It does one secant step from `first`, within `low` and `high`. `gap` (m) is the residual at `low`: how far
+    the drive passes the end of the last turn on the right. The last turn ends `ahead` m and `aside` m from
+    where the first one begins.
     """
     c, s = math.cos(first), math.sin(first)
     begin, share1 = place_of(one.row, first)

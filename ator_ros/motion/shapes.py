@@ -70,7 +70,7 @@ class TurnTables(NamedTuple):
     fractions : ndarray, shape (rows, FINE, columns)
         Across, at turns that are whole steps apart, beginning with any entry; see `_window_of`.
     lowest : float
-        First speed in m/s.
+        First speed in m/s: 0 where the robot never drives backward.
     speeds : int
         Number of speeds.
     """
@@ -96,10 +96,11 @@ def _window_of(moved: float) -> tuple[int, int]:
 
 
 @lru_cache(maxsize=6)
-def turn_tables(limits: Limits, profiles: tuple[TurnProfile, ...]) -> TurnTables:
-    """Compute the tables of `profiles` for a robot's limits."""
-    speeds = np.arange(-limits.v, limits.v + SPEED_STEP / 2, SPEED_STEP).tolist()
-    rows = [(speed, *profile) for profile in profiles for speed in speeds]
+def turn_tables(limits: Limits, profiles: tuple[TurnProfile, ...], *, forward: bool = False) -> TurnTables:
+    """Compute the tables of `profiles` for a robot's limits: 3 MB for each m/s and profile."""
+    speeds = np.arange(-limits.v, limits.v + SPEED_STEP / 2, SPEED_STEP)
+    speeds = speeds[speeds > -SPEED_STEP] if forward else speeds
+    rows = [(speed, *profile) for profile in profiles for speed in speeds.tolist()]
     turns = turn_table(np.array(rows), limits)
     # TURNS moved by up to 2 * HALF steps to either side; values beyond the table are discarded later.
     beyond = (2 * HALF - 1) * FINE
@@ -107,7 +108,7 @@ def turn_tables(limits: Limits, profiles: tuple[TurnProfile, ...]) -> TurnTables
     wide = np.pad(across[:, :-1], ((0, 0), (beyond, beyond + 2 * FINE)), mode="edge").astype(np.float32)
     filled = ((0, 0), (0, WIDTH - len(TURNS)))
     fractions = np.pad(wide.reshape(len(wide), -1, FINE).swapaxes(1, 2), ((0, 0), *filled))
-    return TurnTables(turns, fractions, -limits.v, len(speeds))
+    return TurnTables(turns, fractions, float(speeds[0]), len(speeds))
 
 
 _DETOUR = 7.2
@@ -199,7 +200,7 @@ class ShapeSet:
     @cached_property
     def tables(self) -> TurnTables:
         """The tables of all ways to turn."""
-        return turn_tables(self.limits, self._profiles)
+        return turn_tables(self.limits, self._profiles, forward=self.forward)
 
     @cached_property
     def rows(self) -> Rows:

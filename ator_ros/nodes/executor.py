@@ -237,8 +237,11 @@ class ExecutorNode(Node):
         self._ticks.began(now)
         if run is not None:
             self._answer(run, world, fault, now)
-        elif now < self._stop_until and not world.robot.is_standing:
-            self._send(STOP)  # it may have moved on while odometry was lost
+        elif now < self._stop_until:
+            if world.robot.is_standing:
+                self._stop_until = 0.0
+            else:
+                self._send(STOP)  # it may have moved on while odometry was lost
         self._drawing.objects(world)
 
     def _answer(self, run: GoalRun, world: World, fault: str | None, now: float) -> None:
@@ -306,7 +309,7 @@ class ExecutorNode(Node):
         self._inputs.take_timeouts(self._settings)
         self._motion.begin(self._settings["latency"], preempts=self._run is not None)
         self._end(Ending.PREEMPTED, _PREEMPTED, at_once=True)
-        self._run = run
+        self._run, self._stop_until = run, 0.0
         self._commands.adapt()  # here, not as rclpy takes the goal: it then keeps the former publisher in use
         # A simulation as fast as possible waits for commands, also while the first action plans.
         self._send(STOP)

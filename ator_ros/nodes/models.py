@@ -126,6 +126,13 @@ class LearnedSets:
             self._warm_up(library, read)
         return read
 
+    def _new(self, place: Path) -> tuple[Manifest, dict[str, ModelSet]]:
+        """Load a learned set; raise FileError if some of it cannot be used."""
+        manifest, read = read_manifest(place), self._load(place)
+        if broken := [each.problem for each in read.values() if each.absent and each.problem]:
+            raise FileError("; ".join(broken))
+        return manifest, read
+
     def _look(self) -> None:
         """Take over a set that has been loaded, or begin to load a new one."""
         assert self._folder is not None
@@ -133,7 +140,7 @@ class LearnedSets:
             place = current_set(self._folder)
             if place is not None and place != self._seen:
                 self._seen = place
-                self._loading = self._threads.submit(lambda: (read_manifest(place), self._load(place)))
+                self._loading = self._threads.submit(self._new, place)
         elif self._loading.done():
             loading, self._loading = self._loading, None
             try:

@@ -117,7 +117,7 @@ class RefinementNode(Node):
         if not self._settings["gate"]:
             return "gate is false: a chain is changed whenever a gain is predicted"
         if read.gate == NO_GATE:
-            return "no gate: a chain is changed whenever a gain is predicted; train or gate learns one"
+            return "no gate: a chain is changed whenever a gain is predicted; the tool gate learns one"
         return "with a gate"
 
     def _refiner(self, read: ModelSet) -> Refiner:

@@ -117,7 +117,7 @@ _ARRIVALS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.75, 0.95, 1
 _LEAST = (0.0, 0.25, 0.5, 0.75)  # speeds at start or goal that decide how fast the robot may turn there
 _SLOWEST = 0.1  # share of the turn rate below which no turn is tried
 _DRAWN, _SEED = 2000, 5
-_PLAIN = 50  # ends like which those of an action that was not observed are drawn
+_PLAIN = 50  # pairs of ends assumed for an action that was not observed
 
 TurnRates = Callable[[float, float], float]
 """Returns the greatest turn rate (0: no turn) at a speed and a change of speed; all are shares of limits."""

@@ -26,6 +26,7 @@ from ator_ros.performance.driving import (
     chosen_shapes,
     forward_shapes,
     free_shapes,
+    plain_driving,
 )
 from ator_ros.robot.description import Robot
 
@@ -54,8 +55,10 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
     robot : Robot
         Its limits hold where too little was observed.
     """
-    limits = observed_limits(rows, robot)
     starts = rows[(rows["t"] == 0.0) & rows["success"]]
+    if starts.empty or not (rows["t"] > 0.0).any():  # records hold only the starts of episodes
+        return plain_driving(robot)
+    limits = observed_limits(rows, robot)
     holding = starts["hold"] > 0.5
     if np.mean(rows["v"] < _BACKWARD[0]) <= _BACKWARD[1]:
         turns = _turns(rows, limits)

@@ -39,9 +39,9 @@ the jumps between them: much smoothing is better, unless an action changes its b
 _FOLDS, _FEW_FOLDS = 10, 3
 _BASE = "path_time"
 _EARLIEST = ((1.0, 0.85), (4.5, 1.0))
-"""Median deviations below the median of what drives take longer than their path, at which it is cut off, and
-the weight of the errors that this leaves. A drive that is faster shows that its shape of path is not among
-the chosen ones; it would pull others down, and a search finds what is predicted too short."""
+"""Two ways to clip what drives take longer than their path: median absolute deviations below the median, and
+a weight of the error. A drive that is much faster drove a shape that was not chosen. Unclipped, it lowers
+predictions nearby, and a search finds what is predicted too short."""
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
 LEAST_EPISODES = 20
@@ -101,12 +101,13 @@ def train(
     driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
     table = partial(features_of, robot=robot, features=features, driving=driving)
     durations = good_starts["duration"].to_numpy(dtype=float)
-    trees = {"duration": duration_tree(table(good_starts), durations)}
+    good = table(good_starts)
+    trees = {"duration": duration_tree(good, durations)}
     trees["success"] = _success_tree(starts["success"].to_numpy(dtype=float), table(starts))
     for measure in ("accuracy", "heading"):
         values = good_starts[OUTCOMES[measure]].to_numpy(dtype=float)
         if np.isfinite(values).all():
-            trees[measure] = small_tree(table(good_starts), values)
+            trees[measure] = small_tree(good, values)
     named = {feature.name: feature for feature in features}
     at_goal = observed_at_goal(good_starts, robot)
     return PerformanceModel(action, robot, trees, named, driving=driving, at_goal=at_goal)

@@ -541,7 +541,7 @@ def allowed_changes(
             where = f"step {step + 1} ({old.top.name})"
             raise InvalidChainError(f"{where}: expected the goal variables of the question")
         planned, values = goal_values(old.goal), goal_values(new.goal)
-        values = {name: value for name, value in values.items() if not _same(name, planned[name], value)}
+        values = {name: value for name, value in values.items() if not same_value(name, planned[name], value)}
         for name, value in values.items():
             where = f"{name} of step {step + 1} ({old.top.name})"
             allowed = ranges[name](robot, old.goal) if name in ranges else None
@@ -560,6 +560,7 @@ def allowed_changes(
     return changes
 
 
-def _same(name: str, old: float, new: float) -> bool:
+def same_value(name: str, old: float, new: float) -> bool:
+    """Return whether two values of a goal variable are the same, whole turns apart if it is a heading."""
     difference = new - old if math.isfinite(new) else math.inf
     return abs(wrap_angle(difference) if name == "yaw" and difference < math.inf else difference) <= _SAME

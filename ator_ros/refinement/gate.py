@@ -101,8 +101,7 @@ class ThresholdGate:
 NO_GATE = ThresholdGate(0.0)
 """Refines wherever a gain is predicted."""
 CAUTIOUS = ThresholdGate(0.05, 0.25)
-"""The gate of models with which no chain was executed yet: a control tick, and a quarter of the spread. It is
-what the tool `gate` finds for the shipped models."""
+"""The gate of models with which no chain was executed yet: a control tick, and a quarter of the spread."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,7 +41,7 @@ class Limits:
     `a` holds for gaining speed, `brake` for losing it.
     """
 
-    # Tables of turns take 2.7 MB for each m/s; robots reach 15 m/s. The other bounds reject wrong units.
+    # Tables of turns take 3 MB for each m/s and way to turn; robots reach 15 m/s. The others: wrong units.
     v: Annotated[float, Within(0.01, 20.0)]
     w: Annotated[float, Within(0.01, 50.0)]
     a: Annotated[float, Within(0.01, 100.0)]

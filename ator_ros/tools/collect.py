@@ -141,7 +141,7 @@ def arguments() -> argparse.ArgumentParser:
 
 def _table(text: str) -> Path:
     path = destination(text)
-    if path.suffix != ".parquet":  # by which train and evaluate know a table
+    if path.suffix != ".parquet":  # train recognizes tables by it
         raise argparse.ArgumentTypeError(f"expected a file named .parquet, got {text!r}")
     return path
 

@@ -106,6 +106,8 @@ def train(
     if not gate.exists():
         save_gate(gate, CAUTIOUS, {"command": command}, action_set)
         print(f"{gate}: {CAUTIOUS.rules()[0]}, until `gate` learns it from executed chains")
+    else:
+        print(f"{gate}: kept; if it was learned with other models, run `gate` again")
 
 
 def _is_own(robot: Robot, domain: Domain) -> bool:
@@ -175,7 +177,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument(
         "--action-set",
         metavar="NAME",
-        help="of odometry and commands that were recorded (tables and records know their own)",
+        help="of odometry and commands that were recorded (tables and records name theirs)",
     )
     for role, what in ((ODOM, "odometry"), (CMD_VEL, "velocity commands")):
         parser.add_argument(

@@ -18,7 +18,7 @@ from ator_ros.learning.sets import RECORDS, current_set, digest_of, read_manifes
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import direct_of
-from ator_ros.refinement.gate import ThresholdGate, load_gate
+from ator_ros.refinement.gate import CAUTIOUS, load_gate
 
 NAME = "default/goToPose"
 
@@ -119,7 +119,7 @@ def test_cold_start_waits_until_predictions_are_useful(tmp_path: Path) -> None:
     assert round_of(folder, nothing)["made"]
     place = current_set(folder)
     assert place is not None
-    assert load_gate(place / "gate.json") == ThresholdGate(gain=0.05, spread_factor=0.5)
+    assert load_gate(place / "gate.json") == CAUTIOUS
 
 
 def test_a_new_set_keeps_the_search_ranges_of_the_previous_experience(tmp_path: Path, shipped: Path) -> None:

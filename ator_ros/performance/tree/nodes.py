@@ -41,7 +41,8 @@ class ModelTree:
     samples : array of float, shape (n_nodes,)
         How many rows a node was learned from.
     base : str
-        The feature whose value is added to each prediction; empty if there is none.
+        The feature that is added to each prediction, times `base_slope`; empty if there is none.
+    base_slope : float
     """
 
     names: tuple[str, ...]
@@ -55,6 +56,7 @@ class ModelTree:
     spread: FloatArray
     samples: FloatArray
     base: str = ""
+    base_slope: float = 1.0
 
     @property
     def is_leaf(self) -> BoolArray:
@@ -126,7 +128,7 @@ class ModelTree:
             leaf,
         )
         if self.base:
-            value += rows[places[self.names.index(self.base)]]
+            value += self.base_slope * rows[places[self.names.index(self.base)]]
         return value, leaf
 
 
@@ -212,7 +214,7 @@ class RuleWriter:
         for name, part in sorted(parts.items(), key=lambda item: -abs(item[1])):
             lines += [f"  {part:+9.3f}  {name} = {self._value(name, values[name])}"]
         linear = intercept + sum(parts.values())
-        base = values.get(tree.base, 0.0)
+        base = tree.base_slope * values.get(tree.base, 0.0)
         lower, upper = base + float(tree.lower[leaf]), base + float(tree.upper[leaf])
         if not lower <= linear <= upper:
             lines.append(f"  held within {lower:.3f} to {upper:.3f}: {linear:.3f} is beyond the experience")
@@ -228,7 +230,7 @@ class RuleWriter:
     def _slopes(self, leaf: int) -> dict[str, float]:
         tree = self.tree
         slopes = zip(tree.names, tree.coefficients[leaf].tolist(), strict=True)
-        total = {name: slope + (name == tree.base) for name, slope in slopes}
+        total = {name: slope + tree.base_slope * (name == tree.base) for name, slope in slopes}
         return {name: slope for name, slope in total.items() if slope}
 
     def _formula(self, leaf: int) -> str:

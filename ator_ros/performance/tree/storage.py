@@ -60,11 +60,12 @@ StoredNode = StoredSplit | StoredLeaf
 
 @dataclass(frozen=True)
 class StoredTree:
-    """A tree: the names of its features in column order, its root, and `ModelTree.base`."""
+    """A tree: the names of its features in column order, its root, and the base of `ModelTree`."""
 
     features: tuple[str, ...]
     root: StoredNode
     base: str = ""
+    base_slope: float = 1.0
 
     def __post_init__(self) -> None:
         """Check the names."""
@@ -86,7 +87,7 @@ def _preorder(node: StoredNode) -> Iterator[StoredNode]:
 
 def stored(tree: ModelTree) -> StoredTree:
     """Return the tree as dataclasses; `restored` makes the same tree of them."""
-    return StoredTree(tree.names, _stored_node(tree, 0), tree.base)
+    return StoredTree(tree.names, _stored_node(tree, 0), tree.base, tree.base_slope)
 
 
 def _stored_node(tree: ModelTree, number: int) -> StoredNode:
@@ -135,4 +136,5 @@ def restored(tree: StoredTree) -> ModelTree:
         spread=spread,
         samples=np.array([node.samples for node in nodes]),
         base=tree.base,
+        base_slope=tree.base_slope,
     )
