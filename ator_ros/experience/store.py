@@ -37,6 +37,7 @@ CREATE TABLE IF NOT EXISTS source (robot_digest TEXT, domain TEXT);
 CREATE TABLE IF NOT EXISTS episodes (number INTEGER PRIMARY KEY AUTOINCREMENT, action_set TEXT, row TEXT);
 CREATE INDEX IF NOT EXISTS by_set ON episodes (action_set, number);
 """
+_STORED = "SELECT seq FROM sqlite_sequence WHERE name = 'episodes'"
 _APPEND = "INSERT INTO episodes (action_set, row) VALUES (:set, :row)"
 _DROP_OLDEST = """
 DELETE FROM episodes WHERE action_set = :set AND number <=
@@ -85,13 +86,9 @@ class RecordStore:
                     self._database.execute("INSERT INTO source VALUES (?, ?)", astuple(info))
             elif there != info:
                 raise FileError(f"{folder / STORE}: expected {info}, got {there}: choose another folder")
-
-    @property
-    def stored(self) -> int:
-        """Episodes that were ever stored."""
-        query = "SELECT seq FROM sqlite_sequence WHERE name = 'episodes'"
-        row = self._database.execute(query).fetchone()
-        return 0 if row is None else int(row[0])
+            row = self._database.execute(_STORED).fetchone()
+        #: Episodes that were ever stored.
+        self.stored = 0 if row is None else int(row[0])
 
     def append(self, action_set: str, episode: Episode) -> None:
         """Append an episode; it is written whole or, when OSError is raised, not at all."""
@@ -100,6 +97,7 @@ class RecordStore:
             with self._database:
                 self._database.execute(_APPEND, values)
                 self._database.execute(_DROP_OLDEST, values)
+            self.stored += 1
         except sqlite3.Error as error:
             raise OSError(errno.EIO, str(error)) from error
 
@@ -110,10 +108,10 @@ class RecordStore:
 
 @contextmanager
 def _refusing_damage(folder: Path) -> Iterator[None]:
-    """Raise FileError in place of the errors of SQLite."""
+    """Raise FileError in place of the errors of SQLite, and of what is no JSON."""
     try:
         yield
-    except sqlite3.Error as error:
+    except (sqlite3.Error, json.JSONDecodeError) as error:
         raise FileError(f"{folder / STORE}: expected a store of records: {error}") from error
 
 
@@ -175,9 +173,11 @@ def read_records(folder: Path, action_set: str) -> pd.DataFrame:
     """Return the starts of the episodes of an action set, oldest first: columns of a table, and `NUMBER`."""
     query = "SELECT number - 1, row FROM episodes WHERE action_set = ? ORDER BY number"
     with _refusing_damage(folder), closing(sqlite3.connect(folder / STORE)) as database:
-        stored = database.execute(query, (action_set,)).fetchall()
+        stored = [
+            (number, json.loads(row)) for number, row in database.execute(query, (action_set,)).fetchall()
+        ]
     if not stored:
         return join([]).assign(**{NUMBER: np.empty(0, dtype=np.int64)})
-    numbers, texts = zip(*stored, strict=True)
-    rows = pd.DataFrame(map(json.loads, texts)).assign(episode=range(len(texts)))
+    numbers, starts = zip(*stored, strict=True)
+    rows = pd.DataFrame(starts).assign(episode=range(len(starts)))
     return checked_rows(folder / STORE, rows, action_set).assign(**{NUMBER: numbers})
