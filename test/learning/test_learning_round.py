@@ -14,10 +14,11 @@ from stored import ROBOT, episodes, round_of, stored
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.store import read_records
+from ator_ros.learning.judging import scaled
 from ator_ros.learning.sets import RECORDS, current_set, digest_of, read_manifest
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, save_model
-from ator_ros.performance.training import direct_of
+from ator_ros.performance.training import direct_of, duration_tree
 from ator_ros.refinement.gate import CAUTIOUS, load_gate
 
 NAME = "default/goToPose"
@@ -145,3 +146,11 @@ def test_records_with_impossible_durations_have_no_effect(tmp_path: Path, shippe
     ]
     stored(tmp_path / RECORDS, iter(records))
     assert not round_of(tmp_path, shipped)["actions"][NAME]["kind"]
+
+
+def test_a_scaled_tree_scales_the_time_of_the_path_too() -> None:
+    times = np.linspace(1.0, 9.0, 60)
+    tree = duration_tree(pd.DataFrame({"path_time": times}), times + 0.2)
+    rows = np.array([[2.0], [20.0]])
+    assert tree.predict(rows) == pytest.approx([2.2, 20.2], abs=0.01)
+    assert scaled(tree, 2.0, 1.0).predict(rows) == pytest.approx([5.4, 41.4], abs=0.01)

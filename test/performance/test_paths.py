@@ -81,6 +81,11 @@ def test_paths_turn_only_as_the_action_was_seen_to_turn() -> None:
     assert time_to(-1.0, 0.0, math.pi, seen) > time_to(-1.0, 0.0, math.pi, able) + 1.0
 
 
+def test_of_starts_alone_no_limits_are_read() -> None:
+    rows = episodes()
+    assert observed_driving(rows[rows["t"] == 0.0], ROBOT) == plain_driving(ROBOT)
+
+
 def test_a_model_keeps_how_its_action_drives(tmp_path: Path) -> None:
     model = train("drive", episodes(), ROBOT)
     assert model.driving is not None
