@@ -116,7 +116,7 @@ def test_a_robot_without_a_holder_has_the_other_actions(
         (
             "gate.json",
             {},
-            "no gate: a chain is changed whenever a gain is predicted; train or gate learns one",
+            "no gate: a chain is changed whenever a gain is predicted; the tool gate learns one",
         ),
         ("", {"gate": False}, "gate is false: a chain is changed whenever a gain is predicted"),
         ("*.json", {}, "no models ("),

@@ -9,8 +9,13 @@ from typing import Any
 
 import pytest
 import yaml
-from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, qos_check_compatible
-from ros2cli_subset import echo_options, echo_profile, kind_of
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import RefineSubgoal
@@ -61,7 +66,7 @@ def test_the_printed_answer_matches_the_response() -> None:
     approach = answer.chain.calls[0].goal.pose.orientation
     assert f"orientation=Quaternion(z={approach.z:.4f}, w={approach.w:.4f})" in README
     (free,) = answer.free
-    assert f"name='{free.name}', before={free.before}, after={free.after:.4f}" in README
+    assert f"name='{free.name}', before={free.before:.4f}, after={free.after:.4f}" in README
     assert durations("before") == [f"{answer.before.duration:.2f}"]
     assert durations("after") == [f"{answer.after.duration:.2f}"]
     assert durations("before_actions") == [f"{action.duration:.2f}" for action in answer.before_actions]
@@ -93,10 +98,17 @@ def test_the_printed_goal_is_the_same_chain() -> None:
 def test_the_printed_echo_receives_the_records(topic: str, offered: QoSProfile) -> None:
     """Only reliable and latched subscriptions receive stored messages."""
     (line,) = re.findall(rf"ros2 topic echo (.*/performance/{topic} .*)", REFINEMENT)
-    options = echo_options().parse_args(shlex.split(line))
-    profile = echo_profile(options.qos_reliability, options.qos_durability)
+    words, policies = shlex.split(line), {"reliability": "best_effort", "durability": "volatile"}
+    policies |= {
+        name: words[words.index(f"--qos-{name}") + 1] for name in policies if f"--qos-{name}" in words
+    }
+    profile = QoSProfile(
+        depth=1,
+        reliability=ReliabilityPolicy[policies["reliability"].upper()],
+        durability=DurabilityPolicy[policies["durability"].upper()],
+    )
     assert qos_check_compatible(offered, profile)[0] != QoSCompatibility.ERROR
     if offered.durability == DurabilityPolicy.TRANSIENT_LOCAL:
         assert (profile.reliability, profile.durability) == (offered.reliability, offered.durability)
-        assert options.once
-    assert kind_of(options.type).__name__ == f"{topic.capitalize()}Performance"
+        assert "--once" in words
+    assert f"ator_interfaces/msg/{topic.capitalize()}Performance" in words
