@@ -28,7 +28,7 @@ import numpy as np
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.evaluation.policies import POLICIES, naive, reopened
+from ator_ros.evaluation.policies import POLICIES, as_planned, naive, reopened
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
 from ator_ros.evaluation.trials import Trial, open_places, open_speeds, random_trial, with_headings
 from ator_ros.experience.collect import collect
@@ -46,11 +46,6 @@ from ator_ros.world.state import Command, ObjectState, RobotState, World
 Json = dict[str, Any]
 Opening = Callable[[TopChain], TopChain]
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
-
-
-def as_planned(chain: TopChain) -> TopChain:
-    """Return the chain with the variables open that the plan opens."""
-    return chain
 
 
 DEFAULT = ToolsetSource()

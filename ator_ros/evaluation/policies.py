@@ -12,7 +12,7 @@ from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 from ator_ros.evaluation.toolset import Toolset
-from ator_ros.evaluation.trials import Trial, open_speeds, with_headings
+from ator_ros.evaluation.trials import Trial, open_places, open_speeds, with_headings
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import PATHS
@@ -82,14 +82,23 @@ def analytic(tools: Toolset) -> Toolset:
     return dataclasses.replace(tools, models=models, gate=NO_GATE)
 
 
+def as_planned(chain: TopChain) -> TopChain:
+    """Return the chain as it is, with open headings."""
+    return chain
+
+
 def refined(
-    tools: Toolset, trial: Trial, *, speeds: bool = False, gated: bool = False, learned: bool = True
+    tools: Toolset,
+    trial: Trial,
+    *,
+    opened: Callable[[TopChain], TopChain] = as_planned,
+    gated: bool = False,
+    learned: bool = True,
 ) -> Choice:
-    """Refine the naive chain: headings, or headings and arrival speeds."""
-    plan = open_speeds(trial.chain) if speeds else trial.chain
+    """Refine the naive chain: what `opened` leaves open."""
     start = naive(tools, trial).chain
     refiner = (tools if learned else analytic(tools)).refiner(gated=gated)
-    refinement = refiner.refine(trial.world, reopened(start, plan))
+    refinement = refiner.refine(trial.world, reopened(start, opened(trial.chain)))
     return Choice(refinement.chain, refinement, refinement.predicted)
 
 
@@ -98,15 +107,17 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
         "naive": naive,
         "face_goal": face_goal,
         "analytic": partial(refined, learned=False),
-        "analytic_speed": partial(refined, learned=False, speeds=True),
+        "analytic_speed": partial(refined, learned=False, opened=open_speeds),
         "refined": refined,
         "gated": partial(refined, gated=True),
-        "refined_speed": partial(refined, speeds=True),
-        "gated_speed": partial(refined, speeds=True, gated=True),
+        "refined_speed": partial(refined, opened=open_speeds),
+        "gated_speed": partial(refined, opened=open_speeds, gated=True),
+        "refined_place": partial(refined, opened=open_places),
     }
 )
 """By name; a new policy is a new row. The oracle is no policy, as it executes chains."""
-
+USUAL = tuple(name for name in POLICIES if name != "refined_place")
+"""Those of an evaluation that names none: in few chains a place is free."""
 
 UNGATED: Mapping[str, str] = MappingProxyType({"refined": "features", "refined_speed": "features_speed"})
 """Policies without a gate, and the key under which a record holds what a gate would see of their choices."""

@@ -19,7 +19,7 @@ import numpy as np
 from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.chain_run import ChainRun, run_chain
-from ator_ros.evaluation.policies import POLICIES, UNGATED, Choice, naive
+from ator_ros.evaluation.policies import POLICIES, UNGATED, USUAL, Choice, naive
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
 from ator_ros.geometry import FloatArray, wrap_angle
@@ -62,7 +62,7 @@ class Settings:
 
     seed: int
     chain: str = ""
-    policies: tuple[str, ...] = tuple(POLICIES)
+    policies: tuple[str, ...] = USUAL
     oracle: int = 0
     oracle_margin: float | None = None
     oracle_speeds: tuple[float, ...] = ()

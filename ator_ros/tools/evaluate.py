@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.policies import POLICIES
+from ator_ros.evaluation.policies import POLICIES, USUAL
 from ator_ros.evaluation.report import policy_table, prediction_table, write_report
 from ator_ros.evaluation.running import PARTIAL, RESULT, earlier_oracle, run_situations, write_result
 from ator_ros.evaluation.situation import Settings
@@ -91,7 +91,13 @@ def arguments() -> argparse.ArgumentParser:
     )
     add_setting(parser)
     parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its first)")
-    parser.add_argument("--policies", nargs="+", choices=tuple(POLICIES), metavar="NAME", help="default: all")
+    parser.add_argument(
+        "--policies",
+        nargs="+",
+        choices=tuple(POLICIES),
+        metavar="NAME",
+        help="default: all but refined_place",
+    )
     add_models(parser)
     add_parallel_options(parser)
     return parser
@@ -112,7 +118,7 @@ def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
     _check_oracle_options(options)
     source = source_of(options)
     source.require_executable(options.chain)
-    wanted = {"naive", *(options.policies or POLICIES)}
+    wanted = {"naive", *(options.policies or USUAL)}
     settings = Settings(
         seed=options.seed,
         chain=options.chain,
