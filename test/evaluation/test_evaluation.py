@@ -13,7 +13,7 @@ from refinement_fakes import LIBRARY, ROBOT, models
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.evaluation.policies import USUAL
+from ator_ros.evaluation.policies import POLICIES, USUAL
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import (
     Trial,
@@ -52,11 +52,11 @@ class TestTrials:
 
 
 class TestPolicies:
-    @pytest.mark.parametrize("name", list(USUAL))
+    @pytest.mark.parametrize("name", USUAL)
     def test_choose_a_valid_chain_and_keep_commitments(self, name: str, tools: Toolset) -> None:
         for chain in SOCCER.chains:
             drawn = trial(1, chain)
-            chosen = USUAL[name](tools, drawn).chain
+            chosen = POLICIES[name](tools, drawn).chain
             assert chosen.violations(drawn.world, ROBOT) == []
             for plan, call in zip(drawn.chain.calls, chosen.calls, strict=True):
                 assert call.goal.pose[:2] == plan.goal.pose[:2]
@@ -65,7 +65,7 @@ class TestPolicies:
 
     def test_face_goal_puts_the_ball_between_robot_and_goal(self, tools: Toolset) -> None:
         drawn = trial(2)
-        chosen = USUAL["face_goal"](tools, drawn).chain
+        chosen = POLICIES["face_goal"](tools, drawn).chain
         robot = chosen.calls[0].goal.robot_pose(ROBOT)
         ball, goal = chosen.calls[0].goal.pose, chosen.calls[1].goal.pose
         assert robot.distance(ball) + ball.distance(goal) == pytest.approx(robot.distance(goal))
@@ -73,7 +73,7 @@ class TestPolicies:
     def test_arrival_speed_is_refined_only_if_open(self, tools: Toolset) -> None:
         # The fakes' failure probability grows with the speed; here a failure costs almost nothing.
         bold = dataclasses.replace(tools, domain=dataclasses.replace(tools.domain, time_limit=0.1))
-        speeds = [USUAL["refined_speed"](bold, trial(index)).chain.calls[0].goal.speed for index in range(5)]
+        speeds = [POLICIES["refined_speed"](bold, trial(index)).chain.calls[0].goal.speed for index in range(5)]
         assert max(speeds) > 0.2
 
 
