@@ -73,7 +73,8 @@ class TestPolicies:
     def test_arrival_speed_is_refined_only_if_open(self, tools: Toolset) -> None:
         # The fakes' failure probability grows with the speed; here a failure costs almost nothing.
         bold = dataclasses.replace(tools, domain=dataclasses.replace(tools.domain, time_limit=0.1))
-        speeds = [POLICIES["refined_speed"](bold, trial(index)).chain.calls[0].goal.speed for index in range(5)]
+        chains = [POLICIES["refined_speed"](bold, trial(index)).chain for index in range(5)]
+        speeds = [chain.calls[0].goal.speed for chain in chains]
         assert max(speeds) > 0.2
 
 
