@@ -1,16 +1,16 @@
 """Files as typed classes: cattrs structures parsed data strictly, and reports the first field that is wrong.
 
 A schema is a dataclass. Its annotations define the fields: numbers are finite, nothing is converted
-silently (no "3" for 3, no true for 1), a union is the first of its types that fits, and `Within`, `OneOf`,
-`Name` and `AtMost` narrow further. Fields without a default are required. A schema's own ``__post_init__``
-raises ValueError for constraints between fields.
+silently (no "3" for 3, no true for 1), a union is the first of its types that fits, and `Within`, `OneOf` and
+`Name` narrow further. Fields without a default are required. A schema's own ``__post_init__`` raises
+ValueError for constraints between fields.
 """
 
 from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sized
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from types import NoneType, UnionType
 from typing import (
@@ -77,17 +77,6 @@ class Name:
     def check(self, value: str) -> str | None:
         """Return what was expected, if `value` is no name."""
         return None if value.isascii() and value.isidentifier() else "a name of letters, digits and _"
-
-
-@dataclass(frozen=True)
-class AtMost:
-    """In `Annotated`: a list or a table has at most `most` entries."""
-
-    most: int
-
-    def check(self, value: Sized) -> str | None:
-        """Return what was expected, if `value` has more."""
-        return None if len(value) <= self.most else f"at most {self.most} entries"
 
 
 def structured(data: object, schema: type[T], where: str = "", *, closed: bool = False) -> T:

@@ -40,11 +40,6 @@ class GateExamples(NamedTuple):
     refined: FloatArray
     kind: NDArray[np.int64]
 
-    @classmethod
-    def of(cls, rows: Iterable[tuple[Any, ...]]) -> GateExamples:
-        """Return the examples of rows with the values of one each."""
-        return cls(*(np.array(column) for column in zip(*rows, strict=True)))
-
 
 def gate_examples(records: Iterable[Mapping[str, Any]]) -> GateExamples:
     """Return the examples in records of `evaluate_trial`, with and without refined arrival speed."""
@@ -54,7 +49,7 @@ def gate_examples(records: Iterable[Mapping[str, Any]]) -> GateExamples:
             if record.get(key):
                 durations = (record["policies"][name]["duration"] for name in ("naive", policy))
                 rows.append(([record[key][name] for name in FEATURES], *durations, kind))
-    return GateExamples.of(rows)
+    return GateExamples(*map(np.array, zip(*rows, strict=True)))
 
 
 def fit_threshold(examples: GateExamples) -> ThresholdGate:

@@ -22,9 +22,6 @@ from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World
 
-Models = Mapping[str, PredictsPerformance]
-"""Performance models by action."""
-
 
 @dataclass(frozen=True)
 class Toolset:
@@ -44,7 +41,7 @@ class Toolset:
 
     domain: Domain
     robot: Robot
-    models: Models
+    models: Mapping[str, PredictsPerformance]
     gate: Gate
 
     def refiner(self, *, gated: bool = False) -> Refiner:

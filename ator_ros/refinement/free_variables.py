@@ -214,10 +214,10 @@ class Regions:
         self._world, self._models = world, models
         self._robot, self._names, self._calls = robot, names, chain.calls
         self._states: list[Mapping[str, float]] = []
-        for call in chain.calls if _may_bound(chain, names) else ():
+        for call in chain.calls:
             self._states.append(state_of(world, robot))
             world = projected(world, call, robot)
-        self._bounds = [self._bounds_of(index) for index in range(len(self._states))]
+        self._bounds = [self._bounds_of(index) for index in range(len(chain.calls))]
 
     def allowing(self) -> Allowed | None:
         """Return the predicate for candidates of the chain's subgoals; None if nothing limits them."""
@@ -230,20 +230,16 @@ class Regions:
         """
         free = [*[()] * index, names, *self._names[index + 1 :]]
         regions = Regions(self._world, chain, self._robot, free, self._models)
-        return (lambda _, values: regions.allowed(index, values)) if regions.bounds(index) else None
+        return (lambda _, values: regions.allowed(index, values)) if regions.limits(index) else None
 
     def limits(self, index: int) -> tuple[str, ...]:
         """Return a description of each bound of a subgoal's candidates."""
         return tuple(f"{rule.source}: {rule.bound}" for rule in self._bounds[index])
 
-    def bounds(self, index: int) -> bool:
-        """Return whether anything bounds the candidates of a subgoal."""
-        return bool(self._bounds and self._bounds[index])
-
     def allowed(self, index: int, values: FloatArray) -> BoolArray:
         """Return which candidates (n, k) of a subgoal all bounds allow, shape (n,)."""
         good = np.ones(len(values), dtype=bool)
-        if self.bounds(index):
+        if self._bounds[index]:
             after, own = self._after(index, values)
             for rule in self._bounds[index]:
                 good &= np.asarray(self._clearance(rule, index, after, own) >= rule.room)
@@ -323,19 +319,6 @@ class Regions:
             return {}
         yaw, hold = there["yaw"], self._robot.hold
         return {"hold.x": there["x"] + hold * np.cos(yaw), "hold.y": there["y"] + hold * np.sin(yaw)}
-
-
-def _may_bound(chain: TopChain, names: Sequence[tuple[str, ...]]) -> bool:
-    """Return whether anything may bound a subgoal's candidates: a free place, or a condition next to it."""
-    pairs = zip(names, chain.calls, [*chain.calls[1:], None], strict=True)
-    return any(
-        _PLACE & set(free)
-        or _bounds_in(call.top.pre)
-        or _bounds_in(call.top.post)
-        or (after is not None and _bounds_in(after.top.pre))
-        for free, call, after in pairs
-        if free
-    )
 
 
 def _placed(term: Statement, target: Any) -> Any:
@@ -483,10 +466,10 @@ def within_regions(analysis: Analysis, regions: Regions, chain: TopChain) -> Ana
     not_free = list(analysis.not_free)
     for index in range(len(chain.calls)):
         variables = [variable for variable in analysis.free if variable.subgoal == index]
-        if not variables or not regions.bounds(index):
+        limits = regions.limits(index)
+        if not limits:
             free += variables
             continue
-        limits = regions.limits(index)
         low, high = np.array([(variable.domain.low, variable.domain.high) for variable in variables]).T
         points = low + (high - low) * spread_points(len(variables), 0, _POINTS)
         points = points[regions.allowed(index, points)]

@@ -110,11 +110,6 @@ def train(
         print(f"{gate}: kept; if it was learned with other models, run `gate` again")
 
 
-def _is_own(robot: Robot, domain: Domain) -> bool:
-    """Return whether a robot is the domain's own, for which models ship."""
-    return robot.digest() == domain.robot(None).digest()
-
-
 def _read(
     domain: Domain,
     paths: Sequence[Path],
@@ -201,7 +196,7 @@ def _run(options: argparse.Namespace, domain: Domain, command: str) -> None:
         return
     if not options.experience:
         raise ExperienceError("expected experience to learn from, or --rules")
-    if options.models is None and not _is_own(robot, domain):
+    if options.models is None and robot.digest() != domain.robot(None).digest():
         raise ExperienceError(
             f"--models: expected a folder for models of {robot.name}; those that ship are another robot's"
         )

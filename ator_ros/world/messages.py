@@ -331,16 +331,6 @@ class ObjectReader:
         return time, self._estimate.state(time, x, y)
 
 
-def object_from(position_of: Any, velocity_of: Any, where: str) -> ObjectState:
-    """Read an object's position and velocity in the world frame, as ator_interfaces/ObjectState has them."""
-    return ObjectState(
-        position(position_of.x, f"{where}.position: x"),
-        position(position_of.y, f"{where}.position: y"),
-        velocity(velocity_of.x, f"{where}.velocity: x"),
-        velocity(velocity_of.y, f"{where}.velocity: y"),
-    )
-
-
 def world_from(situation: Any, *, frame: str = "", where: str = "situation") -> World:
     """Read an ator_interfaces/Situation, which must be in the frame `frame`; empty: in any."""
     _expect_frame(situation.header.frame_id, f"{where}.header.frame_id", frame)
@@ -357,7 +347,12 @@ def world_from(situation: Any, *, frame: str = "", where: str = "situation") -> 
             raise MessageError(
                 f"{place}.name: expected a name of letters, digits and _, got {quoted(item.name)}"
             )
-        objects[item.name] = object_from(item.position, item.velocity, place)
+        objects[item.name] = ObjectState(
+            position(item.position.x, f"{place}.position: x"),
+            position(item.position.y, f"{place}.position: y"),
+            velocity(item.velocity.x, f"{place}.velocity: x"),
+            velocity(item.velocity.y, f"{place}.velocity: y"),
+        )
     if len(objects) != len(situation.objects):
         raise MessageError(f"{where}.objects: expected each name once, got one twice")
     return World(seconds_from(situation.header.stamp, f"{where}.header.stamp"), robot, objects)

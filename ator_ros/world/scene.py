@@ -8,14 +8,12 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from ator_ros.geometry import Pose
-from ator_ros.schema import AtMost, Name, Within
+from ator_ros.schema import Name, Within
 from ator_ros.world.messages import FARTHEST
 from ator_ros.world.state import AT_REST, ObjectState
 
 WALL_THICKNESS = 0.05
 """Thickness in m of the walls of a bay."""
-MOST = 100
-"""Most objects or bays of a scene."""
 
 # Contacts of bodies below 1 mm or above 10 m are beyond the solver's step of 1/240 s.
 Size = Annotated[float, Within(0.001, 10.0)]
@@ -122,10 +120,8 @@ class Scene:
     """
 
     area: Area
-    objects: Annotated[Mapping[Annotated[str, Name()], RoundObject], AtMost(MOST)] = field(
-        default_factory=dict, hash=False
-    )
-    bays: Annotated[tuple[Bay, ...], AtMost(MOST)] = ()
+    objects: Mapping[Annotated[str, Name()], RoundObject] = field(default_factory=dict, hash=False)
+    bays: tuple[Bay, ...] = ()
 
     def radius(self, name: str) -> float:
         """Return the radius of an object in m; 0 if it is not described."""
