@@ -145,8 +145,8 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
     Returns
     -------
     dict
-        "made": the folder of the new set, "" without one; "digest" of it; "actions": by "SET/ACTION" for
-        durations, "SET/ACTION/MEASURE" for others, the fields of `RoundVerdict` but the tree.
+        "made": the folder of the new set, "" without one; "actions": by "SET/ACTION" for durations,
+        "SET/ACTION/MEASURE" for others, the fields of `RoundVerdict` but the tree.
     """
     records, place = source.folder / RECORDS, current_set(source.folder)
     seen = read_manifest(place).seen if place is not None else {}
@@ -179,13 +179,12 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
             if verdict.tree is not None:
                 reasons[key] = verdict.reason
                 seen = {**seen, key: ends[name]}
-    result = {"made": "", "digest": "", "actions": actions}
+    made: Path | str = ""
     if models:
         made = _make_set(source, place or source.models, models, verdicts)
         episodes = {name: max(v.episodes for v in of_action.values()) for name, of_action in verdicts.items()}
-        digest = seal(made, time=time, episodes=episodes, seen=seen, reasons=reasons)
-        result |= {"made": str(made), "digest": digest}
-    return result
+        seal(made, time=time, episodes=episodes, seen=seen, reasons=reasons)
+    return {"made": str(made), "actions": actions}
 
 
 def _key(name: str, measure: str) -> str:

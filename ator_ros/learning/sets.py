@@ -80,13 +80,12 @@ def new_set_folder(folder: Path) -> Path:
 
 def seal(
     made: Path, *, time: str, episodes: Mapping[str, int], seen: Mapping[str, int], reasons: Mapping[str, str]
-) -> str:
-    """Write the manifest of a new set, see `Manifest`, and return its digest."""
+) -> None:
+    """Write the manifest of a new set, see `Manifest`."""
     manifest = Manifest(digest_of(made), time, dict(episodes), dict(seen), dict(reasons))
     save(made / MANIFEST, KIND, asdict(manifest))
     for file in filter(Path.is_file, made.rglob("*")):
         _sync(file)
-    return manifest.digest
 
 
 def publish(folder: Path, made: Path) -> Path:

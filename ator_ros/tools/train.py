@@ -19,7 +19,6 @@ from ator_ros.experience.recordings import read_sources
 from ator_ros.experience.table import Experience, ExperienceError, library_versions
 from ator_ros.files import FileError, is_name
 from ator_ros.performance.accuracy import accuracy, brier, kinds
-from ator_ros.performance.features import Feature
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import is_model, load_model, model_path, save_model
 from ator_ros.performance.training import (
@@ -92,11 +91,13 @@ def train(
         save_model(file, dataclasses.replace(model, metadata=metadata))
         leaves, count = model.trees["duration"].n_leaves, len(model.used_features)
         rules = f"{leaves} rule{'s' if leaves > 1 else ''} with {count} features"
+        tested = ""
         if "mae_s" in measured:
             errors_s = f"MAE {measured['mae_s']:.3f} s, RMSE {measured['rmse_s']:.3f} s"
             tested = f", {errors_s} on {measured['episodes']} fresh episodes from rest"
-        else:
-            tested = "" if measured else _cross_validated(examples, robot, features)
+        elif not measured:
+            off = np.abs(cross_validated_errors(examples, robot, features))
+            tested = f", MAE {off.mean():.3f} s by cross-validation on {len(off)} drives"
         print(f"{file}: {rules}{tested}", flush=True)
     if not learned:
         raise ExperienceError("; ".join(errors))
@@ -134,11 +135,6 @@ def _measured(model: PerformanceModel, starts: pd.DataFrame, seed: int) -> dict[
     if measured is None:
         measured = accuracy(model, starts, seed=seed) if starts["success"].any() else {}
     return {**measured, "kinds": parts, "success": brier(model, starts, seed=seed)}
-
-
-def _cross_validated(examples: pd.DataFrame, robot: Robot, features: Sequence[Feature]) -> str:
-    errors = np.abs(cross_validated_errors(examples, robot, features))
-    return f", MAE {errors.mean():.3f} s by cross-validation on {len(errors)} drives"
 
 
 def _rules(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path) -> str:

@@ -227,28 +227,6 @@ def command_from(message: Any, where: str) -> Command:
     )
 
 
-def robot_from(odometry: Any, *, frame: str = "") -> tuple[float, RobotState]:
-    """Read time in s and state of a robot from a nav_msgs/Odometry.
-
-    The twist is the robot's own, unless `child_frame_id` is the frame of the pose: then it is rotated.
-
-    Parameters
-    ----------
-    frame : str
-        The frame that the pose must be in; empty: any.
-    """
-    given = odometry.header.frame_id
-    _expect_frame(given, "odom.header.frame_id", frame)
-    pose = pose_from(odometry.pose.pose, "odom.pose.pose")
-    twist = odometry.twist.twist
-    v = velocity(twist.linear.x, "odom.twist.twist.linear.x")
-    if _is_pose_frame(odometry.child_frame_id, given, frame):
-        sideways = velocity(twist.linear.y, "odom.twist.twist.linear.y")
-        v = v * math.cos(pose.yaw) + sideways * math.sin(pose.yaw)
-    w = velocity(twist.angular.z, "odom.twist.twist.angular.z", "rad/s")
-    return seconds_from(odometry.header.stamp, "odom.header.stamp"), RobotState(pose, v, w)
-
-
 def robot_from_placement(
     estimate: RobotVelocity, time: float, placement: Placement
 ) -> tuple[float, RobotState]:
@@ -281,9 +259,22 @@ class OdometryReader:
         self._check = TwistCheck()
 
     def read(self, odometry: Any) -> tuple[float, RobotState]:
-        """Return time in s and state of the robot, see `robot_from`."""
-        time, robot = robot_from(odometry, frame=self.frame)
-        self.frame = self.frame or plain_frame(odometry.header.frame_id)
+        """Return time in s and state of the robot from a nav_msgs/Odometry.
+
+        The twist is the robot's own, unless `child_frame_id` is the frame of the pose: then it is rotated.
+        """
+        given = odometry.header.frame_id
+        _expect_frame(given, "odom.header.frame_id", self.frame)
+        pose = pose_from(odometry.pose.pose, "odom.pose.pose")
+        twist = odometry.twist.twist
+        v = velocity(twist.linear.x, "odom.twist.twist.linear.x")
+        if _is_pose_frame(odometry.child_frame_id, given, self.frame):
+            sideways = velocity(twist.linear.y, "odom.twist.twist.linear.y")
+            v = v * math.cos(pose.yaw) + sideways * math.sin(pose.yaw)
+        w = velocity(twist.angular.z, "odom.twist.twist.angular.z", "rad/s")
+        time = seconds_from(odometry.header.stamp, "odom.header.stamp")
+        robot = RobotState(pose, v, w)
+        self.frame = self.frame or plain_frame(given)
         found = self._check.contradiction(time, robot)
         child = quoted(odometry.child_frame_id)
         self.remark = f"odom: {found}; is the twist in the frame child_frame_id {child}?" if found else ""

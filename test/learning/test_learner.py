@@ -12,7 +12,7 @@ from ator_ros.experience.store import RecordStore, read_records
 from ator_ros.learning.learner import Learner
 from ator_ros.learning.sets import RECORDS
 
-NOTHING = {"made": "", "digest": "", "actions": {}}
+NOTHING = {"made": "", "actions": {}}
 
 
 class FakeRound:

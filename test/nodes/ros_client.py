@@ -20,7 +20,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import NEWEST, SENSOR_DATA
 from ator_ros.nodes.remote_actions import cancel_request_for_unknown_goal
-from ator_ros.world.messages import ObjectReader, ObjectSource, robot_from, seconds_from
+from ator_ros.world.messages import ObjectReader, ObjectSource, OdometryReader, seconds_from
 from ator_ros.world.state import ObjectState, RobotState
 
 RETRY = 8.0
@@ -62,7 +62,7 @@ class Client:
         self._spinning.start()
 
     def _on_robot(self, message: Odometry) -> None:
-        self.robots.append(robot_from(message, frame=self._frame))
+        self.robots.append(OdometryReader(self._frame).read(message))
 
     def _on_ball(self, message: Odometry) -> None:
         self.balls.append(self._ball.read(message))

@@ -27,8 +27,8 @@ from ator_ros.world.messages import (
     MessageError,
     ObjectReader,
     ObjectSource,
+    OdometryReader,
     command_from,
-    robot_from,
     world_from,
 )
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -67,7 +67,7 @@ def test_a_world_is_unchanged_by_a_message(world: World) -> None:
 @given(st.builds(RobotState, poses, speeds, speeds), balls)
 def test_odometry_is_unchanged_by_a_message(robot: RobotState, ball: ObjectState) -> None:
     message = messages.odometry_of(1.25, robot, frame=FRAME, child="base_link")
-    time, back = robot_from(message, frame=FRAME)
+    time, back = OdometryReader(FRAME).read(message)
     assert time == 1.25
     assert near(back.pose, robot.pose)
     assert (back.v, back.w) == (robot.v, robot.w)
@@ -148,7 +148,7 @@ def test_arbitrary_messages_are_read_or_rejected(data: st.DataObject) -> None:
     ball = msg.ObjectState(name="ball")
     chain = TopChain(calls=[scrambled(TopCall(), data.draw) for _ in range(data.draw(st.integers(0, 2)))])
     readers = [
-        lambda: robot_from(scrambled(Odometry(), data.draw), frame=FRAME),
+        lambda: OdometryReader(FRAME).read(scrambled(Odometry(), data.draw)),
         lambda: BALL.read(scrambled(Odometry(), data.draw)),
         lambda: world_from(
             scrambled(Situation(objects=[scrambled(ball, data.draw)]), data.draw), frame=FRAME

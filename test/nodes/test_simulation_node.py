@@ -24,7 +24,7 @@ from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SENSOR_DATA
-from ator_ros.world.messages import robot_from
+from ator_ros.world.messages import OdometryReader
 
 pytestmark = pytest.mark.node
 
@@ -56,7 +56,7 @@ def test_state_is_published_at_20_hz_of_simulated_time(world: Client) -> None:
     patient = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
     messages = client.listen(Odometry, "odom", patient)
     client.eventually(lambda: len(messages) > 30, "odometry of 30 ticks")
-    times = [robot_from(message, frame="odom")[0] for message in list(messages)]
+    times = [OdometryReader("odom").read(message)[0] for message in list(messages)]
     steps = [later - earlier for earlier, later in itertools.pairwise(times)]
     # Sensor data is best effort: a tick may be lost, but none is repeated or reordered.
     assert all(abs(step / 0.05 - round(step / 0.05)) < 1e-6 and step > 0 for step in steps)

@@ -15,7 +15,6 @@ from ator_ros.world.messages import (
     ObjectReader,
     ObjectSource,
     OdometryReader,
-    robot_from,
 )
 
 EPOCH = 1_764_000_000
@@ -63,8 +62,8 @@ FAR = Pose(691_608.25, 5_334_761.5, 2.0)  # UTM coordinates, in m
 
 
 def test_stamps_since_1970_and_projected_coordinates_keep_their_precision() -> None:
-    first, robot = robot_from(odometry(FAR, vector(15.0), 0.5, time=0.02), frame="odom")
-    second, _ = robot_from(odometry(FAR, vector(15.0), time=0.04), frame="odom")
+    first, robot = OdometryReader("odom").read(odometry(FAR, vector(15.0), 0.5, time=0.02))
+    second, _ = OdometryReader("odom").read(odometry(FAR, vector(15.0), time=0.04))
     assert second - first == pytest.approx(0.02, abs=1e-6)
     assert (robot.pose.x, robot.pose.y, robot.v, robot.w) == (FAR.x, FAR.y, 15.0, 0.5)
 
@@ -73,23 +72,23 @@ def test_stamps_since_1970_and_projected_coordinates_keep_their_precision() -> N
 def test_a_quaternion_of_any_length_is_normalized(length: float) -> None:
     for yaw in (-3.0, -1.2, 0.0, 0.4, 1.687, 3.1):
         message = odometry(FAR._replace(yaw=0.0), vector(), orientation=turned(yaw, length))
-        _, robot = robot_from(message)
+        _, robot = OdometryReader().read(message)
         assert wrap_angle(robot.pose.yaw - yaw) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_tilt_on_a_ramp_is_valid_but_another_axis_is_not() -> None:
     ramp = quaternion(0.0, math.sin(0.1), 0.0, math.cos(0.1))  # pitched by 11 degrees
-    _, robot = robot_from(odometry(FAR, vector(0.3), orientation=ramp))
+    _, robot = OdometryReader().read(odometry(FAR, vector(0.3), orientation=ramp))
     assert robot.pose.yaw == pytest.approx(0.0)
     half = math.sqrt(0.5)
     with pytest.raises(MessageError, match=r"orientation: expected roll and pitch of at most 30 degrees"):
-        robot_from(odometry(FAR, vector(), orientation=quaternion(half, 0.0, 0.0, half)))
+        OdometryReader().read(odometry(FAR, vector(), orientation=quaternion(half, 0.0, 0.0, half)))
 
 
 @pytest.mark.parametrize("parts", [(0.0,) * 4, (0.0, 0.0, math.nan, 1.0), (0.0, 0.0, math.inf, 1.0)])
 def test_a_quaternion_without_orientation_is_rejected(parts: tuple[float, float, float, float]) -> None:
     with pytest.raises(MessageError, match=r"^odom\.pose\.pose\.orientation: expected a quaternion .* got"):
-        robot_from(odometry(FAR, vector(), orientation=quaternion(*parts)))
+        OdometryReader().read(odometry(FAR, vector(), orientation=quaternion(*parts)))
 
 
 @pytest.mark.parametrize(
@@ -106,7 +105,7 @@ def test_unrealistic_numbers_are_rejected(field: str, value: Any, expected: str)
     owner = {"x": message.pose.pose.position, "v": message.twist.twist.linear, "sec": message.header.stamp}
     setattr(owner[field], "x" if field == "v" else field, value)
     with pytest.raises(MessageError, match=expected):
-        robot_from(message)
+        OdometryReader().read(message)
 
 
 @pytest.mark.parametrize("given", ["map", "/map", ""])
