@@ -82,22 +82,22 @@ class Executions:
     def __init__(self, tools: Toolset, library: TopLibrary, trial: Trial) -> None:
         self._robot, self._library, self._trial = tools.robot, library, trial
         self._time_limit = tools.domain.time_limit
-        self.runs: list[tuple[list[Goal], ChainRun]] = []
+        self.runs: dict[tuple[Goal, ...], ChainRun] = {}
 
     def __call__(self, chain: TopChain) -> ChainRun:
         """Return the run of `chain`, of which only the goals may differ from those before."""
-        goals = [call.goal for call in chain.calls]
-        for known, run in self.runs:
-            if known == goals:
-                return run
-        world, limit = self._trial.world, self._time_limit
-        self.runs.append((goals, run_chain(self._robot, self._library, world, chain, time_limit=limit)))
-        return self.runs[-1][1]
+        goals = tuple(call.goal for call in chain.calls)
+        if goals not in self.runs:
+            self.runs[goals] = self._run(self._trial.world, chain)
+        return self.runs[goals]
 
     def leg(self, start: World, chain: TopChain) -> float:
         """Return the duration in s of a chain from another start; infinite if it fails."""
-        run = run_chain(self._robot, self._library, start, chain, time_limit=self._time_limit)
+        run = self._run(start, chain)
         return run.duration if run.success else math.inf
+
+    def _run(self, start: World, chain: TopChain) -> ChainRun:
+        return run_chain(self._robot, self._library, start, chain, time_limit=self._time_limit)
 
 
 def evaluate_trial(task: tuple[Settings, int]) -> Record:

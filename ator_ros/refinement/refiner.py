@@ -68,8 +68,8 @@ class Refinement:
 
     Attributes
     ----------
-    chain, refined, reason
-        The refined chain, or that of the request if no subgoal was changed, and why.
+    refined, reason
+        Whether a subgoal is changed, and why.
     original, best : TopChain
         The chain compared with, which is the chain of the request with its placeholders filled in, and the
         best chain found.
@@ -86,7 +86,6 @@ class Refinement:
         Whether the search was completed; otherwise `best` is the best found until the deadline.
     """
 
-    chain: TopChain
     refined: bool
     reason: str
     original: TopChain
@@ -99,6 +98,11 @@ class Refinement:
     curves: tuple[SubgoalCurve, ...] = ()
     features: Mapping[str, float] = field(default_factory=dict)
     complete: bool = True
+
+    @property
+    def chain(self) -> TopChain:
+        """The chain to execute: the best one found, or the original if no subgoal is changed."""
+        return self.best if self.refined else self.original
 
     @property
     def predicted(self) -> ChainPrediction:
@@ -280,7 +284,6 @@ class Refiner:
         pays, reason = self.gate.decide(features)
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []
-        changed = pays and best != chain and not invalid
         if pays and best == chain:
             reason = "the chain is the best already"
         elif invalid:
@@ -288,8 +291,7 @@ class Refiner:
         if not optimum.complete:
             reason = f"{reason}; {_CUT_SHORT}"
         return Refinement(
-            best if changed else chain,
-            changed,
+            pays and best != chain and not invalid,
             reason + self._remarks(chain, analysis, analysis.not_free),
             original=chain,
             best=best,
@@ -314,7 +316,6 @@ class Refiner:
         if any(call.open for call in chain.calls):
             reason = f"nothing is free: {_described(chain, analysis.not_free)}"
         return Refinement(
-            chain,
             False,
             reason + self._remarks(chain, analysis, ()),
             original=chain,

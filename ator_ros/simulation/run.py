@@ -73,8 +73,6 @@ class Judgment:
         Its action succeeded, and its post-condition holds.
     reason : str
         A sentence on how it ended.
-    world : World
-        The state in which it was judged, after objects have settled.
     error : float
         Distance of the robot's point from the goal in m where the TOP places it there; else how far the world
         is from the post-condition, in the unit of the worst variable.
@@ -84,7 +82,6 @@ class Judgment:
 
     success: bool
     reason: str
-    world: World
     error: float
     heading_error: float
 
@@ -107,7 +104,7 @@ def judge(simulation: Simulation, top: Top, goal: Goal, status: Status, message:
         point = robot.hold_point(pose) if goal.point is Point.HOLD else pose
         error = math.hypot(point.x - goal.pose.x, point.y - goal.pose.y)
         heading_error = abs(wrap_angle(pose.yaw - goal.pose.yaw))
-    return Judgment(ended_well and not lacks, reason, world, error, heading_error)
+    return Judgment(ended_well and not lacks, reason, error, heading_error)
 
 
 def run_action(
