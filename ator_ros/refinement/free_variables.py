@@ -214,10 +214,11 @@ class Regions:
         self._world, self._models = world, models
         self._robot, self._names, self._calls = robot, names, chain.calls
         self._states: list[Mapping[str, float]] = []
-        for call in chain.calls:
+        bounded = _may_bound(chain, names)  # most chains have no regions: this is much faster
+        for call in chain.calls if bounded else ():
             self._states.append(state_of(world, robot))
             world = projected(world, call, robot)
-        self._bounds = [self._bounds_of(index) for index in range(len(chain.calls))]
+        self._bounds = [self._bounds_of(index) if bounded else [] for index in range(len(chain.calls))]
 
     def allowing(self) -> Allowed | None:
         """Return the predicate for candidates of the chain's subgoals; None if nothing limits them."""
@@ -319,6 +320,19 @@ class Regions:
             return {}
         yaw, hold = there["yaw"], self._robot.hold
         return {"hold.x": there["x"] + hold * np.cos(yaw), "hold.y": there["y"] + hold * np.sin(yaw)}
+
+
+def _may_bound(chain: TopChain, names: Sequence[tuple[str, ...]]) -> bool:
+    """Return whether anything may bound a subgoal's candidates: a free place, or a condition next to it."""
+    pairs = zip(names, chain.calls, [*chain.calls[1:], None], strict=True)
+    return any(
+        _PLACE & set(free)
+        or _bounds_in(call.top.pre)
+        or _bounds_in(call.top.post)
+        or (after is not None and _bounds_in(after.top.pre))
+        for free, call, after in pairs
+        if free
+    )
 
 
 def _placed(term: Statement, target: Any) -> Any:
