@@ -22,12 +22,11 @@ from ator_ros.geometry import FloatArray, Pose
 from ator_ros.nodes.goal_run import GoalRun
 from ator_ros.nodes.messages import pose_of, stamp_of
 from ator_ros.nodes.qos import LATCHED
-from ator_ros.nodes.shapes import ORANGE, Arrow, Segments, Shape, executed_chain_shapes, surroundings
+from ator_ros.nodes.shapes import ORANGE, Segments, executed_chain_shapes, surroundings
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, World
 
 _ABOVE_FLOOR = 0.02
-_SHAFT = 0.05
 _POINT = 0.05
 """Radius in m with which an object of unknown size is drawn."""
 _PATH_PERIOD, _OBJECTS_PERIOD, _STATUS_PERIOD = 0.2, 0.1, 0.5
@@ -82,7 +81,7 @@ class ExecutionDrawing:
         self._objects.publish(_array(spheres, "objects", self._frame))
 
     def _chain_message(self, run: Supervisor) -> MarkerArray:
-        shapes: list[Shape] = []
+        shapes: list[Segments] = []
         if run.phase is Phase.EXECUTING and run.start is not None:
             start = run.start.robot.pose
             shapes = executed_chain_shapes(start, run.executor.chain, run.executor.index)
@@ -117,10 +116,9 @@ class LazyPublisher:
             self._publisher.publish(factory())
 
 
-def marker_array(shapes: Iterable[Shape], space: str, frame: str) -> MarkerArray:
+def marker_array(shapes: Iterable[Segments], space: str, frame: str) -> MarkerArray:
     """Return markers in the namespace `space`; all that were there before are deleted."""
-    drawn = [shape for shape in shapes if not isinstance(shape, Segments) or len(shape.points)]
-    return _array((_segments(s) if isinstance(s, Segments) else _arrow(s) for s in drawn), space, frame)
+    return _array((_segments(shape) for shape in shapes if len(shape.points)), space, frame)
 
 
 def _array(drawn: Iterable[Marker], space: str, frame: str) -> MarkerArray:
@@ -136,13 +134,6 @@ def _segments(shape: Segments) -> Marker:
     for ends, color in zip(shape.points.tolist(), shape.colors.tolist(), strict=True):
         marker.points += [Point(x=x, y=y, z=_ABOVE_FLOOR) for x, y in ends]
         marker.colors += [_color(*color)] * 2
-    return marker
-
-
-def _arrow(shape: Arrow) -> Marker:
-    marker = Marker(type=Marker.ARROW, color=_color(*shape.color), pose=pose_of(shape.pose))
-    marker.pose.position.z = _ABOVE_FLOOR
-    marker.scale.x, marker.scale.y, marker.scale.z = shape.length, _SHAFT, _SHAFT
     return marker
 
 

@@ -24,7 +24,9 @@ VIOLET: Color = (0.6, 0.45, 0.75)
 YELLOW: Color = (1.0, 0.82, 0.24)
 WHITE: Color = (0.93, 0.94, 0.95)
 
-_LEG_WIDTH, _ALTERNATIVE_WIDTH, _LINE_WIDTH = 0.015, 0.008, 0.03
+_LEG_WIDTH, _ALTERNATIVE_WIDTH, _LINE_WIDTH, _ARROW_WIDTH = 0.015, 0.008, 0.03, 0.04
+_ARROW = 0.4
+"""Length of an arrow in m."""
 _RING_RADIUS, _RING_DEPTH = 0.35, 0.35
 """Radius in m where the chain is fastest, and what is added where it is slowest."""
 _RING_WIDTH, _CHOSEN_WIDTH = 0.03, 0.05
@@ -43,19 +45,6 @@ class Segments:
     width: float = 0.02
 
 
-@dataclass(frozen=True, slots=True)
-class Arrow:
-    """An arrow on the floor that starts at a pose (m, rad), `length` m long."""
-
-    name: str
-    pose: Pose
-    color: Color
-    length: float = 0.4
-
-
-Shape = Segments | Arrow
-
-
 def polyline(name: str, corners: Sequence[tuple[float, float]], color: Color, width: float) -> Segments:
     """Return the segments between neighboring `corners` (m); fewer than two make none."""
     line = np.asarray(corners, dtype=float).reshape(-1, 2)
@@ -63,27 +52,35 @@ def polyline(name: str, corners: Sequence[tuple[float, float]], color: Color, wi
     return Segments(name, points, np.tile(np.asarray(color, dtype=float), (len(points), 1)), width)
 
 
+def _arrow(name: str, pose: Pose, color: Color) -> Segments:
+    """Return an arrow that starts at a pose."""
+    tip = pose.ahead(_ARROW)
+    left, right = (tip._replace(yaw=tip.yaw + turn).ahead(-0.4 * _ARROW) for turn in (0.45, -0.45))
+    points = np.array([[a[:2], b[:2]] for a, b in ((pose, tip), (tip, left), (tip, right))])
+    return Segments(name, points, np.tile(color, (len(points), 1)), _ARROW_WIDTH)
+
+
 # Chains
 
 
-def _chain_shapes(name: str, start: Pose, chain: TopChain, color: Color) -> list[Shape]:
+def _chain_shapes(name: str, start: Pose, chain: TopChain, color: Color) -> list[Segments]:
     """Return a line from `start` along the subgoals, and an arrow at each of them."""
     goals = [call.goal.pose for call in chain.calls]
     legs = polyline(f"{name}/legs", [pose[:2] for pose in (start, *goals)], color, _LEG_WIDTH)
-    return [legs, *(Arrow(f"{name}/subgoal{step}", pose, color) for step, pose in enumerate(goals))]
+    return [legs, *(_arrow(f"{name}/subgoal{step}", pose, color) for step, pose in enumerate(goals))]
 
 
-def executed_chain_shapes(start: Pose, chain: TopChain, step: int) -> list[Shape]:
+def executed_chain_shapes(start: Pose, chain: TopChain, step: int) -> list[Segments]:
     """Return a chain that is executed from `start`; the subgoal of `step`, from 0, is orange."""
     shapes = _chain_shapes("chain", start, chain, BLUE)
     if step < len(chain.calls):
-        shapes[step + 1] = Arrow(f"chain/subgoal{step}", chain.calls[step].goal.pose, ORANGE)
+        shapes[step + 1] = _arrow(f"chain/subgoal{step}", chain.calls[step].goal.pose, ORANGE)
     return shapes
 
 
 def refinement_shapes(
     start: Pose, naive: TopChain, chain: TopChain, curves: Sequence[SubgoalCurve]
-) -> list[Shape]:
+) -> list[Segments]:
     """Return what refinement made of a chain for a robot at `start`: naive in gray, executed in blue.
 
     Each subgoal whose heading was searched gets a ring.
@@ -97,10 +94,14 @@ def refinement_shapes(
 
 def alternative_shapes(start: Pose, chains: Sequence[TopChain]) -> list[Segments]:
     """Return thin lines from `start` along the subgoals of other chains."""
-    corners = [[start[:2], *(call.goal.pose[:2] for call in chain.calls)] for chain in chains]
     return [
-        polyline(f"alternative{number}", each, VIOLET, _ALTERNATIVE_WIDTH)
-        for number, each in enumerate(corners)
+        polyline(
+            f"alternative{number}",
+            [start[:2], *(call.goal.pose[:2] for call in chain.calls)],
+            VIOLET,
+            _ALTERNATIVE_WIDTH,
+        )
+        for number, chain in enumerate(chains)
     ]
 
 

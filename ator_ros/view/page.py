@@ -18,7 +18,6 @@ from ator_ros.nodes.shapes import (
     BLUE,
     ORANGE,
     YELLOW,
-    Shape,
     alternative_shapes,
     polyline,
     refinement_shapes,
@@ -134,7 +133,7 @@ class Page:
     def _show_chain(self) -> None:
         draft, answer = self._editor.draft, self._editor.answer
         start = draft.world.robot.pose
-        shapes: list[Shape] = [*alternative_shapes(start, draft.alternatives)]
+        shapes = alternative_shapes(start, draft.alternatives)
         if answer is not None:
             shapes += refinement_shapes(start, answer.naive, answer.chain, answer.curves)
         self._chain.draw(shapes)

@@ -16,8 +16,8 @@ import yourdfpy
 from viser.extras import ViserUrdf
 
 from ator_ros.domains.domain import Domain
-from ator_ros.geometry import FloatArray, Pose, quaternion_from_yaw
-from ator_ros.nodes.shapes import Arrow, Color, Segments, Shape, surroundings
+from ator_ros.geometry import Pose, quaternion_from_yaw
+from ator_ros.nodes.shapes import Color, Segments, surroundings
 from ator_ros.robot.description import Robot
 from ator_ros.world.scene import Area
 
@@ -26,7 +26,6 @@ _CAMERA_HEIGHT = 0.85
 """Height of the camera as a share of the area's length."""
 _FLOOR = (72, 122, 84)
 _ABOVE_FLOOR = 0.04
-_ARROW_WIDTH = 0.04
 _GHOST = (0.62, 0.64, 0.68, 0.35)
 _KNOB_RADIUS, _KNOB_DISTANCE = 0.09, 0.35
 _OPACITY = 0.35
@@ -93,36 +92,21 @@ class Canvas:
         self._center = np.array([area.x, area.y])
         self._shown: dict[str, viser.LineSegmentsHandle] = {}
 
-    def draw(self, shapes: Iterable[Shape]) -> None:
+    def draw(self, shapes: Iterable[Segments]) -> None:
         """Show these shapes, and no others of this group."""
-        lines = {shape.name: _lines(shape) for shape in shapes}
-        lines = {name: found for name, found in lines.items() if len(found[0])}
-        for name in set(self._shown) - set(lines):
+        drawn = {shape.name: shape for shape in shapes if len(shape.points)}
+        for name in set(self._shown) - set(drawn):
             self._shown.pop(name).remove()
-        for name, (points, colors, width) in lines.items():
-            heights = np.full((*points.shape[:2], 1), self._height)
-            places = np.concatenate([points - self._center, heights], axis=2).astype(np.float32)
-            paint = np.repeat((255 * colors).astype(np.uint8)[:, None, :], 2, axis=1)
+        for name, shape in drawn.items():
+            heights = np.full((*shape.points.shape[:2], 1), self._height)
+            places = np.concatenate([shape.points - self._center, heights], axis=2).astype(np.float32)
+            paint = np.repeat((255 * shape.colors).astype(np.uint8)[:, None, :], 2, axis=1)
             if name in self._shown:  # changing a shape costs a fraction of a new one
                 handle = self._shown[name]
-                handle.points, handle.colors, handle.thickness = places, paint, width
+                handle.points, handle.colors, handle.thickness = places, paint, shape.width
             else:
                 node = f"{self._group}/{name}"
-                self._shown[name] = self._scene.add_line_segments(node, places, paint, thickness=width)
-
-
-def _lines(shape: Shape) -> tuple[FloatArray, FloatArray, float]:
-    """Return the segments (n, 2, 2), their colors (n, 3), and their width in m."""
-    if isinstance(shape, Segments):
-        return shape.points, shape.colors, shape.width
-    return _arrow(shape)
-
-
-def _arrow(arrow: Arrow) -> tuple[FloatArray, FloatArray, float]:
-    tip = arrow.pose.ahead(arrow.length)
-    barbs = [tip._replace(yaw=tip.yaw + turn).ahead(-0.4 * arrow.length) for turn in (0.45, -0.45)]
-    points = np.array([[a[:2], b[:2]] for a, b in ((arrow.pose, tip), *((tip, barb) for barb in barbs))])
-    return points, np.tile(np.asarray(arrow.color, dtype=float), (len(points), 1)), _ARROW_WIDTH
+                self._shown[name] = self._scene.add_line_segments(node, places, paint, thickness=shape.width)
 
 
 class RobotModel:

@@ -11,8 +11,6 @@ from view.in_process import InProcessBackend
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.nodes.shapes import (
-    Arrow,
-    Segments,
     costs_by_heading,
     executed_chain_shapes,
     refinement_shapes,
@@ -64,14 +62,12 @@ def test_naive_is_gray_and_the_chain_to_execute_is_colored(answer: Answer) -> No
     start = answer.chain.calls[1].goal.pose
     shapes = {each.name: each for each in refinement_shapes(start, answer.naive, answer.chain, answer.curves)}
     gray, blue = shapes["naive/subgoal0"], shapes["chain/subgoal0"]
-    assert isinstance(gray, Arrow)
-    assert isinstance(blue, Arrow)
-    assert np.ptp(gray.color) < 0.1 < np.ptp(blue.color)
-    assert (gray.pose, blue.pose) == tuple(chain.calls[0].goal.pose for chain in (answer.naive, answer.chain))
-    legs = shapes["chain/legs"]
-    assert isinstance(legs, Segments)
-    assert len(legs.points) == 2
+    assert np.ptp(gray.colors[0]) < 0.1 < np.ptp(blue.colors[0])
+    for arrow, chain in ((gray, answer.naive), (blue, answer.chain)):
+        pose = chain.calls[0].goal.pose
+        assert arrow.points[0, 0] == pytest.approx(pose[:2])
+        assert math.atan2(*np.diff(arrow.points[0], axis=0)[0, ::-1]) == pytest.approx(pose.yaw)
+    assert len(shapes["chain/legs"].points) == 2
     _, first, second = executed_chain_shapes(start, answer.chain, 1)
-    assert isinstance(first, Arrow)
-    assert isinstance(second, Arrow)
-    assert first.color == blue.color != second.color
+    assert np.array_equal(first.colors, blue.colors)
+    assert not np.array_equal(second.colors, blue.colors)
