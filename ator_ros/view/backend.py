@@ -28,7 +28,6 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ChainPerformance, Objective, Outcome, SearchCurve
 from ator_interfaces.srv import PlaceObject, PlaceRobot, RefineSubgoal
 from ator_ros.domains.domain import Domain
-from ator_ros.execution.chain_executor import Ending
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.nodes.inputs import Subscriptions
 from ator_ros.nodes.messages import action_set_from, chain_from, chain_of, pose_of, situation_of
@@ -39,8 +38,8 @@ from ator_ros.printable import printable
 from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.robot.description import Robot
 from ator_ros.view.draft import Draft
-from ator_ros.view.runs import OTHERS, Answer, ExecutedChain, ExternalGoal, History, Run
-from ator_ros.world.messages import MessageError, pose_from, world_from
+from ator_ros.view.runs import OTHERS, Answer, ExternalGoal, History, Run
+from ator_ros.world.messages import MessageError, world_from
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _SPIN = 0.02
@@ -53,8 +52,7 @@ _OBJECT_TIMEOUT = 1.0  # s by the stamps after which an object that is not obser
 _WARNING_PERIOD = 2.0
 _ROBOT_FROM = {STATE.name: "odom", "robot_frame": "base_link"}
 """The source of the robot's state, unless the executor names another."""
-_OUTCOMES = {ending.value: ending.name.lower().replace("_", " ") for ending in Ending}
-_LONGEST_NAME, _LONGEST_REASON = 60, 300
+_LONGEST_REASON = 300
 
 
 class Backend:
@@ -112,7 +110,7 @@ class Backend:
         self._newest: tuple[float, RobotState] | None = None
         self._objects: dict[str, tuple[float, ObjectState]] = {}
         self._own_runs: dict[str, Run] = {}
-        self._active = ("", Run(OTHERS, ended=True))
+        self._active = ("", Run(OTHERS, problem="no goal"))
         self._received_at = self._executor_at = time.monotonic()
         self._context = rclpy.Context()
         try:
@@ -200,7 +198,7 @@ class Backend:
         elif now - self._executor_at > _GONE:
             self._lose()
 
-    def until(self, happened: Callable[[], bool | int], what: str, timeout: float | None = None) -> None:
+    def until(self, happened: Callable[[], object], what: str, timeout: float | None = None) -> None:
         """Wait until something has happened; by default as long as for an answer."""
         limit = self._timeout if timeout is None else timeout
         end = time.monotonic() + limit
@@ -361,7 +359,7 @@ class Backend:
         """Execute the chain of a draft to its end."""
         run = Run(label)
         self.execute(run, draft, refine=refine)
-        self.until(lambda: run.record is not None, "the record of the chain", math.inf)
+        self.until(lambda: run.ended, "the record of the chain", math.inf)
         return run
 
     def execute(self, run: Run, draft: Draft, *, refine: bool) -> None:
@@ -387,7 +385,7 @@ class Backend:
         goal = ExecuteChain.Goal(refine=refine, **self._written(draft))
         future = self._server.send_goal_async(goal, goal_uuid=_goal_info(goal_id.hex).goal_id)
         try:
-            self.until(lambda: run.started or _is_rejected(future), "the status of execute_chain")
+            self.until(lambda: run.record or _is_rejected(future), "the status of execute_chain")
         except NodesError:
             with contextlib.suppress(NodesError):  # it may have been accepted, and would not be watched
                 self._send(self._cancel, CancelGoal.Request(goal_info=_goal_info(goal_id.hex)))
@@ -413,7 +411,7 @@ class Backend:
         """End the active run, if it has not ended: its executor does not answer."""
         _, run = self._active
         if not run.ended:
-            run.status, run.ended = "lost: the executor does not answer", True
+            run.problem = "lost: the executor does not answer"
 
     def _take_status(self, message: ChainPerformance) -> None:
         run, former = self._own_runs.get(message.chain_id), self.external
@@ -429,8 +427,7 @@ class Backend:
                 self._warn(f"chain_under_way: ignored: {error}")
                 return
         if not run.ended:
-            self._active = message.chain_id, run
-            _update(run, message)
+            self._active, run.record = (message.chain_id, run), message
 
     def _external_goal(self, message: ChainPerformance, run: Run) -> ExternalGoal:
         """Read another client's goal; raises MessageError."""
@@ -438,63 +435,21 @@ class Backend:
             raise MessageError("chain_id: expected 32 hexadecimal digits")
         action_set = action_set_from(message.chain, allowed=self.libraries)
         chain = chain_from(message.chain, self.libraries[action_set], frame=self._frame)
-        driven = math.isfinite(message.actual.duration)
-        return ExternalGoal(
-            message.chain_id,
-            Draft(world_from(message.start, frame=self._frame, where="start"), chain, action_set),
-            run,
-            driven=driven,
-            refined=message.refined,
-            changes=message.refined_again,
-            reason=printable(message.refinement if driven else message.outcome.reason, _LONGEST_REASON),
-        )
+        start = world_from(message.start, frame=self._frame, where="start")
+        return ExternalGoal(message.chain_id, Draft(start, chain, action_set), run)
 
     def _take_record(self, message: ChainPerformance) -> None:
         run = self._own_runs.get(message.chain_id)
         if run is None and self.external is not None and self.external.chain_id == message.chain_id:
             run = self.external.run
-        if run is not None:
-            if not run.ended:  # of the status only the newest message is sure to arrive
-                _update(run, message)
+        if run is not None and not run.ended:  # of the status only the newest message is sure to arrive
             run.record = message
         if message.outcome.code == Outcome.REFUSED:
             return
         try:
-            self.history.add(_executed_chain(message))
+            self.history.add(message)
         except MessageError as error:
             self._warn(f"performance/chain: ignored: {error}")
-
-
-def _update(run: Run, message: ChainPerformance) -> None:
-    """Write the status of a chain into its run."""
-    actions, code = message.actions, message.outcome.code
-    run.started = True
-    run.actual[:] = [each.actual.duration for each in actions if each.outcome.code == Outcome.SUCCEEDED]
-    reason = printable(message.outcome.reason, _LONGEST_REASON)
-    refinement = printable(message.refinement, _LONGEST_REASON)
-    prefix = "of others: " if run.label == OTHERS else ""
-    if not code:
-        run.status = f"{prefix}{reason}"
-        return
-    succeeded = code == Outcome.SUCCEEDED
-    run.duration = message.actual.duration if succeeded else math.nan
-    run.status = f"{prefix}{'done' if succeeded else reason} ({refinement})"
-    run.ended = True
-
-
-def _executed_chain(message: ChainPerformance) -> ExecutedChain:
-    """Read a record; raises MessageError."""
-    code, start = message.outcome.code, world_from(message.start, where="start")
-    places = [start.robot.pose, *(Pose(there.x, there.y, 0.0) for there in start.objects.values())]
-    places += [pose_from(call.goal.pose, "chain") for call in message.chain.calls[-1:]]
-    return ExecutedChain(
-        tuple(printable(call.top, _LONGEST_NAME) for call in message.chain.calls),
-        message.refined,
-        message.predicted.duration,
-        message.actual.duration if code == Outcome.SUCCEEDED else math.nan,
-        _OUTCOMES.get(code, f"outcome {code}"),
-        tuple(places),
-    )
 
 
 def _curve_from(curve: SearchCurve) -> SubgoalCurve:

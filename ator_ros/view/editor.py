@@ -218,21 +218,20 @@ class Editor:
         ours = self._waiting or any(not run.ended and run.label != OTHERS for run in self.runs)
         if ours or goal is None or goal.run.ended:
             return
-        state = (goal.chain_id, goal.driven, goal.refined, goal.changes)
+        record, driven, reason = goal.run.record, goal.run.driven, goal.run.reason
+        state = (goal.chain_id, driven, record.refined, record.refined_again)
         if state == self._external:
             return
         self._external, self.runs = state, [goal.run]
         self._displaced, self._follows, self._followed = False, True, -math.inf
         self.draft, self._stale = dataclasses.replace(goal.draft, weights=self.draft.weights), False
-        self._refine(as_given=goal.driven and not goal.refined)
+        self._refine(as_given=driven and not record.refined)
         chain = goal.draft.chain
         if self.answer is None:  # it is drawn without predictions
-            self.answer, self.problem = Answer(chain, chain, goal.refined, goal.reason), ""
+            self.answer, self.problem = Answer(chain, chain, record.refined, reason), ""
             self._retry = 0
-        elif goal.driven:
-            self.answer = dataclasses.replace(
-                self.answer, chain=chain, refined=goal.refined, reason=goal.reason
-            )
+        elif driven:
+            self.answer = dataclasses.replace(self.answer, chain=chain, refined=record.refined, reason=reason)
 
     def _follow(self, world: World) -> None:
         """Let the draft start where robot and objects are."""
@@ -265,5 +264,5 @@ class Editor:
         try:
             self.backend.execute(run, self.draft if refine else naive, refine=refine)
         except NodesError:
-            run.ended, run.status = True, "could not start"
+            run.problem = "could not start"
             raise

@@ -7,22 +7,28 @@ import itertools
 import math
 import re
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from ator_ros.execution.chain_executor import Ending
 from ator_ros.geometry import Pose
 from ator_ros.printable import printable
 from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.tops.chain import TopChain
 from ator_ros.view.draft import Draft
+from ator_ros.world.messages import pose_from, world_from
 
 OTHERS = "others"
 """The label of an execution that this view did not start."""
 _MOST = 500
 _SHOWN = 12
 _RECENT = 20
+_LONGEST = 300
+_SUCCEEDED = Ending.SUCCEEDED.value
+_OUTCOMES = {ending.value: ending.name.lower().replace("_", " ") for ending in Ending}
 _SAME = 0.05  # m and rad up to which two starts or goals count as the same
 _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>#|~$!])")
 
@@ -59,30 +65,58 @@ class Run:
     ----------
     label : str
         "naive", "refined" or "others".
-    actual : list of float
-        Durations in s of the steps that have succeeded.
-    status : str
-        The present phase, or how it ended.
-    started, ended : bool
-        Whether the executor has reported it, and whether it has ended.
-    duration : float
-        Of the whole chain in s; NaN while it runs, or if it failed.
+    record : ChainPerformance or None
+        The executor's newest record of it; None before the first one.
+    problem : str
+        Why it has no end that the executor reports: it could not start, or is lost; else empty.
     times, poses : list
         Seconds since the start, ascending, and where the robot was then.
-    record : ChainPerformance or None
-        The executor's record, once the chain has ended.
     """
 
     label: str
-    actual: list[float] = field(default_factory=list)
-    status: str = "starting"
-    started: bool = False
-    duration: float = math.nan
-    ended: bool = False
+    record: Any = None
+    problem: str = ""
     times: list[float] = field(default_factory=list)
     poses: list[Pose] = field(default_factory=list)
-    record: Any = None
     _start: float = math.nan
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has ended."""
+        return bool(self.problem) or (self.record is not None and bool(self.record.outcome.code))
+
+    @property
+    def driven(self) -> bool:
+        """Whether it is driven, or was; before that, refinement may still change its chain."""
+        return self.record is not None and math.isfinite(self.record.actual.duration)
+
+    @property
+    def duration(self) -> float:
+        """Of the whole chain in s; NaN while it runs, or if it failed."""
+        return math.nan if self.record is None else duration_of(self.record)
+
+    @property
+    def actual(self) -> list[float]:
+        """Durations in s of the steps that have succeeded."""
+        actions = [] if self.record is None else self.record.actions
+        return [each.actual.duration for each in actions if each.outcome.code == _SUCCEEDED]
+
+    @property
+    def reason(self) -> str:
+        """Why refinement has changed its chain or left it; before it is driven, what it waits for."""
+        if self.record is None:
+            return ""
+        return printable(self.record.refinement if self.driven else self.record.outcome.reason, _LONGEST)
+
+    @property
+    def status(self) -> str:
+        """The present phase, or how it ended."""
+        if self.problem or self.record is None:
+            return self.problem or "starting"
+        outcome, refinement = self.record.outcome, printable(self.record.refinement, _LONGEST)
+        reason = "done" if outcome.code == _SUCCEEDED else printable(outcome.reason, _LONGEST)
+        prefix = "of others: " if self.label == OTHERS else ""
+        return f"{prefix}{reason}{f' ({refinement})' if outcome.code else ''}"
 
     def record_pose(self, time: float, pose: Pose) -> None:
         """Record the robot's pose at `time` s; a clock that goes back restarts the trail."""
@@ -119,27 +153,17 @@ class ExternalGoal:
         The situation in which it starts, and the chain as it is at present, with open variables.
     run : Run
         Its execution; the same object as long as the goal is the same.
-    driven : bool
-        Whether it is driven; before that, refinement may still change it.
-    refined, changes : bool, int
-        Whether refinement has changed it, and how often while it was driven.
-    reason : str
-        Why refinement has changed it or left it unchanged; before it is driven, what it waits for.
     """
 
     chain_id: str
     draft: Draft
     run: Run
-    driven: bool = False
-    refined: bool = False
-    changes: int = 0
-    reason: str = ""
 
 
 # The history of executed chains
 
 
-def plain(text: str, most: int = 300) -> str:
+def plain(text: str, most: int = _LONGEST) -> str:
     """Return a text escaped for Markdown."""
     return _MARKDOWN.sub(r"\\\1", printable(text, most))
 
@@ -149,54 +173,41 @@ def seconds(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.2f}"
 
 
-@dataclass(frozen=True, slots=True)
-class ExecutedChain:
-    """One executed chain: its TOPs, whether refinement changed it, and how it ended.
-
-    `predicted` and `actual` are its duration in s as predicted at the start, and as measured; NaN if unknown,
-    or if it failed. `places` are where robot and objects were at the start, and the chain's last goal.
-    """
-
-    tops: tuple[str, ...]
-    refined: bool
-    predicted: float
-    actual: float
-    outcome: str
-    places: tuple[Pose, ...]
-
-    def repeats(self, other: ExecutedChain) -> bool:
-        """Return whether it had the same TOPs, start and goal as another one."""
-        return (
-            self.tops == other.tops
-            and len(self.places) == len(other.places)
-            and all(
-                a.distance(b) < _SAME and abs(a.relative(b).yaw) < _SAME
-                for a, b in zip(self.places, other.places, strict=True)
-            )
-        )
+def duration_of(record: Any) -> float:
+    """Return the duration in s of a chain by its record; NaN unless it succeeded."""
+    return float(record.actual.duration) if record.outcome.code == _SUCCEEDED else math.nan
 
 
 class History:
     """Executed chains, the newest last."""
 
     def __init__(self) -> None:
-        self._chains: deque[tuple[ExecutedChain, float]] = deque(maxlen=_MOST)
+        self._chains: deque[tuple[Any, list[Pose], float]] = deque(maxlen=_MOST)
+        """The record of each, where robot, objects and the last goal were, and its gain in s."""
 
-    def add(self, chain: ExecutedChain) -> None:
-        """Add a chain that has ended."""
+    def add(self, record: Any) -> None:
+        """Add a chain that has ended by its record; raises MessageError if that cannot be read."""
+        start, last = world_from(record.start, where="start"), record.chain.calls[-1:]
+        places = [start.robot.pose, *(Pose(there.x, there.y, 0.0) for there in start.objects.values())]
+        places += [pose_from(call.goal.pose, "chain") for call in last]
         gain = math.nan
-        if chain.refined:
-            naive = (other for other, _ in reversed(self._chains) if not other.refined)
-            gain = next((other.actual - chain.actual for other in naive if chain.repeats(other)), math.nan)
-        self._chains.append((chain, gain))
+        if record.refined:
+            tops = _tops(record)
+            naive = (
+                duration_of(other)
+                for other, others, _ in reversed(self._chains)
+                if not other.refined and _tops(other) == tops and _same(places, others)
+            )
+            gain = next(naive, math.nan) - duration_of(record)
+        self._chains.append((record, places, gain))
 
     def report(self) -> str:
         """Return, in Markdown, the mean error and gain, and the newest chains."""
-        rows = tuple(self._chains)
+        rows = [(record, gain) for record, _, gain in self._chains]
         if not rows:
             return "no chain was executed yet"
-        lines = [f"{len(rows)} chains, {sum(chain.refined for chain, _ in rows)} of them refined.", ""]
-        differences = (chain.predicted - chain.actual for chain, _ in rows[-_RECENT:])
+        lines = [f"{len(rows)} chains, {sum(record.refined for record, _ in rows)} of them refined.", ""]
+        differences = (each.predicted.duration - duration_of(each) for each, _ in rows[-_RECENT:])
         errors = [error for error in differences if math.isfinite(error)]
         if errors:
             size, bias = float(np.mean(np.abs(errors))), float(np.mean(errors))
@@ -213,7 +224,18 @@ class History:
         return "\n".join([*lines, *(_row(number, *row) for number, row in newest)])
 
 
-def _row(number: int, chain: ExecutedChain, gain: float) -> str:
-    name = f"{plain(', '.join(chain.tops))} ({'refined' if chain.refined else 'as sent'})"
-    actual = f"{chain.actual:.2f}" if math.isfinite(chain.actual) else plain(chain.outcome)
-    return f"| {number} | {name} | {seconds(chain.predicted)} | {actual} | {seconds(gain)} |"
+def _tops(record: Any) -> list[str]:
+    return [call.top for call in record.chain.calls]
+
+
+def _same(places: Sequence[Pose], others: Sequence[Pose]) -> bool:
+    pairs = zip(places, others, strict=False)
+    near = (a.distance(b) < _SAME and abs(a.relative(b).yaw) < _SAME for a, b in pairs)
+    return len(places) == len(others) and all(near)
+
+
+def _row(number: int, record: Any, gain: float) -> str:
+    name = f"{plain(', '.join(_tops(record)))} ({'refined' if record.refined else 'as sent'})"
+    code, duration = record.outcome.code, duration_of(record)
+    actual = f"{duration:.2f}" if math.isfinite(duration) else _OUTCOMES.get(code, f"outcome {code}")
+    return f"| {number} | {name} | {seconds(record.predicted.duration)} | {actual} | {seconds(gain)} |"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, Performance
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.chain_run import run_chain
@@ -20,6 +21,25 @@ from ator_ros.view.draft import Draft
 from ator_ros.view.editor import Editor
 from ator_ros.view.runs import Answer, ExternalGoal, History, Run
 from ator_ros.world.state import ObjectState, RobotState, World
+
+
+def record_of(
+    *actions: float,
+    code: int = 0,
+    reason: str = "",
+    duration: float = math.nan,
+    refined: bool = False,
+    refinement: str = "",
+) -> ChainPerformance:
+    """Return a record with the durations of actions that have succeeded, and of the chain."""
+    outcome = Outcome(code=Outcome.SUCCEEDED)
+    return ChainPerformance(
+        actions=[ActionPerformance(actual=Performance(duration=each), outcome=outcome) for each in actions],
+        actual=Performance(duration=duration),
+        outcome=Outcome(code=code, reason=reason),
+        refined=refined,
+        refinement=refinement,
+    )
 
 
 class InProcessBackend:
@@ -108,9 +128,8 @@ class InProcessBackend:
         chain = self.refine(here).chain if refine else draft.chain
         self.executed.append(chain)
         done = run_chain(self.robot, self.libraries[draft.action_set], self.state, chain)
-        run.actual[:] = done.actions
-        run.duration = done.duration if done.success else math.nan
-        run.ended, run.status = True, "done"
+        code = Outcome.SUCCEEDED if done.success else Outcome.FAILED
+        run.record = record_of(*done.actions, code=code, duration=done.duration)
         self.place_robot(chain.calls[-1].goal.pose)
 
     def stop(self) -> None:

@@ -6,8 +6,9 @@ import dataclasses
 from collections.abc import Callable
 
 import pytest
-from view.in_process import InProcessBackend
+from view.in_process import InProcessBackend, record_of
 
+from ator_interfaces.msg import Outcome
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.nodes.network import NodesError, UnavailableError
@@ -134,8 +135,8 @@ def test_the_ghost_is_at_the_pose_of_the_first_run_at_the_same_time(editor: Edit
     assert first.pose_at(2.0) == Pose(2, 0.0, 0.0)
     assert first.pose_at(99.0) == Pose(4, 0.0, 0.0)
     assert second.pose_at(0.0) is None
-    first.ended = second.ended = True
-    first.duration = 4.0
+    first.record = record_of(code=Outcome.SUCCEEDED, duration=4.0)
+    second.record = record_of(code=Outcome.FAILED, duration=5.0)
     editor.runs = [first, second]
     assert editor.verdict == "refined failed"
 
@@ -229,7 +230,7 @@ def test_refinement_is_called_again_when_it_is_available(running: Editor, backen
 def goal(backend: InProcessBackend) -> ExternalGoal:
     """Return a goal of another client that waits for refinement."""
     draft = situation_draft(SOCCER, backend.libraries, "dribble", seed=3, index=1)
-    return ExternalGoal("a" * 32, draft, Run(OTHERS), reason="waiting for refinement")
+    return ExternalGoal("a" * 32, draft, Run(OTHERS, record_of(reason="waiting for refinement")))
 
 
 def test_an_external_goal_becomes_the_draft(
@@ -246,7 +247,8 @@ def test_an_external_goal_becomes_the_draft(
     assert running.executing
 
     driven = Draft(goal.draft.world, answer.chain, goal.draft.action_set)
-    goal = dataclasses.replace(goal, draft=driven, driven=True, refined=True, reason="gain of 1.2 s")
+    goal = dataclasses.replace(goal, draft=driven)
+    goal.run.record = record_of(duration=0.5, refined=True, refinement="gain of 1.2 s")
     before = len(backend.refined)
     for number in range(5):
         backend.external = dataclasses.replace(goal)  # as published twice per second
@@ -260,7 +262,7 @@ def test_an_external_goal_becomes_the_draft(
     assert len(backend.refined) == before + 1
     assert goal.run.poses[-1] == Pose(-1.6, 0.0, 0.0)
 
-    goal.run.ended, goal.run.duration = True, 5.0
+    goal.run.record = record_of(code=Outcome.SUCCEEDED, duration=5.0)
     running.step()
     assert running.draft.world.robot.pose == Pose(-1.6, 0.0, 0.0)  # the editor follows the robot again
     assert backend.calls == []  # nothing was placed or stopped
@@ -269,7 +271,8 @@ def test_an_external_goal_becomes_the_draft(
 def test_an_unrefined_chain_is_compared_with_itself(
     running: Editor, backend: InProcessBackend, goal: ExternalGoal
 ) -> None:
-    backend.external = dataclasses.replace(goal, driven=True, reason="not requested")
+    backend.external = goal
+    goal.run.record = record_of(duration=0.5, refinement="not requested")
     running.step()
     assert backend.as_given[-1]
     assert running.answer is not None
@@ -311,7 +314,7 @@ def test_without_refinement_it_has_no_predictions(
 def test_an_ended_external_goal_is_not_shown(
     running: Editor, backend: InProcessBackend, goal: ExternalGoal
 ) -> None:
-    goal.run.ended = True
+    goal.run.record = record_of(code=Outcome.FAILED)
     backend.external = goal
     draft = running.draft
     running.step()

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import math
 
+from view.in_process import record_of
+
+from ator_interfaces.msg import ChainPerformance, Outcome, TopCall
 from ator_ros.geometry import Pose
-from ator_ros.view.runs import ExecutedChain, History
-
-PLACES = (Pose(0.0, 0.0, 0.0), Pose(1.0, 0.0, 0.0), Pose(2.0, 1.0, 0.5))
-
-
-def executed(actual: float, *, refined: bool, x: float = 0.0, yaw: float = 0.0) -> ExecutedChain:
-    outcome = "succeeded" if math.isfinite(actual) else "failed"
-    places = (Pose(x, 0.0, yaw), *PLACES[1:])
-    return ExecutedChain(("goToBall", "dribbleBall"), refined, 8.0, actual, outcome, places)
+from ator_ros.nodes.messages import pose_of
+from ator_ros.view.runs import History
 
 
-def history_of(*chains: ExecutedChain) -> History:
+def executed(actual: float, *, refined: bool, x: float = 0.0, yaw: float = 0.0) -> ChainPerformance:
+    code = Outcome.SUCCEEDED if math.isfinite(actual) else Outcome.FAILED
+    record = record_of(code=code, duration=actual, refined=refined)
+    record.start.robot = pose_of(Pose(x, 0.0, yaw))
+    record.predicted.duration = 8.0
+    record.chain.calls = [TopCall(top=name) for name in ("goToBall", "dribbleBall")]
+    return record
+
+
+def history_of(*chains: ChainPerformance) -> History:
     history = History()
     for chain in chains:
         history.add(chain)

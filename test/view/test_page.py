@@ -10,9 +10,10 @@ from free_port import free_port
 
 pytest.importorskip("viser", reason="needs viser: docs/install.md")
 
-from view.in_process import InProcessBackend
+from view.in_process import InProcessBackend, record_of
 from view.viser_client import ViserClient
 
+from ator_interfaces.msg import Outcome
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.simulation.urdf import robot_urdf
@@ -120,9 +121,8 @@ def test_several_robots_are_shown_and_one_is_chosen(shown: Shown) -> None:
 def test_a_goal_of_another_client_is_drawn(shown: Shown) -> None:
     client = shown.join()
     draft = situation_draft(SOCCER, shown.backend.libraries, "dribble", seed=3, index=1)
-    goal = ExternalGoal("a" * 32, draft, Run(OTHERS), driven=True, refined=True, reason="gain of 1.2 s")
-    goal.run.actual.append(2.5)
-    goal.run.status = "of others: executing"
+    record = record_of(2.5, duration=3.0, reason="executing", refined=True, refinement="gain of 1.2 s")
+    goal = ExternalGoal("a" * 32, draft, Run(OTHERS, record))
     shown.backend.external = goal
     before = client.drawn["/chain/ring0"]
     shown.step()
@@ -154,7 +154,8 @@ def test_the_panel_shows_times_reason_and_rules_of_the_situation() -> None:
     editor = backend.editor()
     answer = editor.answer
     assert answer is not None
-    table = times_text(answer, [Run(NAIVE, actual=[4.5], duration=9.25)]).splitlines()
+    driven = record_of(4.5, code=Outcome.SUCCEEDED, duration=9.25)
+    table = times_text(answer, [Run(NAIVE, driven)]).splitlines()
     assert table[0] == "| s | goToBall | dribbleBall | chain |"
     assert table[-1] == "| naive, driven | 4.50 | - | 9.25 |"
     assert gate_text(answer, "").startswith("**refined:** predicted gain")
