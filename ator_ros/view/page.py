@@ -11,8 +11,6 @@ from functools import partial
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
-import viser
-
 from ator_ros.geometry import Pose
 from ator_ros.nodes.shapes import (
     BLUE,
@@ -36,7 +34,6 @@ from ator_ros.world.state import World
 if TYPE_CHECKING:  # needs ROS
     from ator_ros.view.backend import Backend
 
-Commands = SimpleQueue[Callable[[], None]]
 _SILENCE = 2.0
 _VARIABLES = ("yaw", "speed")
 _MOST_SEED = 2**31 - 1
@@ -70,7 +67,7 @@ class Page:
         host: str = LOOPBACK,
         port: int = 8080,
     ) -> None:
-        self.commands: Commands = SimpleQueue()
+        self.commands: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._editor, self._robot, self._models = editor, robot, models
         self.server = server = serve(editor.domain, robot, host=host, port=port)
         area = robot.scene.area
@@ -91,7 +88,10 @@ class Page:
             moved=partial(self._moved, editor.move_robot),
         )  # fmt: skip
         self._goals: list[Handle] = []
-        self._panel = Panel(server.gui, editor, self.commands, robots)
+        self._gui = server.gui
+        self._boxes: list[tuple[int, str, Any]] = []
+        self._tops: list[str] = []
+        self._add_panel()
         self._edition, self._written = -1, -math.inf
 
     def _moved(self, move: Callable[..., None], *arguments: object) -> None:
@@ -137,7 +137,7 @@ class Page:
         if answer is not None:
             shapes += refinement_shapes(start, answer.naive, answer.chain, answer.curves)
         self._chain.draw(shapes)
-        self._panel.show_draft()
+        self._show_draft()
 
     def _show_handles(self) -> None:
         editor = self._editor
@@ -157,7 +157,7 @@ class Page:
 
     def _write(self, world: World | None) -> None:
         editor, backend = self._editor, self._editor.backend
-        self._panel.show_texts(world, self._robot, self._models.get(editor.draft.action_set, {}))
+        self._show_texts(world)
         path = backend.path
         planned = polyline("planned", [] if path is None else path.tolist(), YELLOW, _TRAIL_WIDTH)
         driven = (
@@ -170,76 +170,18 @@ class Page:
         """Stop serving."""
         self.server.stop()
 
+    # The panel
 
-# Texts in Markdown
-
-
-def clock_text(world: World | None, *, paused: bool, status: str, silence: float = 0.0) -> str:
-    """Return simulated time and status of the run; `silence` is in real s since the robot's last state."""
-    if world is None:
-        return "waiting for the robot's state from odom or tf"
-    if silence > _SILENCE and not paused:
-        status = f"no state of the robot for {silence:.0f} s"
-    return f"**{world.time:.2f} s**{' (paused)' if paused else ''} · {plain(status)}"
-
-
-def times_text(answer: Answer | None, runs: Sequence[Run]) -> str:
-    """Return a table: the predictions for both chains, and each run's actual times, by step."""
-    if answer is None:
-        return ""
-    tops = [plain(call.top.name) for call in answer.chain.calls]
-    rows = [
-        ("naive, predicted", answer.before, sum(answer.before)),
-        ("best, predicted", answer.after, sum(answer.after)),
-        *((f"{run.label}, driven", tuple(run.actual), run.elapsed) for run in runs),
-    ]
-    table = [f"| s | {' | '.join(tops)} | chain |", f"|---|{'---|' * (len(tops) + 1)}"]
-    for label, values, whole in rows:
-        cells = [seconds(value) for value in (*values, *[math.nan] * (len(tops) - len(values)))]
-        table.append(f"| {label} | {' | '.join(cells)} | {seconds(whole)} |")
-    return "\n".join(table)
-
-
-def gate_text(answer: Answer | None, problem: str) -> str:
-    """Return why the chain was refined or left unchanged, or the problem."""
-    if problem:
-        return f"**not refined:** {plain(problem)}"
-    if answer is None:
-        return "no chain"
-    chosen = f", alternative {answer.chosen}" if answer.chosen else ""
-    return f"**{'refined' if answer.refined else 'left alone'}{chosen}:** {plain(answer.reason)}"
-
-
-def rules_text(world: World, chain: TopChain, robot: Robot, models: Mapping[str, PerformanceModel]) -> str:
-    """Return, by step, the rule that predicts the duration and what its terms add in this situation."""
-    parts = []
-    for call, situation in zip(chain.calls, chain_situations(world, chain, robot), strict=True):
-        model = models.get(call.top.action)
-        text = "no model" if model is None else model.explain(situation)
-        parts.append(f"**{plain(call.top.name)}**\n```\n{text}\n```")
-    return "\n\n".join(parts)
-
-
-class Panel:
-    """Buttons, fields and texts; each event is queued as a command for the editor's thread.
-
-    `robots` are those to choose from, by name; there may be none.
-    """
-
-    def __init__(
-        self, gui: viser.GuiApi, editor: Editor, commands: Commands, robots: Mapping[str, Backend]
-    ) -> None:
-        self._gui, self._editor, self._commands = gui, editor, commands
-        self._boxes: list[tuple[int, str, Any]] = []
-        self._tops: list[str] = []
-        tabs = gui.add_tab_group()
+    def _add_panel(self) -> None:
+        """Add buttons, fields and texts; each event is queued as a command for the editor's thread."""
+        tabs = self._gui.add_tab_group()
         with tabs.add_tab("Now"):
-            self._add_fields(robots)
+            self._add_fields()
         with tabs.add_tab("History"):
-            self._history = gui.add_markdown("")
+            self._history = self._gui.add_markdown("")
 
-    def _add_fields(self, robots: Mapping[str, Backend]) -> None:
-        gui, editor = self._gui, self._editor
+    def _add_fields(self) -> None:
+        gui, editor, robots = self._gui, self._editor, self._robots
         if len(robots) > 1:
             choice = gui.add_dropdown("Robot", tuple(robots))
             self._on_change(choice, lambda name: editor.select(robots[name]))
@@ -293,7 +235,7 @@ class Panel:
     def _set_weight(self, measure: str, weight: float) -> None:
         self._editor.edit(lambda draft: draft.with_weight(measure, weight))
 
-    def show_draft(self) -> None:
+    def _show_draft(self) -> None:
         """Show the draft's seed, and a box for each variable that can be opened."""
         chain = self._editor.draft.chain
         self._seed.value = self._editor.seed
@@ -318,8 +260,7 @@ class Panel:
     def _set_open(self, step: int, name: str, is_open: bool) -> None:
         self._editor.edit(lambda draft: draft.with_open(step, name, is_open=is_open))
 
-    def show_texts(self, world: World | None, robot: Robot, models: Mapping[str, PerformanceModel]) -> None:
-        """Write the texts; `models` are those of the draft's action set, by action."""
+    def _show_texts(self, world: World | None) -> None:
         editor, backend, answer = self._editor, self._editor.backend, self._editor.answer
         status = "drag robot, objects or goals" if editor.run is None else editor.run.status
         if backend.refused:
@@ -331,12 +272,13 @@ class Panel:
         self._gate.content = gate_text(answer, editor.problem)
         self._verdict.content = editor.verdict
         if answer is not None:
-            self._rules.content = rules_text(editor.draft.world, answer.chain, robot, models)
+            models = self._models.get(editor.draft.action_set, {})
+            self._rules.content = rules_text(editor.draft.world, answer.chain, self._robot, models)
         learned = f"Learned models in use: {plain(backend.learned)}." if backend.learned else ""
         self._history.content = f"{learned}\n\n{backend.history.report()}"
 
     def _button(self, label: str, command: Callable[[], None]) -> None:
-        self._gui.add_button(label).on_click(lambda _: self._commands.put(command))
+        self._gui.add_button(label).on_click(lambda _: self.commands.put(command))
 
     def _on_change(self, field: Any, command: Callable[[Any], None]) -> None:
         """Queue what a client enters; values that we set ourselves are no commands."""
@@ -344,6 +286,55 @@ class Panel:
         def queue(event: Any) -> None:
             value = field.value
             if event.client is not None:
-                self._commands.put(lambda: command(value))
+                self.commands.put(lambda: command(value))
 
         field.on_update(queue)
+
+
+# Texts in Markdown
+
+
+def clock_text(world: World | None, *, paused: bool, status: str, silence: float = 0.0) -> str:
+    """Return simulated time and status of the run; `silence` is in real s since the robot's last state."""
+    if world is None:
+        return "waiting for the robot's state from odom or tf"
+    if silence > _SILENCE and not paused:
+        status = f"no state of the robot for {silence:.0f} s"
+    return f"**{world.time:.2f} s**{' (paused)' if paused else ''} · {plain(status)}"
+
+
+def times_text(answer: Answer | None, runs: Sequence[Run]) -> str:
+    """Return a table: the predictions for both chains, and each run's actual times, by step."""
+    if answer is None:
+        return ""
+    tops = [plain(call.top.name) for call in answer.chain.calls]
+    rows = [
+        ("naive, predicted", answer.before, sum(answer.before)),
+        ("best, predicted", answer.after, sum(answer.after)),
+        *((f"{run.label}, driven", tuple(run.actual), run.elapsed) for run in runs),
+    ]
+    table = [f"| s | {' | '.join(tops)} | chain |", f"|---|{'---|' * (len(tops) + 1)}"]
+    for label, values, whole in rows:
+        cells = [seconds(value) for value in (*values, *[math.nan] * (len(tops) - len(values)))]
+        table.append(f"| {label} | {' | '.join(cells)} | {seconds(whole)} |")
+    return "\n".join(table)
+
+
+def gate_text(answer: Answer | None, problem: str) -> str:
+    """Return why the chain was refined or left unchanged, or the problem."""
+    if problem:
+        return f"**not refined:** {plain(problem)}"
+    if answer is None:
+        return "no chain"
+    chosen = f", alternative {answer.chosen}" if answer.chosen else ""
+    return f"**{'refined' if answer.refined else 'left alone'}{chosen}:** {plain(answer.reason)}"
+
+
+def rules_text(world: World, chain: TopChain, robot: Robot, models: Mapping[str, PerformanceModel]) -> str:
+    """Return, by step, the rule that predicts the duration and what its terms add in this situation."""
+    parts = []
+    for call, situation in zip(chain.calls, chain_situations(world, chain, robot), strict=True):
+        model = models.get(call.top.action)
+        text = "no model" if model is None else model.explain(situation)
+        parts.append(f"**{plain(call.top.name)}**\n```\n{text}\n```")
+    return "\n\n".join(parts)
