@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.sensors import Sensors
-from ator_ros.simulation.simulated_base import COMMAND_TIMEOUT
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.world import messages
 from ator_ros.world.messages import MessageError
@@ -18,43 +17,15 @@ _FASTEST = 10.0
 """Greatest speed in m/s that an object is placed with: in one step of the physics it moves by its radius."""
 
 
+@dataclass
 class SimulatedRobot:
     """One robot of the world: its name ("" where there is no other), description, sensors and start."""
 
-    observed: World
-
-    def __init__(self, name: str, robot: Robot, sensors: Sensors, start: Pose) -> None:
-        self.name, self.robot, self.sensors, self.start = name, robot, sensors, start
-        self.begin()
-
-    def begin(self) -> None:
-        """Forget all commands."""
-        self._command, self._commanded_at, self._driven_at = STOP, -math.inf, math.nan
-
-    def command(self, command: Command, time: float) -> None:
-        """Record a command that came at `time` (s)."""
-        self._command, self._commanded_at = command, time
-        if command != STOP:
-            self._driven_at = time
-
-    def is_commanded(self, time: float) -> bool:
-        """Return whether a command holds at `time` (s)."""
-        return time - self._commanded_at < COMMAND_TIMEOUT
-
-    @property
-    def is_commanded_to_move(self) -> bool:
-        """Whether the last command was to move."""
-        return self._command != STOP
-
-    def observe(self, world: World) -> str:
-        """Observe the true state; return a sentence if the robot has come to stand."""
-        self.observed = self.sensors.observe(world)
-        driving = self.is_commanded_to_move and self.is_commanded(world.time)
-        if math.isnan(self._driven_at) or driving or not world.robot.is_standing:
-            return ""
-        driven_at, self._driven_at = self._driven_at, math.nan
-        who = f"robot {self.name}" if self.name else "the robot"
-        return f"{who} stands since {world.time:.2f} s, last commanded to move at {driven_at:.2f} s"
+    name: str
+    robot: Robot
+    sensors: Sensors
+    start: Pose
+    observed: World = field(init=False)
 
 
 class SimulatedWorld:
@@ -87,7 +58,6 @@ class SimulatedWorld:
         self._simulation = Simulation(first, others=others)
         for number, robot in enumerate(self.robots):
             self._simulation.place_robot(robot.start, number=number)
-            robot.begin()
         for name, place in self._object_starts.items():
             self._simulation.place_object(name, *place)
         for number in range(len(self.robots)):
@@ -114,19 +84,20 @@ class SimulatedWorld:
 
         Of several robots those that were commanded to stop are left out, as the others need their odometry.
         """
-        return {
-            number
-            for number, robot in enumerate(self.robots)
-            if robot.is_commanded(self.time) and (robot.is_commanded_to_move or len(self.robots) == 1)
-        }
+        unawaited = (None, STOP) if len(self.robots) > 1 else (None,)
+        numbers = range(len(self.robots))
+        return {number for number in numbers if self._simulation.commanded(number=number) not in unawaited}
 
-    def tick(self) -> list[str]:
-        """Advance by one control tick; return a sentence for each robot that has come to stand."""
+    def tick(self) -> list[SimulatedRobot]:
+        """Advance by one control tick; return the robots that stand and are not commanded to move."""
         self._simulation.tick()
-        stops = [
-            robot.observe(self._simulation.world(number=number)) for number, robot in enumerate(self.robots)
-        ]
-        return [stop for stop in stops if stop]
+        idle = []
+        for number, robot in enumerate(self.robots):
+            world = self._simulation.world(number=number)
+            robot.observed = robot.sensors.observe(world)
+            if world.robot.is_standing and self._simulation.commanded(number=number) in (None, STOP):
+                idle.append(robot)
+        return idle
 
     def wheel_angles(self, number: int) -> list[float]:
         """Return the angles of a robot's left and right wheel in rad."""
@@ -135,7 +106,6 @@ class SimulatedWorld:
     def command(self, command: Command, number: int) -> None:
         """Send a base a velocity command."""
         self._simulation.command(command, number=number)
-        self.robots[number].command(command, self.time)
 
     def reset(self) -> None:
         """Make a new world; its time starts at 0."""

@@ -47,6 +47,7 @@ from ator_ros.simulation.urdf import WHEEL_NAMES, robot_urdf
 from ator_ros.world import messages as checks
 from ator_ros.world.messages import MessageError
 from ator_ros.world.scene import Area
+from ator_ros.world.state import STOP
 
 WORLD = "world"
 """The frame in which robots of one simulation begin."""
@@ -187,8 +188,8 @@ class SimulationNode(Node):
             self._deadline = now + _PAUSED_PERIOD
         else:
             self._ticks.began(now)
-            for stop in self._world.tick():
-                self.get_logger().debug(stop)
+            for robot in self._world.tick():
+                self.get_logger().debug(f"{self._world.time:.2f} s: robot {robot.name} stands")
             self._ticks.took(time.monotonic() - now)
             self._schedule(now)
         self._publish()
@@ -220,7 +221,8 @@ class SimulationNode(Node):
         except MessageError as error:
             self._reject(str(error))
             return
-        if not (number in self._awaited or self._world.robots[number].is_commanded_to_move):
+        self.get_logger().debug(f"{self._world.time:.2f} s: {command}")
+        if number not in self._awaited and command == STOP:
             return  # stop commands do not advance the clock
         self._awaited.discard(number)
         if not (self._paused or self._awaited):

@@ -81,9 +81,13 @@ class SimulatedBase:
         self._command = Command(clip(command.v, limits.v), clip(command.w, limits.w))
         self._expires = time + COMMAND_TIMEOUT - _ROUNDING
 
+    def commanded(self, time: float) -> Command | None:
+        """Return the command that holds at `time` (s); None if none does."""
+        return self._command if time < self._expires else None
+
     def ramp(self, time: float, dt: float) -> None:
         """Move the setpoint toward the command for `dt` s, and set the motors."""
-        target = self._command if time < self._expires else STOP
+        target = self.commanded(time) or STOP
         self._setpoint = ramped(self._setpoint, target, dt, self.robot.limits, self.robot.stop)
         turn, radius = self._setpoint.w * self.robot.track / 2.0, self.robot.wheel_radius
         speeds = (self._setpoint.v - turn) / radius, (self._setpoint.v + turn) / radius

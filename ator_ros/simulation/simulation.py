@@ -165,6 +165,10 @@ class Simulation:
         """Send a base a velocity command; it holds for 0.15 s and is clipped to the limits."""
         self._bases[number].command(command, self.time)
 
+    def commanded(self, *, number: int = 0) -> Command | None:
+        """Return the command that holds for a robot now; None if none does."""
+        return self._bases[number].commanded(self.time)
+
     def tick(self) -> None:
         """Advance the world by one control tick of 1/20 s."""
         for _ in range(RAMPS_PER_TICK):

@@ -15,6 +15,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome, TopCall
 from ator_ros.geometry import Pose
 from ator_ros.nodes.network import free_domain
+from ator_ros.world.state import STOP
 
 START = Pose(-1.2, 0.0, 0.0)
 BALL = (0.0, 0.0)
@@ -34,7 +35,8 @@ SETTINGS: dict[str, dict[str, object]] = {
     "executor": {"odom_timeout": 1.5, "refinement_timeout": 3.0, "start_timeout": 20.0},
     "refinement": {},
 }
-_STOP = re.compile(r"the robot stands since (\S+) s, last commanded to move at (\S+) s")
+_STANDS = "robot  stands"  # its name is empty
+_STATUS = re.compile(rf"(\S+) s: ({_STANDS}|Command\(v=\S+, w=\S+\))")
 
 
 class ArenaClient:
@@ -134,8 +136,16 @@ class Arena:
 
     def stops(self) -> list[tuple[float, float]]:
         """Return the times of the last command to move and of the stop, from the simulations' logs."""
-        logs = "".join(node.output for node in self._started["simulation"])
-        return [(float(sent), float(stood)) for stood, sent in _STOP.findall(logs)]
+        stops = []
+        for node in self._started["simulation"]:
+            sent = None
+            for time, status in _STATUS.findall(node.output):
+                if status not in (_STANDS, str(STOP)):
+                    sent = float(time)
+                elif status == _STANDS and sent is not None:
+                    stops.append((sent, float(time)))
+                    sent = None
+        return stops
 
     def close(self) -> None:
         """Stop all nodes."""
