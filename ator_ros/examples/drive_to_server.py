@@ -7,10 +7,8 @@ time would fire once in twenty ticks of a simulation that runs twenty times fast
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import signal
-import sys
 from typing import Any
 
 import rclpy
@@ -18,14 +16,13 @@ from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
 from ator_interfaces.action import DriveTo
-from ator_ros.examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotate, State, Tuning
+from ator_ros.examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotate, State
 
 _FEEDBACK_PERIOD = 0.5
 _CODES = {Phase.MISSED: DriveTo.Result.MISSED, Phase.TOO_LONG: DriveTo.Result.TOO_LONG}
@@ -34,10 +31,10 @@ _CODES = {Phase.MISSED: DriveTo.Result.MISSED, Phase.TOO_LONG: DriveTo.Result.TO
 class _Drive:
     """An active goal."""
 
-    def __init__(self, handle: ServerGoalHandle, tuning: Tuning) -> None:
+    def __init__(self, handle: ServerGoalHandle) -> None:
         self.handle = handle
         pose = handle.request.goal.pose
-        self.law = RotateDriveRotate((pose.position.x, pose.position.y, _yaw(pose.orientation)), tuning)
+        self.law = RotateDriveRotate((pose.position.x, pose.position.y, _yaw(pose.orientation)))
         self.ended = Future()
         self.superseded = False
         self.feedback_at = -math.inf  # s, by the stamps
@@ -45,8 +42,6 @@ class _Drive:
 
 class DriveToServer(Node):
     """Drives to one goal at a time; a newer one takes over.
-
-    Parameters: those of `Tuning`, read at the start.
 
     Action server
         drive_to (ator_interfaces/DriveTo).
@@ -58,11 +53,6 @@ class DriveToServer(Node):
 
     def __init__(self) -> None:
         super().__init__("drive_to_server")
-        given = {
-            field.name: self.declare_parameter(field.name, field.default).value
-            for field in dataclasses.fields(Tuning)
-        }
-        self._tuning = Tuning(**given)
         self._state: State | None = None
         self._frame = ""
         self._drive: _Drive | None = None
@@ -90,7 +80,7 @@ class DriveToServer(Node):
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
         """Drive from the newest odometry on; later odometry ends the drive."""
-        drive = _Drive(handle, self._tuning)
+        drive = _Drive(handle)
         former, self._drive = self._drive, drive
         if former is not None:
             former.superseded = True
@@ -147,12 +137,8 @@ def _yaw(q: Any) -> float:
 def main(args: list[str] | None = None) -> None:
     """Run the server until Ctrl-C or SIGTERM."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        rclpy.init(args=args)
-        node = DriveToServer()
-    except (ParameterException, RuntimeError, ValueError) as error:  # rcl's errors are RuntimeErrors
-        rclpy.try_shutdown()
-        sys.exit(f"drive_to_server: {' '.join(str(error).split())}")
+    rclpy.init(args=args)
+    node = DriveToServer()
     try:
         rclpy.spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -38,22 +38,20 @@ _GAPS = 5
 class Health:
     """A node's health.
 
-    `problem` is what is wrong, or empty; `error` whether that keeps the node from working. `lasting` is a
-    problem that is logged once it has lasted for some seconds: inputs are also missing at the start.
+    `problem` is what is wrong, or empty; `error` whether that keeps the node from working.
     """
 
     problem: str = ""
     error: bool = False
     values: Mapping[str, object] = field(default_factory=dict)
-    lasting: str = ""
 
 
 class Diagnostics:
     """Publishes a node's health on /diagnostics once a second, in steady time.
 
     `topics` are the types of the topics that the node subscribes to, by name: publishers of other types are
-    reported, and logged once. So are several publishers of those in `states`, which only one node may
-    publish.
+    reported, as are several publishers of those in `states`, which only one node may publish. A problem is
+    logged once it has lasted for some seconds: inputs are also missing at the start.
     """
 
     def __init__(
@@ -67,8 +65,7 @@ class Diagnostics:
         self._node = node
         self._health = health
         self._topics, self._states = topics, states
-        self._strange: Sequence[str] = ()
-        self._lasting, self._lasts, self._logged = "", 0, ""
+        self._problem, self._lasts, self._logged = "", 0, ""
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RESULTS)
         self._timer = node.create_timer(_PERIOD, self.publish, clock=STEADY)
 
@@ -76,13 +73,10 @@ class Diagnostics:
         """Publish the health now."""
         health = self._health()
         mismatches = (type_mismatch(self._node, *topic) for topic in self._topics.items())
-        strange = [text for text in (*mismatches, rival_senders(self._node, self._states)) if text]
-        if new := [text for text in strange if text not in self._strange]:
-            self._node.get_logger().warning("; ".join(new))
-        self._strange = strange
-        self._log_lasting(health.lasting)
-        others = (text for text in strange if text not in health.lasting)
-        problem = "; ".join(filter(None, (health.lasting, health.problem, *others)))
+        strange = (*mismatches, rival_senders(self._node, self._states))
+        others = (text for text in strange if text and text not in health.problem)
+        problem = "; ".join(filter(None, (health.problem, *others)))
+        self._log_lasting(problem)
         level = DiagnosticStatus.OK
         if problem:
             level = DiagnosticStatus.ERROR if health.error else DiagnosticStatus.WARN
@@ -100,8 +94,8 @@ class Diagnostics:
 
     def _log_lasting(self, problem: str) -> None:
         """Log a problem once it has been published a few times in a row, and its end."""
-        self._lasts = self._lasts + 1 if problem == self._lasting else 1
-        self._lasting = problem
+        self._lasts = self._lasts + 1 if problem == self._problem else 1
+        self._problem = problem
         if problem != self._logged and self._lasts >= (_LASTING if problem else 1):
             if problem:
                 self._node.get_logger().warning(printable(problem, _LONGEST))

@@ -29,21 +29,21 @@ from ator_ros.world.state import ObjectState, World
 _ABOVE_FLOOR = 0.02
 _POINT = 0.05
 """Radius in m with which an object of unknown size is drawn."""
-_PATH_PERIOD, _OBJECTS_PERIOD, _STATUS_PERIOD = 0.2, 0.1, 0.5
-"""Times in s, on odometry's clock, between two updates."""
+_PERIOD = 0.2
+"""Time in s, on odometry's clock, between two updates."""
 _ROUNDING = 1e-6
 _MOST_POSES = 60
 
 
 class ExecutionDrawing:
-    """Publishes the active goal, all of it transient local.
+    """Publishes the active goal, five times a second and all of it transient local.
 
     Publishes
         planned_path (nav_msgs/Path): the path that the active action has planned; empty without one.
         chain_markers (visualization_msgs/MarkerArray): the active chain; its present subgoal in orange.
-        object_markers (visualization_msgs/MarkerArray): the objects, ten times a second to subscribers.
-        chain_under_way (ator_interfaces/ChainPerformance): the active chain, at each change and twice a
-            second; until it ends its outcome has code 0, and predictions are left out.
+        object_markers (visualization_msgs/MarkerArray): the objects.
+        chain_under_way (ator_interfaces/ChainPerformance): the active chain, at each change; until it ends
+            its outcome has code 0, and predictions are left out.
         scene_markers (visualization_msgs/MarkerArray): area, bays, and the domain's lines.
     """
 
@@ -56,7 +56,7 @@ class ExecutionDrawing:
         self._surroundings.publish(lambda: marker_array(surroundings(domain, robot), "scene", frame))
         self._under_way = LazyPublisher(node, ChainPerformance, "chain_under_way")
         self._stage: tuple[object, ...] = ()
-        self._status_at = self._path_at = self._objects_at = -math.inf
+        self._drawn_at = self._objects_at = -math.inf
 
     def follow(self, run: GoalRun, world: World | None) -> None:
         """Publish the status of a goal, and draw its chain until it ends; `world` is the newest state."""
@@ -64,16 +64,15 @@ class ExecutionDrawing:
         is_new, self._stage = run.stage != self._stage, run.stage
         if is_new:
             self._chain.publish(partial(self._chain_message, run.supervisor))
-        if world is not None and (is_new or abs(now - self._status_at) >= _STATUS_PERIOD):
-            self._status_at = now
-            self._under_way.publish(partial(run.record, world))
-        if is_new or abs(now - self._path_at) >= _PATH_PERIOD:
-            self._path_at = now
+        if is_new or abs(now - self._drawn_at) >= _PERIOD - _ROUNDING:
+            self._drawn_at = now
             self._path.publish(partial(self._path_message, run.supervisor.path(), now))
+            if world is not None:
+                self._under_way.publish(partial(run.record, world))
 
     def objects(self, world: World) -> None:
-        """Draw the objects of the newest state, at most ten times a second."""
-        early = abs(world.time - self._objects_at) < _OBJECTS_PERIOD - _ROUNDING
+        """Draw the objects of the newest state, if it is time for it."""
+        early = abs(world.time - self._objects_at) < _PERIOD - _ROUNDING
         if early or not self._objects.get_subscription_count():
             return
         self._objects_at = world.time

@@ -429,10 +429,14 @@ class ExecutorNode(Node):
         elif self._run is not None:  # without a goal inputs are read less often than they come
             missing = self._diagnosis.rate_problem("odom", self._odom_timeout)
         return Health(
-            "; ".join(filter(None, (self._sets.problem, self._remotes.problem))),
+            "; ".join(
+                filter(
+                    None,
+                    (missing, self._commands.mismatch(), self._sets.problem, self._remotes.problem),
+                )
+            ),
             error=stale and self._run is not None,
             values=values,
-            lasting="; ".join(filter(None, (missing, self._commands.mismatch()))),
         )
 
     def _knowledge(self, name: str, known: Container[str]) -> str:

@@ -38,16 +38,6 @@ _WARNING_PERIOD = 2.0
 _MOST_NAMED = 8
 
 
-@dataclass
-class _Followed:
-    """A frame that is looked up in another one; `last` is the stamp in s that was passed on last."""
-
-    frame: str
-    child: str
-    take: Take
-    last: float | None = None
-
-
 class TfListener:
     """Subscribes to /tf and /tf_static once a frame is followed, and looks frames up.
 
@@ -57,7 +47,9 @@ class TfListener:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._transforms = Transforms()
-        self._followed: list[_Followed] = []
+        self._followed: dict[tuple[str, str], Take] = {}
+        self._last: dict[tuple[str, str], float] = {}
+        """The stamp in s that was passed on last, by frame and child."""
 
     def lacking(self, frame: str, child: str) -> str:
         """Return the problem if the place of `child` in `frame` is unknown or old."""
@@ -72,7 +64,7 @@ class TfListener:
         if not self._followed:
             for topic, fixed, qos in (("/tf_static", True, LATCHED_BY_MANY), ("/tf", False, RESULTS)):
                 self._node.create_subscription(TFMessage, topic, partial(self._take, fixed=fixed), qos)
-        self._followed.append(_Followed(frame, child, take))
+        self._followed[frame, child] = take
 
     def _take(self, message: Any, *, fixed: bool) -> None:
         for transform in message.transforms:
@@ -81,11 +73,11 @@ class TfListener:
             except MessageError as error:
                 logger = self._node.get_logger()
                 logger.warning(f"ignored: {error}", throttle_duration_sec=_WARNING_PERIOD)
-        for followed in self._followed:
-            found = self._transforms.latest(followed.frame, followed.child)
-            if found is not None and found[0] != followed.last:  # newer, or older after a reset
-                followed.last = found[0]
-                followed.take(*found)
+        for frames, take in self._followed.items():
+            found = self._transforms.latest(*frames)
+            if found is not None and found[0] != self._last.get(frames):  # newer, or older after a reset
+                self._last[frames] = found[0]
+                take(*found)
 
 
 TYPES: dict[str, Any] = {

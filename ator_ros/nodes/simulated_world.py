@@ -42,6 +42,7 @@ class SimulatedWorld:
         self.robots = tuple(robots)
         self._floor = robots[0].robot.scene.area.floor
         self._object_starts = object_starts
+        self._idle = set[str]()
         for robot in self.robots:
             self._check_inside(robot.start.x, robot.start.y, f"robot_start {robot.name}".strip())
         for name, place in object_starts.items():
@@ -88,16 +89,16 @@ class SimulatedWorld:
         numbers = range(len(self.robots))
         return {number for number in numbers if self._simulation.commanded(number=number) not in unawaited}
 
-    def tick(self) -> list[SimulatedRobot]:
-        """Advance by one control tick; return the robots that stand and are not commanded to move."""
+    def tick(self) -> set[str]:
+        """Advance by one control tick; return the names of the robots that have come to stand."""
         self._simulation.tick()
-        idle = []
+        former, self._idle = self._idle, set()
         for number, robot in enumerate(self.robots):
             world = self._simulation.world(number=number)
             robot.observed = robot.sensors.observe(world)
             if world.robot.is_standing and self._simulation.commanded(number=number) in (None, STOP):
-                idle.append(robot)
-        return idle
+                self._idle.add(robot.name)
+        return self._idle - former
 
     def wheel_angles(self, number: int) -> list[float]:
         """Return the angles of a robot's left and right wheel in rad."""

@@ -188,8 +188,8 @@ class SimulationNode(Node):
             self._deadline = now + _PAUSED_PERIOD
         else:
             self._ticks.began(now)
-            for robot in self._world.tick():
-                self.get_logger().debug(f"{self._world.time:.2f} s: robot {robot.name} stands")
+            for name in self._world.tick():
+                self.get_logger().debug(f"{self._world.time:.2f} s: robot {name} stands")
             self._ticks.took(time.monotonic() - now)
             self._schedule(now)
         self._publish()

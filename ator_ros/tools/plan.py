@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 
 from ator_ros.domains.domain import Domain
+from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.geometry import Pose
-from ator_ros.performance.model_file import load_models
 from ator_ros.planning.goals import GoalStatement, PlanningError, statement_from
 from ator_ros.planning.planner import chains_for
 from ator_ros.refinement.refiner import Judged, Refiner, choose, rank
 from ator_ros.robot.description import Robot
-from ator_ros.tools.command_line import add_models, add_setting, number, run_tool
+from ator_ros.tools.command_line import add_models, add_setting, number, run_tool, source_of
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.messages import FARTHEST
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -26,21 +25,15 @@ from ator_ros.world.state import ObjectState, RobotState, World
 _coordinate = number(-FARTHEST, FARTHEST)
 
 
-def plan(
-    domain: Domain, robot: Robot, goal: Sequence[str], world: World, *, action_set: str, models: str
-) -> None:
-    """Print the chains that achieve a goal, the best one first.
-
-    The goal is a name or statements; `models` is the folder of the models, empty: as shipped.
-    """
-    library = domain.library(robot, action_set)
-    chains = chains_for(_statements(goal, domain, robot), world, library, domain.objects)
+def plan(source: ToolsetSource, goal: Sequence[str], world: World) -> None:
+    """Print the chains that achieve a goal, a name or statements, the best one first."""
+    tools, library = tools_of(source)
+    statements = _statements(goal, tools.domain, tools.robot)
+    chains = chains_for(statements, world, library, tools.domain.objects)
     if not chains:
         print("the goal holds already")
         return
-    folder = Path(models) if models else domain.shipped_models
-    learned = load_models(robot, domain.known_features, action_set=action_set, folder=folder)
-    refiner = Refiner(robot, learned, ranges=library.ranges)
+    refiner = Refiner(tools.robot, tools.models, ranges=library.ranges)
     judged = choose(refiner, world, chains, placeholders=True).judged
     for each, chain in sorted(zip(judged, chains, strict=True), key=lambda pair: rank(pair[0])):
         print(_line(each, chain))
@@ -105,13 +98,11 @@ def arguments() -> argparse.ArgumentParser:
 
 
 def _run(options: argparse.Namespace, domain: Domain, _: str) -> None:
-    robot = domain.robot(options.robot or None)
     if not options.goal:
-        named = ", ".join(sorted(domain.goals(robot))) or "none with a name"
+        named = ", ".join(sorted(domain.goals(source_of(options).described()))) or "none with a name"
         print(f"goals of {domain.name}: {named}")
         return
-    world = _situation(options, domain)
-    plan(domain, robot, options.goal, world, action_set=options.action_set, models=options.models)
+    plan(source_of(options), options.goal, _situation(options, domain))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
