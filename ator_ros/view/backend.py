@@ -75,8 +75,8 @@ class Backend:
 
     Attributes
     ----------
-    can_place : bool
-        Whether robot and objects can be placed, as in a simulation.
+    can_place, paused : bool
+        Whether robot and objects can be placed, as in a simulation, and whether time is paused from here.
     history : History
         The executed chains, of all clients.
     external : ExternalGoal or None
@@ -102,7 +102,7 @@ class Backend:
         self.domain, self._robot, self._frame, self._check = domain, robot, frame, check
         self._timeout, self._timeout_attached = start_timeout, timeout
         self.libraries = {name: domain.library(robot, name) for name in domain.action_sets}
-        self.can_place = self._is_shared = self._paused = False
+        self.can_place = self._is_shared = self.paused = False
         self.history = History()
         self.external: ExternalGoal | None = None
         self.path: FloatArray | None = None
@@ -177,8 +177,8 @@ class Backend:
         return {name: values.get(name) or usual for name, usual in _ROBOT_FROM.items()}
 
     def close(self) -> None:
-        """Resume time if it is paused from here, and destroy the node."""
-        if self._paused:
+        """Resume time if it is paused, and destroy the node."""
+        if self.paused:
             with contextlib.suppress(NodesError):
                 self.pause(paused=False)
         self._executor.shutdown()
@@ -344,14 +344,14 @@ class Backend:
 
     def pause(self, *, paused: bool) -> None:
         """Pause or resume time."""
-        self._paused = paused or self._paused  # without an answer it may be either
+        self.paused = paused or self.paused  # without an answer it may be either
         self._call(self._pause, SetBool.Request(data=paused))
-        self._paused = paused
+        self.paused = paused
 
     def _resume(self) -> None:
         """Resume time; does not wait, and it is no error if the simulation has ended."""
         self._pause.call_async(SetBool.Request(data=False))
-        self._paused = False
+        self.paused = False
 
     # Execution
 
@@ -370,7 +370,7 @@ class Backend:
         try:
             self._start(run, draft, refine=refine)
         except BaseException:
-            if self._paused:
+            if self.paused:
                 self._resume()
             raise
         if self.can_place:

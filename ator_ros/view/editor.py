@@ -40,7 +40,7 @@ class Editor:
         self.backend, self.domain, self.libraries = backend, backend.domain, backend.libraries
         self.seed, self.index = 0, 0
         self.answer: Answer | None = None
-        self.problem, self.paused = "", False
+        self.problem = ""
         self.runs: list[Run] = []
         self.edition = 0
         self._waiting: list[Run] = []
@@ -82,7 +82,7 @@ class Editor:
         self.runs.clear()
         self.answer = None  # it was about another robot
         self._stale, self._follows, self._followed = True, True, -math.inf
-        self._displaced, self.paused, self._external = False, False, ()
+        self._displaced, self._external = False, ()
 
     # Edits
 
@@ -123,7 +123,6 @@ class Editor:
         """Place everything as in the draft, if an execution has moved it; tried once."""
         displaced, self._displaced, self._follows = self._displaced, False, False
         if displaced and self.backend.can_place:
-            self.paused = False
             self.backend.place(self.draft.world)
             self.backend.pause(paused=False)
 
@@ -149,11 +148,6 @@ class Editor:
         self._waiting.clear()
         if self._active:
             self.backend.stop()
-
-    def pause(self, *, paused: bool) -> None:
-        """Pause or resume time."""
-        self.backend.pause(paused=paused)
-        self.paused = paused
 
     @property
     def run(self) -> Run | None:
@@ -257,7 +251,7 @@ class Editor:
         run = self._waiting.pop(0)
         if self.backend.can_place and not self._follows:
             self.backend.place(self.draft.world)
-        self.paused, self._displaced, self._follows = False, True, False
+        self._displaced, self._follows = True, False
         self.runs.append(run)
         refine = run.label == REFINED
         naive = dataclasses.replace(self.draft, chain=self.answer.naive, alternatives=())

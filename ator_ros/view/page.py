@@ -191,8 +191,8 @@ class Page:
             self._button("Play refined", lambda: editor.execute(REFINED))
             self._button("Race: naive, then refined", lambda: editor.execute(NAIVE, REFINED))
             if editor.backend.can_place:
-                self._button("Pause", lambda: editor.pause(paused=True))
-                self._button("Go on", lambda: editor.pause(paused=False))
+                self._button("Pause", lambda: editor.backend.pause(paused=True))
+                self._button("Go on", lambda: editor.backend.pause(paused=False))
                 self._button("Back to the start", editor.reset)
             else:
                 self._button("Stop", editor.stop)
@@ -266,7 +266,7 @@ class Page:
         if backend.refused:
             status = f"not moved: {backend.refused}"
         self._clock.content = clock_text(
-            world, paused=editor.paused, status=status, silence=backend.silence()
+            world, paused=backend.paused, status=status, silence=backend.silence()
         )
         self._times.content = times_text(answer, editor.runs)
         self._gate.content = gate_text(answer, editor.problem)

@@ -48,6 +48,7 @@ class InProcessBackend:
     def __init__(self, domain: Domain = SOCCER, robot: Robot | None = None) -> None:
         robot = robot or domain.robot()
         self.domain, self.robot, self.can_place = domain, robot, True
+        self.paused = False
         self.libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         models = load_models(robot, domain.known_features, folder=domain.shipped_models)
         self.refiner = Refiner(robot, models)
