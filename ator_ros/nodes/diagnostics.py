@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from ator_ros.nodes.inputs import Input, TfListener
+from ator_ros.nodes.inputs import GAPS, Subscriptions
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.printable import printable
 from ator_ros.world.messages import FrameError
@@ -30,8 +30,6 @@ _LASTING = 5
 """Reports in a row after which a problem is logged."""
 _LONGEST = 500
 _TICKS = 1000
-_GAPS = 5
-"""Gaps between messages that must all be long: one or two are messages that were lost or late."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,48 +129,12 @@ class Ticks:
 # Likely causes
 
 
-@dataclass(slots=True)
-class Reception:
-    """The last messages of one topic.
-
-    `last` is the real time in s of the last message, `advanced` that of the last one with a new `stamp` (s),
-    and `gaps` are the real s between the last of those. `error` is why the last message was ignored.
-    """
-
-    last: float = -math.inf
-    advanced: float = math.nan
-    stamp: float = math.nan
-    gaps: deque[float] = field(default_factory=lambda: deque(maxlen=_GAPS))
-    error: Exception | None = None
-
-    def read(self, stamp: float, now: float) -> None:
-        """Record a message that could be read, with its stamp in s, at `now` in real s."""
-        self.last, self.error = now, None
-        if stamp == self.stamp:
-            return
-        if now > self.advanced:
-            self.gaps.append(now - self.advanced)
-        self.stamp, self.advanced = stamp, now
-
-    def reject(self, error: Exception, now: float) -> None:
-        """Record a message that was ignored."""
-        self.last, self.error = now, error
-
-
 class Diagnosis:
-    """Records which messages a node receives, and names the most likely cause if an input is missing.
+    """Names the most likely cause if an input of a node is missing; "odom" is the robot."""
 
-    `inputs` are the node's, by name; "odom" is the robot.
-
-    Attributes
-    ----------
-    receptions : dict of str to Reception
-        The last messages of each input, by its name.
-    """
-
-    def __init__(self, node: Node, inputs: Mapping[str, Input], tf: TfListener) -> None:
-        self._node, self._inputs, self._tf = node, inputs, tf
-        self.receptions = {name: Reception() for name in inputs}
+    def __init__(self, node: Node, subscribed: Subscriptions) -> None:
+        self._node, self._tf = node, subscribed.tf
+        self._inputs, self._receptions = subscribed.inputs, subscribed.receptions
 
     @property
     def topics(self) -> dict[str, Any]:
@@ -184,8 +146,8 @@ class Diagnosis:
 
         `timeout` is the real s within which messages are expected; after half of it the robot pauses.
         """
-        gaps, topic = self.receptions[name].gaps, self._inputs[name].topic
-        if len(gaps) < _GAPS or min(gaps) <= 0.5 * timeout:
+        gaps, topic = self._receptions[name].gaps, self._inputs[name].topic
+        if len(gaps) < GAPS or min(gaps) <= 0.5 * timeout:
             return ""
         return (
             f"{topic}: messages came {min(gaps):.2f} s apart, too rarely for a timeout of {timeout:g} s: the "
@@ -194,7 +156,7 @@ class Diagnosis:
 
     def cause(self, name: str, timeout: float) -> str:
         """Return why an input is missing, in one sentence; `timeout` is its longest allowed gap in real s."""
-        item, reception, node = self._inputs[name], self.receptions[name], self._node
+        item, reception, node = self._inputs[name], self._receptions[name], self._node
         topic, kind = item.topic, item.kind
         if item.frames is not None and reception.error is None and node.count_publishers(topic):
             return self._tf.lacking(*item.frames)
@@ -209,7 +171,7 @@ class Diagnosis:
         if reception.error is not None:
             advice = ""
             if isinstance(reception.error, FrameError) and topic == "odom":
-                advice = f"; set frame:={reception.error.got}"
+                advice = f"; set frame:={reception.error.got} (of calibrate: --frame {reception.error.got})"
             return f"messages of {sender} are ignored: {reception.error}{advice}"
         if math.isinf(reception.last):
             return f"{topic}: {sender} publishes it, but sends no messages"

@@ -55,7 +55,7 @@ from ator_ros.nodes.remote_actions import RemoteServers
 from ator_ros.nodes.running import run_node, spin_out
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import missing_in
-from ator_ros.world.estimation import ObjectTracker, Sightings, StampError
+from ator_ros.world.estimation import ObjectTracker, Sightings
 from ator_ros.world.inputs import ClockJumpError, Inputs
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
@@ -190,10 +190,10 @@ class ExecutorNode(Node):
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
         self._refinement = self.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
         subscribed = Subscriptions(
-            self, settings, robot, self._domain,
-            take_robot=self._take_robot, take_object=self._take_object, reject=self._ignore, warn=self._warn,
+            self, settings, robot, map(self._domain.source, self._domain.objects),
+            take_robot=self._take_robot, take_object=self._take_object, warn=self._warn,
         )  # fmt: skip
-        self._diagnosis = Diagnosis(self, subscribed.inputs, subscribed.tf)
+        self._diagnosis = Diagnosis(self, subscribed)
         self._server = ActionServer(
             self, ExecuteChain, "execute_chain", self._execute,
             goal_callback=lambda _: GoalResponse.REJECT if self._shutting_down else GoalResponse.ACCEPT,
@@ -206,24 +206,14 @@ class ExecutorNode(Node):
         self._watchdog = self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
 
     def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:
-        now = time.monotonic()
-        self._diagnosis.receptions[name].read(stamp, now)
-        try:
-            warning = self._inputs.object(name, stamp, there, now)
-        except StampError as error:
-            self._ignore(name, error)
-            return
+        warning = self._inputs.object(name, stamp, there, time.monotonic())
         if warning is not None:
             self._warn(warning)
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
         now = time.monotonic()
-        self._diagnosis.receptions["odom"].read(stamp, now)
         try:
             world = self._inputs.robot(stamp, robot, now)
-        except StampError as error:
-            self._ignore("odom", error)
-            return
         except ClockJumpError as error:
             self._take_jump(error)
             return
@@ -394,10 +384,6 @@ class ExecutorNode(Node):
             self._motion.sent(self._inputs.time + (0.0 if answers else now - self._odom_at), command, now)
         if command is not None:
             self._commands.publish(command, self._inputs.time or 0.0)
-
-    def _ignore(self, name: str, error: Exception) -> None:
-        self._diagnosis.receptions[name].reject(error, time.monotonic())
-        self._warn(f"ignored: {error}")
 
     def _warn(self, error: str) -> None:
         self._last_error = error

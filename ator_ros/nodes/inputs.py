@@ -5,8 +5,11 @@ tf is read from its messages; tf2_ros is not needed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -16,14 +19,14 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 
-from ator_ros.domains.domain import Domain
 from ator_ros.nodes.parameters import STATE, SetupError
 from ator_ros.nodes.qos import LATCHED_BY_MANY, RESULTS, SENSOR_DATA
 from ator_ros.robot.description import Robot
-from ator_ros.world.estimation import RobotVelocity
+from ator_ros.world.estimation import RobotVelocity, StampError
 from ator_ros.world.messages import (
     MessageError,
     ObjectReader,
+    ObjectSource,
     OdometryReader,
     robot_from_placement,
     transform_from,
@@ -36,6 +39,8 @@ Take = Callable[[float, Placement], None]
 
 _WARNING_PERIOD = 2.0
 _MOST_NAMED = 8
+GAPS = 5
+"""Gaps between messages that must all be long: one or two are messages that were lost or late."""
 
 
 class TfListener:
@@ -97,8 +102,36 @@ class Input:
     frames: tuple[str, str] | None = None
 
 
+@dataclass(slots=True)
+class Reception:
+    """The last messages of one topic.
+
+    `last` is the real time in s of the last message, `advanced` that of the last one with a new `stamp` (s),
+    and `gaps` are the real s between the last of those. `error` is why the last message was ignored.
+    """
+
+    last: float = -math.inf
+    advanced: float = math.nan
+    stamp: float = math.nan
+    gaps: deque[float] = field(default_factory=lambda: deque(maxlen=GAPS))
+    error: Exception | None = None
+
+    def read(self, stamp: float, now: float) -> None:
+        """Record a message that could be read, with its stamp in s, at `now` in real s."""
+        self.last, self.error = now, None
+        if stamp == self.stamp:
+            return
+        if now > self.advanced:
+            self.gaps.append(now - self.advanced)
+        self.stamp, self.advanced = stamp, now
+
+    def reject(self, error: Exception, now: float) -> None:
+        """Record a message that was ignored."""
+        self.last, self.error = now, error
+
+
 class Subscriptions:
-    """Subscribes to the state of a robot and of the objects of a domain.
+    """Subscribes to the state of a robot and of the objects of `sources`.
 
     Parameters
     ----------
@@ -106,15 +139,16 @@ class Subscriptions:
         The parameters `frame`, in which all of them must be, `robot_frame` and `robot_from`.
     take_robot, take_object : callable
         Called with time in s and state of the robot, and with name, time and state of an object.
-    reject : callable
-        Called with the name, "odom" for the robot, and the error of a message that cannot be used.
+        They may raise StampError.
     warn : callable
-        Called with a remark on a message that is used although it is doubtful.
+        Called with a remark on a message that is ignored, or used although it is doubtful.
 
     Attributes
     ----------
     inputs : dict of str to Input
         Where each of them comes from, by name; "odom" is the robot.
+    receptions : dict of str to Reception
+        The last messages of each.
 
     Raises
     ------
@@ -127,18 +161,17 @@ class Subscriptions:
         node: Node,
         settings: Mapping[str, Any],
         robot: Robot,
-        domain: Domain,
+        sources: Iterable[ObjectSource],
         *,
         take_robot: Callable[[float, RobotState], None],
         take_object: Callable[[str, float, ObjectState], None],
-        reject: Callable[[str, MessageError], None],
-        warn: Callable[[str], None],
+        warn: Callable[[str], object],
     ) -> None:
-        self._node, self._take_robot, self._reject, self._warn = node, take_robot, reject, warn
+        self._node, self._take_robot, self._warn = node, take_robot, warn
         self.tf, self.inputs = TfListener(node), dict[str, Input]()
         frames = settings["frame"], settings["robot_frame"]
         # In this order: of messages that have all come, those of objects are then taken first.
-        for source in map(domain.source, domain.objects):
+        for source in sources:
             reader, take = ObjectReader(source, frames[0]), partial(take_object, source.name)
             if source.type == "tf":
                 self._follow(source.name, (frames[0], source.listened), reader.read_placement, take)
@@ -156,6 +189,7 @@ class Subscriptions:
         else:
             velocity = RobotVelocity(robot.limits.v, robot.limits.w)
             self._follow("odom", frames, partial(robot_from_placement, velocity), take_robot)
+        self.receptions = {name: Reception() for name in self.inputs}
 
     def _subscribe(self, name: str, item: Input, read: Callable[..., Any], take: Callable[..., None]) -> None:
         self.inputs[name] = item
@@ -168,12 +202,14 @@ class Subscriptions:
         self.tf.follow(*frames, partial(self._read, name, read, take))
 
     def _read(self, name: str, read: Callable[..., Any], take: Callable[..., None], *message: Any) -> None:
+        now, reception = time.monotonic(), self.receptions[name]
         try:
             stamp, state = read(*message)
-        except MessageError as error:
-            self._reject(name, error)
-            return
-        take(stamp, state)
+            reception.read(stamp, now)
+            take(stamp, state)
+        except (MessageError, StampError) as error:
+            reception.reject(error, now)
+            self._warn(f"ignored: {error}")
 
     def _take_odometry(self, stamp: float, robot: RobotState) -> None:
         if self._reader.remark:

