@@ -38,7 +38,7 @@ from ator_ros.printable import printable
 from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.robot.description import Robot
 from ator_ros.view.draft import Draft
-from ator_ros.view.runs import OTHERS, Answer, ExternalGoal, History, Run
+from ator_ros.view.runs import OTHERS, Answer, History, Run
 from ator_ros.world.messages import MessageError, world_from
 from ator_ros.world.state import ObjectState, RobotState, World
 
@@ -79,7 +79,7 @@ class Backend:
         Whether robot and objects can be placed, as in a simulation, and whether time is paused from here.
     history : History
         The executed chains, of all clients.
-    external : ExternalGoal or None
+    external : Run or None
         The last goal of another client, active or ended; None if the last goal was ours.
     path : ndarray, shape (n, 2), or None
         The planned path of the active action: x and y in m.
@@ -104,7 +104,7 @@ class Backend:
         self.libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         self.can_place = self._is_shared = self.paused = False
         self.history = History()
-        self.external: ExternalGoal | None = None
+        self.external: Run | None = None
         self.path: FloatArray | None = None
         self.learned = self.refused = ""
         self._newest: tuple[float, RobotState] | None = None
@@ -411,33 +411,32 @@ class Backend:
 
     def _take_status(self, message: ChainPerformance) -> None:
         run, former = self._own_runs.get(message.chain_id), self.external
-        if run is not None:
-            self.external = None
-        else:
-            same = former is not None and former.chain_id == message.chain_id
-            run = former.run if former is not None and same else Run(OTHERS)
+        self.external = None
+        if run is None:
             try:
-                self.external = self._external_goal(message, run)
+                draft = self._draft_from(message)
             except MessageError as error:
-                self.external = None
                 self._warn(f"chain_under_way: ignored: {error}")
                 return
+            same = former is not None and former.record.chain_id == message.chain_id
+            self.external = run = former if former is not None and same else Run(OTHERS)
+            run.draft = draft
         if not run.ended:
             self._active, run.record = (message.chain_id, run), message
 
-    def _external_goal(self, message: ChainPerformance, run: Run) -> ExternalGoal:
+    def _draft_from(self, message: ChainPerformance) -> Draft:
         """Read another client's goal; raises MessageError."""
         if not re.fullmatch("[0-9a-f]{32}", message.chain_id):
             raise MessageError("chain_id: expected 32 hexadecimal digits")
         action_set = action_set_from(message.chain, allowed=self.libraries)
         chain = chain_from(message.chain, self.libraries[action_set], frame=self._frame)
         start = world_from(message.start, frame=self._frame, where="start")
-        return ExternalGoal(message.chain_id, Draft(start, chain, action_set), run)
+        return Draft(start, chain, action_set)
 
     def _take_record(self, message: ChainPerformance) -> None:
         run = self._own_runs.get(message.chain_id)
-        if run is None and self.external is not None and self.external.chain_id == message.chain_id:
-            run = self.external.run
+        if run is None and self.external is not None and self.external.record.chain_id == message.chain_id:
+            run = self.external
         if run is not None and not run.ended:  # of the status only the newest message is sure to arrive
             run.record = message
         if message.outcome.code == Outcome.REFUSED:

@@ -210,17 +210,16 @@ class Editor:
         """Make an active goal of another client the draft, unless a chain of this view is executed."""
         goal = self.backend.external
         ours = self._waiting or any(not run.ended and run.label != OTHERS for run in self.runs)
-        if ours or goal is None or goal.run.ended:
+        if ours or goal is None or goal.draft is None or goal.ended:
             return
-        record, driven, reason = goal.run.record, goal.run.driven, goal.run.reason
-        state = (goal.chain_id, driven, record.refined, record.refined_again)
+        record, driven, reason, chain = goal.record, goal.driven, goal.reason, goal.draft.chain
+        state = (record.chain_id, driven, record.refined, record.refined_again)
         if state == self._external:
             return
-        self._external, self.runs = state, [goal.run]
+        self._external, self.runs = state, [goal]
         self._displaced, self._follows, self._followed = False, True, -math.inf
         self.draft, self._stale = dataclasses.replace(goal.draft, weights=self.draft.weights), False
         self._refine(as_given=driven and not record.refined)
-        chain = goal.draft.chain
         if self.answer is None:  # it is drawn without predictions
             self.answer, self.problem = Answer(chain, chain, record.refined, reason), ""
             self._retry = 0

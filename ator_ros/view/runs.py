@@ -67,6 +67,9 @@ class Run:
         "naive", "refined" or "others".
     record : ChainPerformance or None
         The executor's newest record of it; None before the first one.
+    draft : Draft or None
+        Of a goal that another client sent: the situation in which it starts, and its chain as it is at
+        present, with open variables.
     problem : str
         Why it has no end that the executor reports: it could not start, or is lost; else empty.
     times, poses : list
@@ -75,6 +78,7 @@ class Run:
 
     label: str
     record: Any = None
+    draft: Draft | None = None
     problem: str = ""
     times: list[float] = field(default_factory=list)
     poses: list[Pose] = field(default_factory=list)
@@ -139,25 +143,6 @@ class Run:
         if not self.poses:
             return None
         return self.poses[min(bisect.bisect_left(self.times, seconds), len(self.poses) - 1)]
-
-
-@dataclass(frozen=True, eq=False)
-class ExternalGoal:
-    """A goal that another client sent to the executor.
-
-    Attributes
-    ----------
-    chain_id : str
-        The goal's UUID.
-    draft : Draft
-        The situation in which it starts, and the chain as it is at present, with open variables.
-    run : Run
-        Its execution; the same object as long as the goal is the same.
-    """
-
-    chain_id: str
-    draft: Draft
-    run: Run
 
 
 # The history of executed chains

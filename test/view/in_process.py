@@ -19,7 +19,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.view.draft import Draft
 from ator_ros.view.editor import Editor
-from ator_ros.view.runs import Answer, ExternalGoal, History, Run
+from ator_ros.view.runs import Answer, History, Run
 from ator_ros.world.state import ObjectState, RobotState, World
 
 
@@ -59,7 +59,7 @@ class InProcessBackend:
         self.fails: NodesError | None = None
         self.history = History()
         self.executed: list[TopChain] = []
-        self.external: ExternalGoal | None = None
+        self.external: Run | None = None
         self.path: FloatArray | None = None
         self.learned = self.refused = ""
 
@@ -80,7 +80,7 @@ class InProcessBackend:
         """Set the observed pose of the robot and place of the ball (m) at `time` s."""
         self.state = World(time, RobotState(pose), {"ball": ObjectState(*ball)})
         if self.external is not None:
-            self.external.run.record_pose(time, pose)
+            self.external.record_pose(time, pose)
 
     def world(self) -> World | None:
         return self.state

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 
 import pytest
@@ -14,7 +13,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.network import NodesError, UnavailableError
 from ator_ros.view.draft import Draft, situation_draft
 from ator_ros.view.editor import NAIVE, REFINED, Editor
-from ator_ros.view.runs import OTHERS, ExternalGoal, Run
+from ator_ros.view.runs import OTHERS, Run
 from ator_ros.world.state import World
 
 
@@ -227,15 +226,13 @@ def test_refinement_is_called_again_when_it_is_available(running: Editor, backen
 
 
 @pytest.fixture
-def goal(backend: InProcessBackend) -> ExternalGoal:
+def goal(backend: InProcessBackend) -> Run:
     """Return a goal of another client that waits for refinement."""
     draft = situation_draft(SOCCER, backend.libraries, "dribble", seed=3, index=1)
-    return ExternalGoal("a" * 32, draft, Run(OTHERS, record_of(reason="waiting for refinement")))
+    return Run(OTHERS, record_of(reason="waiting for refinement"), draft)
 
 
-def test_an_external_goal_becomes_the_draft(
-    running: Editor, backend: InProcessBackend, goal: ExternalGoal
-) -> None:
+def test_an_external_goal_becomes_the_draft(running: Editor, backend: InProcessBackend, goal: Run) -> None:
     backend.external = goal
     running.step()
     assert running.draft.chain is goal.draft.chain
@@ -243,36 +240,35 @@ def test_an_external_goal_becomes_the_draft(
     assert answer is not None
     assert answer.naive != answer.chain
     assert len(answer.curves) == 1
-    assert running.runs == [goal.run]
+    assert running.runs == [goal]
     assert running.executing
 
-    driven = Draft(goal.draft.world, answer.chain, goal.draft.action_set)
-    goal = dataclasses.replace(goal, draft=driven)
-    goal.run.record = record_of(duration=0.5, refined=True, refinement="gain of 1.2 s")
+    assert goal.draft is not None
+    goal.draft = Draft(goal.draft.world, answer.chain, goal.draft.action_set)
+    goal.record = record_of(duration=0.5, refined=True, refinement="gain of 1.2 s")
     before = len(backend.refined)
     for number in range(5):
-        backend.external = dataclasses.replace(goal)  # as published twice per second
         backend.observe(20.0 + 0.1 * number, Pose(-2.0 + 0.1 * number, 0.0, 0.0), (1.0, 0.0))
         running.step()
     answer = running.answer
     assert answer is not None
-    assert (answer.chain, answer.refined, answer.reason) == (driven.chain, True, "gain of 1.2 s")
+    assert (answer.chain, answer.refined, answer.reason) == (goal.draft.chain, True, "gain of 1.2 s")
     assert answer.naive.calls[0].goal != answer.chain.calls[0].goal
     assert len(answer.before) == len(answer.after) == 2
     assert len(backend.refined) == before + 1
-    assert goal.run.poses[-1] == Pose(-1.6, 0.0, 0.0)
+    assert goal.poses[-1] == Pose(-1.6, 0.0, 0.0)
 
-    goal.run.record = record_of(code=Outcome.SUCCEEDED, duration=5.0)
+    goal.record = record_of(code=Outcome.SUCCEEDED, duration=5.0)
     running.step()
     assert running.draft.world.robot.pose == Pose(-1.6, 0.0, 0.0)  # the editor follows the robot again
     assert backend.calls == []  # nothing was placed or stopped
 
 
 def test_an_unrefined_chain_is_compared_with_itself(
-    running: Editor, backend: InProcessBackend, goal: ExternalGoal
+    running: Editor, backend: InProcessBackend, goal: Run
 ) -> None:
     backend.external = goal
-    goal.run.record = record_of(duration=0.5, refinement="not requested")
+    goal.record = record_of(duration=0.5, refinement="not requested")
     running.step()
     assert backend.as_given[-1]
     assert running.answer is not None
@@ -282,7 +278,7 @@ def test_an_unrefined_chain_is_compared_with_itself(
 
 
 def test_an_external_goal_blocks_edits_and_own_chains_cancel_it(
-    running: Editor, backend: InProcessBackend, goal: ExternalGoal
+    running: Editor, backend: InProcessBackend, goal: Run
 ) -> None:
     backend.external = goal
     running.step()
@@ -302,7 +298,7 @@ def test_an_external_goal_blocks_edits_and_own_chains_cancel_it(
 
 @pytest.mark.parametrize("error", [UnavailableError("not there"), NodesError("no plan")])
 def test_without_refinement_it_has_no_predictions(
-    running: Editor, backend: InProcessBackend, goal: ExternalGoal, error: NodesError
+    running: Editor, backend: InProcessBackend, goal: Run, error: NodesError
 ) -> None:
     backend.fails, backend.external = error, goal
     running.step()
@@ -311,10 +307,8 @@ def test_without_refinement_it_has_no_predictions(
     assert running.problem == ""
 
 
-def test_an_ended_external_goal_is_not_shown(
-    running: Editor, backend: InProcessBackend, goal: ExternalGoal
-) -> None:
-    goal.run.record = record_of(code=Outcome.FAILED)
+def test_an_ended_external_goal_is_not_shown(running: Editor, backend: InProcessBackend, goal: Run) -> None:
+    goal.record = record_of(code=Outcome.FAILED)
     backend.external = goal
     draft = running.draft
     running.step()

@@ -20,7 +20,7 @@ from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.view.draft import situation_draft
 from ator_ros.view.editor import NAIVE, Editor
 from ator_ros.view.page import Page, clock_text, gate_text, rules_text, times_text
-from ator_ros.view.runs import OTHERS, ExternalGoal, Run
+from ator_ros.view.runs import OTHERS, Run
 from ator_ros.view.scene import LOOPBACK, serve
 from ator_ros.world.state import RobotState, World
 
@@ -122,7 +122,7 @@ def test_a_goal_of_another_client_is_drawn(shown: Shown) -> None:
     client = shown.join()
     draft = situation_draft(SOCCER, shown.backend.libraries, "dribble", seed=3, index=1)
     record = record_of(2.5, duration=3.0, reason="executing", refined=True, refinement="gain of 1.2 s")
-    goal = ExternalGoal("a" * 32, draft, Run(OTHERS, record))
+    goal = Run(OTHERS, record, draft)
     shown.backend.external = goal
     before = client.drawn["/chain/ring0"]
     shown.step()
