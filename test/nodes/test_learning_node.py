@@ -24,7 +24,7 @@ from ator_ros.experience.episode import Episode
 from ator_ros.experience.store import action_sets_in, read_records
 from ator_ros.files import exclusive_folder
 from ator_ros.learning.round import Source, learn
-from ator_ros.learning.sets import RECORDS, current_set, point_to, publish, read_manifest
+from ator_ros.learning.sets import RECORDS, current_set, digest_of, point_to, publish, read_manifest
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.performance.model_file import save_model
@@ -155,8 +155,8 @@ def test_the_executor_loads_a_set(host: Host, client: Client, tmp_path: Path, mo
     node = host("executor", models=models, learned=folder)
     stored(folder / RECORDS, episodes(60, slower=2.0))
     made = learn(Source(folder, SOCCER, ROBOT, models), time="2026-01-01T00:00:00Z")
-    publish(folder, Path(made["made"]))
-    client.eventually(lambda: f"switched to the learned set {made['digest']}" in node.output, "the switch")
+    digest = digest_of(publish(folder, Path(made["made"])))
+    client.eventually(lambda: f"switched to the learned set {digest}" in node.output, "the switch")
 
 
 def test_the_refinement_node_loads_a_set(host: Host, client: Client, tmp_path: Path, models: Path) -> None:
@@ -167,13 +167,14 @@ def test_the_refinement_node_loads_a_set(host: Host, client: Client, tmp_path: P
     stored(folder / RECORDS, episodes(60, slower=2.0))
     made = learn(Source(folder, SOCCER, ROBOT, models), time="2026-01-01T00:00:00Z")
     place = publish(folder, Path(made["made"]))
-    client.eventually(lambda: f"switched to the learned set {made['digest']}" in node.output, "the switch")
+    digest = digest_of(place)
+    client.eventually(lambda: f"switched to the learned set {digest}" in node.output, "the switch")
     after = refine(client, request_of_the_paper())
     first, last = (answer.before_actions[0].duration for answer in (before, after))
     assert last == pytest.approx(2.0 * first, rel=0.25)
     assert after.before_actions[1].duration == before.before_actions[1].duration
     values = {value.key: value.value for value in status_of(client, "refinement").values}
-    expected = f"{made['digest']} of 2026-01-01T00:00:00Z from episodes: 60 of default/goToPose"
+    expected = f"{digest} of 2026-01-01T00:00:00Z from episodes: 60 of default/goToPose"
     assert values["learned set"] == expected
     # An incomplete set is not loaded.
     broken = folder / "sets" / "000009-broken"
