@@ -32,6 +32,7 @@ MEANING: Mapping[str, str] = {
     "gated": "the same, where the gate expects it to pay",
     "refined_speed": "refinement of headings and arrival speeds",
     "gated_speed": "the same, behind the gate",
+    "refined_place": "refinement of the place before a step that may start in a region, too",
     "oracle": "the best of the executed headings",
     "oracle_speed": "the best of the executed headings and arrival speeds",
 }
