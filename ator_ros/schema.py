@@ -79,7 +79,7 @@ class Name:
         return None if value.isascii() and value.isidentifier() else "a name of letters, digits and _"
 
 
-def structured(data: object, schema: type[T], where: str = "", *, closed: bool = False) -> T:
+def structured(data: object, schema: type[T], *, closed: bool = False) -> T:
     """Return `data` as an instance of `schema`.
 
     Parameters
@@ -88,8 +88,6 @@ def structured(data: object, schema: type[T], where: str = "", *, closed: bool =
         Parsed data.
     schema : type
         A dataclass, or a type built of them.
-    where : str
-        Path of `data` in its file, for messages.
     closed : bool
         Whether fields that the schema lacks are an error; otherwise they are ignored.
 
@@ -101,7 +99,7 @@ def structured(data: object, schema: type[T], where: str = "", *, closed: bool =
     try:
         return (_CLOSED if closed else _OPEN).structure(data, schema)
     except Exception as error:  # cattrs raises groups, schemas raise ValueError
-        path, text = next(_problems(error, where))
+        path, text = next(_problems(error, ""))
         raise SchemaError(f"{printable(path, _LONGEST)}: {text}" if path else text) from error
 
 

@@ -28,7 +28,7 @@ import numpy as np
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.evaluation.policies import POLICIES, as_planned, naive, reopened
+from ator_ros.evaluation.policies import POLICIES, naive, reopened
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
 from ator_ros.evaluation.trials import Trial, open_places, open_speeds, random_trial, with_headings
 from ator_ros.experience.collect import collect
@@ -44,19 +44,19 @@ from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 Json = dict[str, Any]
-Opening = Callable[[TopChain], TopChain]
+Opening = Callable[[TopChain], TopChain] | None
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
 
 
 DEFAULT = ToolsetSource()
 REFINED: dict[str, tuple[ToolsetSource, str, Opening]] = {
-    "default_heading": (DEFAULT, "dribble", as_planned),
+    "default_heading": (DEFAULT, "dribble", None),
     "default_speed": (DEFAULT, "dribble", open_speeds),
     "default_shot": (DEFAULT, "shoot", open_speeds),
     "default_place": (DEFAULT, "shoot", open_places),
-    "bezier_heading": (ToolsetSource(action_set="bezier"), "dribble", as_planned),
+    "bezier_heading": (ToolsetSource(action_set="bezier"), "dribble", None),
     "drive_speed": (ToolsetSource(domain="drive"), "", open_speeds),
-    "tour_heading": (ToolsetSource(domain="tour"), "", as_planned),
+    "tour_heading": (ToolsetSource(domain="tour"), "", None),
 }  # fmt: skip
 """By name: source of robot, models and gate, the chain, and what is opened."""
 TEST = Path(__file__).parent.parent / "test"
@@ -96,7 +96,8 @@ def refined(name: str, count: int) -> list[Json]:
     found = []
     for trial in _trials(source, chain, 4001, count):
         start = naive(tools, trial).chain
-        answer = refiner.refine(trial.world, reopened(start, opening(trial.chain)))
+        plan = trial.chain if opening is None else opening(trial.chain)
+        answer = refiner.refine(trial.world, reopened(start, plan))
         found.append(
             {
                 "naive": _goals(start),

@@ -38,8 +38,9 @@ class FakeModel:
         self._spread = spread
 
     def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ("duration",)) -> Any:
-        duration = np.atleast_1d(np.asarray(self._duration(direct), dtype=float))
-        failure = np.atleast_1d(np.asarray(direct.get("speedg", 0.0), dtype=float))
+        count = max(np.size(values) for values in direct.values())
+        duration = np.broadcast_to(np.asarray(self._duration(direct), dtype=float), count)
+        failure = np.asarray(direct.get("speedg", 0.0), dtype=float)
         return SimpleNamespace(
             duration=duration,
             spread=np.full(len(duration), self._spread),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -72,3 +73,10 @@ def round_of(folder: Path, models: Path = SOCCER.shipped_models) -> dict[str, An
     if result["made"]:
         publish(folder, Path(result["made"]))
     return result
+
+
+def losses(reason: str) -> tuple[float, float]:
+    """Return the mean losses of the tree in use and of the best candidate in the reason of a verdict."""
+    found = re.search(r"from ([\d.e-]+) to ([\d.e-]+)", reason)
+    assert found is not None, reason
+    return float(found.group(1)), float(found.group(2))

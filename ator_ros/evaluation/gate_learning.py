@@ -59,7 +59,7 @@ def fit_threshold(examples: GateExamples) -> ThresholdGate:
     """
     gain, spread = (examples.features[:, list(FEATURES).index(name)] for name in ("gain", "spread"))
     gates = [ThresholdGate(least, factor) for least in GAINS for factor in SPREAD_FACTORS]
-    refine = [gain > gate.gain + gate.spread_factor * spread for gate in gates]
+    refine = [gain > gate.needed(spread) for gate in gates]
     kept = [_kept(examples, rows) for rows in refine]
     allowed = [index for index, share in enumerate(kept) if share >= min(KEPT, max(kept))]
     slower = labels(examples.refined, examples.naive) == "Lower"

@@ -44,7 +44,7 @@ class PathTime:
     robot : Robot
         The robot.
     driving : DrivingStyle or None
-        Limits at which the action drives; None: those of the base.
+        How the action drives; None: all that the base can do.
     """
 
     robot: Robot
@@ -76,29 +76,25 @@ def reopened(chain: TopChain, plan: TopChain) -> TopChain:
 
 
 def analytic(tools: Toolset) -> Toolset:
-    """Return tools with path times, at the limits that learned models have observed, if any, as models."""
+    """Return tools whose models are path times, as learned models have observed their actions to drive."""
     driving = {action: getattr(model, "driving", None) for action, model in tools.models.items()}
     models = {action: PathTime(tools.robot, seen) for action, seen in driving.items()}
     return dataclasses.replace(tools, models=models, gate=NO_GATE)
-
-
-def as_planned(chain: TopChain) -> TopChain:
-    """Return the chain as it is, with open headings."""
-    return chain
 
 
 def refined(
     tools: Toolset,
     trial: Trial,
     *,
-    opened: Callable[[TopChain], TopChain] = as_planned,
+    opened: Callable[[TopChain], TopChain] | None = None,
     gated: bool = False,
     learned: bool = True,
 ) -> Choice:
-    """Refine the naive chain: what `opened` leaves open."""
+    """Refine the naive chain: what `opened` leaves open, or else the plan."""
+    plan = trial.chain if opened is None else opened(trial.chain)
     start = naive(tools, trial).chain
     refiner = (tools if learned else analytic(tools)).refiner(gated=gated)
-    refinement = refiner.refine(trial.world, reopened(start, opened(trial.chain)))
+    refinement = refiner.refine(trial.world, reopened(start, plan))
     return Choice(refinement.chain, refinement, refinement.predicted)
 
 

@@ -17,13 +17,12 @@ from typing import Any
 import numpy as np
 
 from ator_ros.actions.base import Goal
-from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.policies import POLICIES, UNGATED, USUAL, Choice, naive
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
 from ator_ros.geometry import FloatArray, wrap_angle
-from ator_ros.refinement.chain_prediction import ChainModel, predict_chain
+from ator_ros.refinement.chain_prediction import ChainModel
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.search import least_path
 from ator_ros.tops.chain import TopChain
@@ -43,7 +42,7 @@ class Settings:
     seed : int
         Seed of the situations.
     chain : str
-        Name of one of the domain's chains; by default its first.
+        Name of one of the domain's chains.
     policies : tuple of str
         Names of `POLICIES`.
     oracle : int
@@ -61,19 +60,13 @@ class Settings:
     """
 
     seed: int
-    chain: str = ""
+    chain: str
     policies: tuple[str, ...] = USUAL
     oracle: int = 0
     oracle_margin: float | None = None
     oracle_speeds: tuple[float, ...] = ()
     source: ToolsetSource = field(default_factory=ToolsetSource)
     joint_oracle: bool = False
-
-    def __post_init__(self) -> None:
-        """Fill in the name of the chain, which results record."""
-        if not self.chain:
-            first = next(iter(find_domain(self.source.domain).chains))
-            object.__setattr__(self, "chain", first)
 
 
 class Executions:
@@ -207,7 +200,7 @@ def _executed(
     settings: Settings, tools: Toolset, trial: Trial, execute: Executions, chains: Sequence[TopChain]
 ) -> list[ChainRun | None]:
     """Execute the chains whose predicted duration is within the oracle's margin of the least."""
-    costs = [predict_chain(trial.world, chain, tools.models, tools.robot).cost for chain in chains]
+    costs = [tools.predict(trial.world, chain).cost for chain in chains]
     margin = settings.oracle_margin
     bound = math.inf if margin is None else min(costs) + margin
     return [execute(chain) if cost <= bound else None for chain, cost in zip(chains, costs, strict=True)]

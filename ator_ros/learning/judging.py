@@ -187,25 +187,19 @@ class RoundVerdict:
 
     Attributes
     ----------
-    episodes, tested : int
-        Number of records of the measure, and of the newest of them, on which trees were compared and from
-        which none of these was learned.
+    episodes : int
+        Number of records of the measure.
     reason : str
-        Why the tree stays or is replaced, in a sentence.
+        Why the tree stays or is replaced, in a sentence with the mean losses of the tree in use and of the
+        best candidate: absolute errors (s, m, rad), of success the Brier score.
     kind, tree
         Name and tree of the better candidate, if any; spreads of durations are as large as its errors on the
         tested records.
-    before, after : float or None
-        Mean losses of the tree in use and of the best candidate: absolute errors (s, m, rad), of success the
-        Brier score. None if none was compared or there was no tree.
     """
 
     episodes: int
-    tested: int
     reason: str
     kind: str = ""
-    before: float | None = None
-    after: float | None = None
     tree: ModelTree | None = None
 
 
@@ -229,14 +223,14 @@ def judge(
     if len(test) < _FEWEST_TESTED:
         kind = "" if data.measure == "success" else " that succeeded"
         reason = f"too few new records: {len(test)}, expected {_FEWEST_TESTED}{kind}"
-        return RoundVerdict(count, len(test), reason)
+        return RoundVerdict(count, reason)
     learners = candidates(data, names, current, former)
     predicted = {name: _held_out(data, learn, test) for name, learn in learners.items()}
     predicted = {name: values for name, values in predicted.items() if np.isfinite(values).all()}
     if not predicted:
         rest = count - math.ceil(len(test) / _FOLDS)
         reason = f"too few records: {rest} without those that are predicted, expected {FEWEST_LEARNED}"
-        return RoundVerdict(count, len(test), reason)
+        return RoundVerdict(count, reason)
     if data.measure == "success" and current is not None:
         # Chains predicted to fail are no longer executed, so on the newest records alone a tree that predicts
         # no failures would appear better.
@@ -249,7 +243,7 @@ def judge(
             if tree is not None and _mean_loss(data, tree, earlier) <= most
         }
         if not predicted:
-            return RoundVerdict(count, len(test), "no better: all candidates predict earlier failures worse")
+            return RoundVerdict(count, "no better: all candidates predict earlier failures worse")
     before = data.losses(_baseline(data, current, test), test)
     losses = np.column_stack([data.losses(values, test) for values in predicted.values()])
     sizes = sorted({min(size, len(test)) for size in _TESTED})
@@ -261,15 +255,14 @@ def judge(
     old, new = float(np.mean(before[:size])), float(np.mean(losses[:size, number]))
     figures = f"{old:.3g} to {new:.3g}{unit and f' {unit}'} on {size} records"
     loss = "Brier score" if data.measure == "success" else "error"
-    loss_before = old if current is not None else None
     if not is_better:
         reason = f"no better: {name} would change the {loss} from {figures} (chance {chance:.3f})"
-        return RoundVerdict(count, size, reason, "", loss_before, new)
+        return RoundVerdict(count, reason)
     tree = learners[name](everything)
     assert tree is not None  # it was learned from fewer records
     if data.measure == "duration":
         tree = _with_observed_spread(tree, data, losses[:size, number])
-    return RoundVerdict(count, size, f"{name}: {loss} from {figures}", name, loss_before, new, tree)
+    return RoundVerdict(count, f"{name}: {loss} from {figures}", name, tree)
 
 
 def _held_out(data: TrainingData, learn: Learn, test: IntArray) -> FloatArray:

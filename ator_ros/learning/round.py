@@ -20,6 +20,7 @@ from ator_ros.experience.table import goal_variables_of_columns, library_version
 from ator_ros.files import FileError
 from ator_ros.learning.judging import RoundVerdict, TrainingData, constant, judge, training_data
 from ator_ros.learning.sets import RECORDS, current_set, new_set_folder, read_manifest, seal, sets_in
+from ator_ros.performance.driving import plain_driving
 from ator_ros.performance.features import PATHS, Feature, declared_by
 from ator_ros.performance.model import MEASURES, UNOBSERVED, PerformanceModel
 from ator_ros.performance.model_file import (
@@ -29,9 +30,8 @@ from ator_ros.performance.model_file import (
     models_folder,
     save_model,
 )
-from ator_ros.performance.observation import observed_driving
 from ator_ros.performance.tree.nodes import ModelTree
-from ator_ros.refinement.gate import CAUTIOUS, GATE, save_gate
+from ator_ros.refinement.gate import add_cautious_gate
 from ator_ros.robot.description import Robot
 
 _LEAST_RECORDS = 12  # to estimate the mean of a measure
@@ -61,7 +61,7 @@ def improved(
     if current is not None:
         driving = current.driving
     else:
-        driving = observed_driving(rows, robot) if set(features) & set(PATHS) and len(rows) else None
+        driving = plain_driving(robot) if set(features) & set(PATHS) else None
     present = [current] if current is not None else []
     former = {name: model for name, model in former.items() if model.driving == driving}
     known = {feature.name: feature for feature in features}
@@ -229,6 +229,5 @@ def _make_set(
             "robot_digest": source.robot.digest(),
         }
         save_model(folder / f"{action}.json", dataclasses.replace(model, metadata=metadata))
-        if not (folder / GATE).exists():
-            save_gate(folder / GATE, CAUTIOUS, {"command": "learning"}, action_set)
+        add_cautious_gate(folder, action_set, "learning")
     return made

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ator_ros.compiled import compiled
+from ator_ros.compiled import compiled, inlined
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.durations import Rates, change_distance, drive_time, rates_of, turn_time
 from ator_ros.motion.manoeuvre import Side
@@ -297,6 +297,25 @@ def refined(
     return first, c, s
 
 
+@inlined
+def speed_after(speed: float, change: float, time: float, v: float) -> float:
+    """Return the speed (m/s) after a turn of `time` s that begins at `speed`, within the limit `v`."""
+    return min(max(speed + change * time, -v), v)
+
+
+@inlined
+def drive_length(
+    lane: float, first: float, last: float, row1: int, row2: int, along1: FloatArray, along2: FloatArray
+) -> float:
+    """Return the length in m of the drive between two turns (rad), whose rows in the tables are given.
+
+    `lane` is how far in m the end of the last turn lies ahead in the direction of the drive.
+    """
+    begin, share1 = place_of(row1, first)
+    end, share2 = place_of(row2, -last)  # the last turn is driven from the goal
+    return lane - look_up(along1, begin, share1) - look_up(along2, end, share2)
+
+
 @compiled
 def driven(
     first: float,
@@ -314,10 +333,8 @@ def driven(
     how much the drive is longer than its change of speed needs.
     """
     time1, time2 = turn_time(abs(first), one.rate, rates.aw), turn_time(abs(last), two.rate, rates.aw)
-    begin, share1 = place_of(one.row, first)
-    end, share2 = place_of(two.row, -last)
-    drive = lane - look_up(along1, begin, share1) - look_up(along2, end, share2)
-    before = min(max(one.speed + one.change * time1, -rates.v), rates.v)
-    after = min(max(two.speed + two.change * time2, -rates.v), rates.v)
+    drive = drive_length(lane, first, last, one.row, two.row, along1, along2)
+    before = speed_after(one.speed, one.change, time1, rates.v)
+    after = speed_after(two.speed, two.change, time2, rates.v)
     slack = drive - change_distance(before, after, rates)
     return time1, time2, slack, drive_time(drive, before, after, rates), drive

@@ -32,6 +32,7 @@ from ator_ros.motion.durations import (
     rates_of,
     turn_time,
 )
+from ator_ros.motion.paths import drive_length, speed_after
 from ator_ros.motion.turns import (
     ENTRIES,
     FINE,
@@ -463,17 +464,17 @@ def _time(
     if result > best:
         return np.inf
     cos, sin = math.cos(first), math.sin(first)
-    begin, share = place_of(entry["row"], first)
-    end, end_share = place_of(exit_["row"], -last)
-    length = cos * offset.x + sin * offset.y - look_up(along, begin, share) - look_up(along, end, end_share)
+    lane = cos * offset.x + sin * offset.y
+    length = drive_length(lane, first, last, entry["row"], exit_["row"], along, along)
     if result + abs(length) * (1.0 / rates.v) > best:
         return np.inf
-    before = min(max(entry["speed"] + shape["first_change"] * time1, -rates.v), rates.v)
-    after = min(max(exit_["speed"] + shape["last_change"] * time2, -rates.v), rates.v)
+    before = speed_after(entry["speed"], shape["first_change"], time1, rates.v)
+    after = speed_after(exit_["speed"], shape["last_change"], time2, rates.v)
     if rules.forward and length < change_distance(before, after, rates) + _ROOM:
         return np.inf
     result += drive_time(length, before, after, rates)
     if rules.passing > 0.0:
+        begin, share = place_of(entry["row"], first)
         to_object = cos * offset.object_x + sin * offset.object_y - look_up(along, begin, share)
         if min(length, 0.0) < to_object < max(length, 0.0):
             beside = cos * offset.object_y - sin * offset.object_x - look_up(across, begin, share)

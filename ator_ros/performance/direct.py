@@ -64,11 +64,6 @@ def _rows_of(names: tuple[str, ...]) -> dict[str, int]:
     return {name: row for row, name in enumerate(names)}
 
 
-def names_with(further: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of a table's rows: DIRECT_VARIABLES and `further` ones."""
-    return (*DIRECT_VARIABLES, *further)
-
-
 def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
     """Bring direct variables into the rows of a table; one that is such a table stays as it is, unchecked.
 
@@ -87,7 +82,7 @@ def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
     ValueError
         A variable is missing or not finite, or the shapes don't go together.
     """
-    names = names_with(further)
+    names = (*DIRECT_VARIABLES, *further)
     if isinstance(direct, DirectTable) and direct.names == names:
         return direct
     missing = [name for name in names if name not in direct]

@@ -173,10 +173,10 @@ class PerformanceModel:
         """Return the rules of one measure as text in the paper's form, one a line."""
         return self._writer(measure).rules()
 
-    def explain(self, direct: Direct, measure: str = "duration") -> str:
-        """Return the rule that predicts `measure` in one situation, and what each of its terms adds."""
-        features = [self.features[name] for name in self.trees[measure].names]
-        return self._writer(measure).explanation(table_of(self._geometry(direct), features)[0])
+    def explain(self, direct: Direct) -> str:
+        """Return the rule that predicts the duration in one situation, and what each of its terms adds."""
+        features = [self.features[name] for name in self.trees["duration"].names]
+        return self._writer("duration").explanation(table_of(self._geometry(direct), features)[0])
 
     @cached_property
     def _computed(self) -> tuple[Feature, ...]:

@@ -189,7 +189,7 @@ def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) ->
         approaches = chosen_shapes(shapes, ShapeSet(driving.limits, (), run=run), ends, hold=robot.hold)
         return dataclasses.replace(driving, run=run, approaches=approaches)
 
-    best = approaching(_RUN_LENGTHS[len(_RUN_LENGTHS) // 2])
+    best = first = approaching(_RUN_LENGTHS[len(_RUN_LENGTHS) // 2])
     least = np.inf
     for _ in range(2):
         for tried in (
@@ -199,7 +199,7 @@ def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) ->
             errors = [_error(other, starts, robot) for other in tried]
             if min(errors) < _BETTER * least:
                 best, least = tried[int(np.argmin(errors))], min(errors)
-    return dataclasses.replace(best, approaches=approaching(best.run).approaches)
+    return best if best.run == first.run else dataclasses.replace(approaching(best.run), passing=best.passing)
 
 
 def _error(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> float:

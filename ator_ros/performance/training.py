@@ -148,7 +148,7 @@ def _best_learning(
     extrapolation: float,
 ) -> ModelTree:
     """Return the tree, of all `_SMOOTHINGS` and weighted `targets`, that predicts `values` best."""
-    fold, least, best = np.arange(len(values)) % _FEW_FOLDS, math.inf, (ModelTreeRegressor(), values)
+    fold, tried = np.arange(len(values)) % _FEW_FOLDS, []
     for smoothing, (target, weight) in itertools.product(_SMOOTHINGS, targets):
         learner = ModelTreeRegressor(smoothing=smoothing, extrapolation=extrapolation)
         missed = 0.0
@@ -156,26 +156,24 @@ def _best_learning(
             held = fold == number
             learner.fit(table[~held], target[~held])
             missed += weight * float(np.abs(learner.predict(table[held]) - values[held]).sum())
-        if missed < least:
-            least, best = missed, (learner, target)
-    learner, target = best
+        tried.append((missed, learner, target))
+    _, learner, target = min(tried, key=lambda each: each[0])
     tree: ModelTree = learner.fit(table, target).tree_
     return tree
 
 
-def cross_validated_errors(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]) -> FloatArray:
+def cross_validated_errors(rows: pd.DataFrame, model: PerformanceModel) -> FloatArray:
     """Return errors in s, shape (n,), of durations predicted by trees of other episodes.
 
     Parameters
     ----------
     rows : pandas.DataFrame
-        Rows of one action, of which `train` can learn; those of starts of episodes that succeeded are used.
-    robot, features
-        As for `train`.
+        The rows of which `model` was learned; those of starts of episodes that succeeded are used.
+    model : PerformanceModel
+        Robot, features and driving style of the trees.
     """
     starts = rows[(rows["t"] == 0.0) & rows["success"]]
-    driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
-    table = features_of(starts, robot, features, driving)
+    table = features_of(starts, model.robot, tuple(model.features.values()), model.driving)
     durations, fold = starts["duration"].to_numpy(dtype=float), np.arange(len(starts)) % _FOLDS
     errors = np.empty(len(starts))
     for number in range(_FOLDS):

@@ -16,7 +16,7 @@ import numpy as np
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import direct_name, goal_values
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.direct import SPEEDG, XG, YAW, YAWG, YG, DirectTable, V, X, Y, names_with
+from ator_ros.performance.direct import DIRECT_VARIABLES, SPEEDG, XG, YAW, YAWG, YG, DirectTable, V, X, Y
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.objective import Objective
 from ator_ros.robot.description import Robot
@@ -26,7 +26,6 @@ from ator_ros.world.state import World
 REPORTED = ("duration", "spread", "success", "accuracy")
 """Fields predicted for every action regardless of the objective."""
 
-_NAMES = names_with(())
 _START_ROWS = {"x": X, "y": Y, "yaw": YAW, "speed": V}
 _GOAL_ROWS = {"x": XG, "y": YG, "yaw": YAWG, "speed": SPEEDG}
 """Rows of the goal variables in the table of the step after their goal, and of the step that leads to it."""
@@ -86,7 +85,7 @@ class StepRows:
         hold: float,
     ) -> None:
         pose, declared = goal.pose, sorted(goal.values)
-        self._names = names_with(map(direct_name, declared)) if declared else _NAMES
+        self._names = (*DIRECT_VARIABLES, *map(direct_name, declared))
         self._alike = np.array(
             [
                 *start,
@@ -241,12 +240,11 @@ class ChainModel:
             direct = DirectTable(tables[0][steps[0]].names, table)
             prediction = self._predicted(steps[0], direct, fields)
             columns = {name: getattr(prediction, name, None) for name in fields}
-            known = {name: np.ravel(each).tolist() for name, each in columns.items() if each is not None}
-            cost = np.ravel(self._cost(prediction)).tolist()
+            known = {name: each.tolist() for name, each in columns.items() if each is not None}
+            cost = self._cost(prediction)
             for row, (chain, step) in enumerate(places):
-                # A prediction that is the same for all situations may be a single one.
-                actions[chain][step] = {name: each[row % len(each)] for name, each in known.items()}
-                costs[chain, step] = cost[row % len(cost)]
+                actions[chain][step] = {name: each[row] for name, each in known.items()}
+                costs[chain, step] = cost[row]
         return [
             ChainPrediction(tuple(each), float(cost))
             for each, cost in zip(actions, costs.sum(axis=1), strict=True)

@@ -420,8 +420,6 @@ def within_experience(
             continue
         narrowed = variable
         for low, high, description in _experience_bounds(variable, chain, models):
-            if narrowed.domain.periodic:
-                continue
             if min(high, narrowed.domain.high) <= max(low, narrowed.domain.low):
                 why = f"beyond the {description}"
                 not_free.append(NotFree(variable.subgoal, variable.name, why))
@@ -435,10 +433,12 @@ def within_experience(
 def _experience_bounds(
     variable: FreeVariable, chain: TopChain, models: Mapping[str, PredictsPerformance]
 ) -> Iterator[tuple[float, float, str]]:
-    """Yield the bounds of a variable by experience: low, high and a description.
+    """Yield the bounds of a variable by experience: low, high and a description; a heading has none.
 
     The place at which the next action starts is left out, since it is relative to its goal.
     """
+    if variable.domain.periodic:
+        return
     call, *following = chain.calls[variable.subgoal : variable.subgoal + 2]
     affected = [(call.top.action, direct_name(variable.name))]
     for after in following:

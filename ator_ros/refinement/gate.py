@@ -77,11 +77,13 @@ class ThresholdGate:
     spread_factor: float = 0.0
     kind: ClassVar[str] = "threshold"
 
+    def needed(self, spread: Any) -> Any:
+        """Return the threshold in s at a spread in s, elementwise; the spread may be infinite."""
+        return self.gain + self.spread_factor * spread if self.spread_factor else self.gain
+
     def decide(self, features: Mapping[str, float]) -> tuple[bool, str]:
         """Return whether the predicted gain exceeds the threshold, and the reason in words."""
-        # The spread may be infinite.
-        needed = self.gain + (self.spread_factor * features["spread"] if self.spread_factor else 0.0)
-        gain = features["gain"]
+        needed, gain = float(self.needed(features["spread"])), features["gain"]
         if not (gain > needed or gain >= 0.005):
             return False, "no gain predicted"
         if self == NO_GATE:
@@ -188,6 +190,14 @@ class _GateFile:
 def save_gate(path: Path, gate: Gate, training: Mapping[str, Any], action_set: str = DEFAULT_SET) -> None:
     """Write a gate of an action set, with how it was trained, to `path`; atomic."""
     save(path, KIND, _GateFile(action_set, gate.kind, gate, dict(training)))
+
+
+def add_cautious_gate(folder: Path, action_set: str, command: str) -> bool:
+    """Write `CAUTIOUS` beside the models in `folder` if there is no gate; return whether there was none."""
+    missing = not os.path.lexists(folder / GATE)
+    if missing:
+        save_gate(folder / GATE, CAUTIOUS, {"command": command}, action_set)
+    return missing
 
 
 def load_gate(path: Path, action_set: str = DEFAULT_SET) -> Gate:

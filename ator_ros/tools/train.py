@@ -20,14 +20,14 @@ from ator_ros.experience.table import Experience, ExperienceError, library_versi
 from ator_ros.files import FileError, is_name
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.model_file import is_model, load_model, model_path, save_model
+from ator_ros.performance.model_file import is_model, load_model, model_path, models_folder, save_model
 from ator_ros.performance.training import (
     cross_validated_errors,
     digest,
     start_ranges,
 )
 from ator_ros.performance.training import train as train_model
-from ator_ros.refinement.gate import CAUTIOUS, save_gate
+from ator_ros.refinement.gate import CAUTIOUS, GATE, add_cautious_gate
 from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import add_setting, run_tool, topic
 
@@ -96,16 +96,16 @@ def train(
             errors_s = f"MAE {measured['mae_s']:.3f} s, RMSE {measured['rmse_s']:.3f} s"
             tested = f", {errors_s} on {measured['episodes']} fresh episodes from rest"
         elif not measured:
-            off = np.abs(cross_validated_errors(examples, robot, features))
+            off = np.abs(cross_validated_errors(examples, model))
             tested = f", MAE {off.mean():.3f} s by cross-validation on {len(off)} drives"
         print(f"{file}: {rules}{tested}", flush=True)
     if not learned:
         raise ExperienceError("; ".join(errors))
     for missing in errors:
         print(f"train: {missing}; the other actions are learned", file=sys.stderr)
-    gate = folder / model_path("gate", action_set)
-    if not gate.exists():
-        save_gate(gate, CAUTIOUS, {"command": command}, action_set)
+    beside = models_folder(folder, action_set)
+    gate = beside / GATE
+    if add_cautious_gate(beside, action_set, command):
         print(f"{gate}: {CAUTIOUS.rules()[0]}, until `gate` learns it from executed chains")
     else:
         print(f"{gate}: kept; if it was learned with other models, run `gate` again")

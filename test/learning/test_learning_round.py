@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from experience_rows import synthetic_model
-from stored import ROBOT, episodes, round_of, stored
+from stored import ROBOT, episodes, losses, round_of, stored
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.store import read_records
@@ -46,7 +46,7 @@ def test_an_unchanged_robot_keeps_its_models(tmp_path: Path, shipped: Path) -> N
         stored(folder / RECORDS, episodes(150, seed=seed + 10))
         result = round_of(folder, shipped)
         switched += bool(result["actions"][NAME]["kind"])
-        assert result["actions"][NAME]["tested"] == 100
+        assert "on 100 records" in result["actions"][NAME]["reason"]
     assert switched <= 1
 
 
@@ -57,7 +57,8 @@ def test_a_slower_robot_gets_new_models_soon(tmp_path: Path, shipped: Path, befo
     result = round_of(tmp_path, shipped)
     verdict = result["actions"][NAME]
     assert verdict["kind"]
-    assert verdict["after"] < 0.5 * verdict["before"]
+    old, new = losses(verdict["reason"])
+    assert new < 0.5 * old
     place = current_set(tmp_path)
     assert place is not None
     manifest = read_manifest(place)
@@ -80,7 +81,6 @@ def test_training_episodes_are_not_test_episodes(tmp_path: Path, shipped: Path) 
     assert round_of(tmp_path, shipped)["made"]
     again = round_of(tmp_path, shipped)
     assert not again["made"]
-    assert again["actions"][NAME]["tested"] == 0
     assert "too few new records: 0" in again["actions"][NAME]["reason"]
 
 

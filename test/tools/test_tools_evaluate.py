@@ -88,7 +88,9 @@ def test_result_is_the_same_for_any_number_of_workers(
 
 
 def test_evaluation_continues_after_an_interruption(models: Path, tmp_path: Path) -> None:
-    settings = Settings(seed=405, policies=("naive", "refined"), source=ToolsetSource(models=str(models)))
+    settings = Settings(
+        seed=405, chain="dribble", policies=("naive", "refined"), source=ToolsetSource(models=str(models))
+    )
     whole = run_situations(settings, situations=2, folder=tmp_path / "whole")
     run_situations(settings, situations=1, folder=tmp_path / "parts")
     partial = tmp_path / "parts" / PARTIAL
