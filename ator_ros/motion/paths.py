@@ -168,11 +168,11 @@ def _search(
     sides1, sides2, times1, times2 = entries.sides, exits.sides, entries.times, exits.times
     (along1, across1), (along2, across2) = entries.turns, exits.turns
     cos, sin = math.cos(turn), math.sin(turn)
-    _fill_befores(befores, x, y, entries)
+    _fill_befores(befores, x, y, entries, rates.aw)
     for around in range(-1, 2):
         # The whole change of heading may be either way round, or a full turn more.
         total = turn + around * _FULL_TURN
-        _fill_afters(afters, total, exits)
+        _fill_afters(afters, total, exits, rates.aw)
         for entry in range(len(times1)):
             gaps1, drives1 = befores[0, entry], befores[1, entry]
             one = Turning(entry, sides1[2, entry], sides1[3, entry], sides1[4, entry])
@@ -214,24 +214,24 @@ def _search(
 
 
 @compiled
-def _fill_befores(befores: NDArray[np.float32], x: float, y: float, entries: Ends) -> None:
+def _fill_befores(befores: NDArray[np.float32], x: float, y: float, entries: Ends, aw: float) -> None:
     """Write how far to the left of the end of each entry, and ahead, the goal (x, y) lies, in m."""
-    along, across = entries.turns
+    (along, across), sides = entries.turns, entries.sides
     for entry in range(befores.shape[1]):
-        ahead, row = x - entries.sides[0, entry], entry * ENTRIES + EDGE - _STRIDE * (_POINTS // 2)
+        ahead, row = x - sides[0, entry], entry * ENTRIES + EDGE - _STRIDE * (_POINTS // 2)
         for step in range(_POINTS):
-            at = row + _STRIDE * step
+            at, kept = row + _STRIDE * step, sides[2, entry] * turn_time(_GRID[step], sides[4, entry], aw)
             befores[0, entry, step] = _COS[step] * y - _SIN[step] * ahead - across[at]
-            befores[1, entry, step] = _COS[step] * ahead + _SIN[step] * y - along[at]
+            befores[1, entry, step] = _COS[step] * ahead + _SIN[step] * y - along[at] - kept
 
 
 @compiled
-def _fill_afters(afters: NDArray[np.float32], total: float, exits: Ends) -> None:
+def _fill_afters(afters: NDArray[np.float32], total: float, exits: Ends, aw: float) -> None:
     """Write how far to the left of the goal each exit begins, and ahead, in m; NaN if its turn is too wide.
 
     Each of `total` (rad), by which the heading changes in all, is turned first by one of the first turns.
     """
-    along, across = exits.turns
+    (along, across), sides = exits.turns, exits.sides
     for step in range(_POINTS):
         angle = _GRID[step] - total
         if not abs(angle) < WIDEST:
@@ -240,9 +240,9 @@ def _fill_afters(afters: NDArray[np.float32], total: float, exits: Ends) -> None
         cos, sin = math.cos(angle), math.sin(angle)
         for exit_ in range(afters.shape[1]):
             low, share = place_of(exit_, angle)
-            length = exits.sides[0, exit_]
+            length, kept = sides[0, exit_], sides[2, exit_] * turn_time(angle, sides[4, exit_], aw)
             afters[0, exit_, step] = length * sin - look_up(across, low, share)
-            afters[1, exit_, step] = -length * cos - look_up(along, low, share)
+            afters[1, exit_, step] = -length * cos - look_up(along, low, share) - kept
 
 
 @compiled
@@ -309,7 +309,8 @@ def drive_length(
 ) -> float:
     """Return the length in m of the drive between two turns (rad), whose rows in the tables are given.
 
-    `lane` is how far in m the end of the last turn lies ahead in the direction of the drive.
+    `lane` is how far in m the end of the last turn lies ahead in the direction of the drive, less what the
+    robot drives in the times of the turns at the speeds at which they begin.
     """
     begin, share1 = place_of(row1, first)
     end, share2 = place_of(row2, -last)  # the last turn is driven from the goal
@@ -333,6 +334,7 @@ def driven(
     how much the drive is longer than its change of speed needs.
     """
     time1, time2 = turn_time(abs(first), one.rate, rates.aw), turn_time(abs(last), two.rate, rates.aw)
+    lane -= one.speed * time1 + two.speed * time2
     drive = drive_length(lane, first, last, one.row, two.row, along1, along2)
     before = speed_after(one.speed, one.change, time1, rates.v)
     after = speed_after(two.speed, two.change, time2, rates.v)

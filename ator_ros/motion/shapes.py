@@ -464,7 +464,8 @@ def _time(
     if result > best:
         return np.inf
     cos, sin = math.cos(first), math.sin(first)
-    lane = cos * offset.x + sin * offset.y
+    kept = entry["speed"] * time1
+    lane = cos * offset.x + sin * offset.y - kept - exit_["speed"] * time2
     length = drive_length(lane, first, last, entry["row"], exit_["row"], along, along)
     if result + abs(length) * (1.0 / rates.v) > best:
         return np.inf
@@ -475,7 +476,7 @@ def _time(
     result += drive_time(length, before, after, rates)
     if rules.passing > 0.0:
         begin, share = place_of(entry["row"], first)
-        to_object = cos * offset.object_x + sin * offset.object_y - look_up(along, begin, share)
+        to_object = cos * offset.object_x + sin * offset.object_y - look_up(along, begin, share) - kept
         if min(length, 0.0) < to_object < max(length, 0.0):
             beside = cos * offset.object_y - sin * offset.object_x - look_up(across, begin, share)
             result += rules.detour * max(rules.passing - abs(beside), 0.0)

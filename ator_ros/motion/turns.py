@@ -83,7 +83,8 @@ class TurnTable(NamedTuple):
     Attributes
     ----------
     along, across : ndarray, shape (rows * entries,)
-        In m.
+        In m; along beyond what the robot drives in the time of the turn at the speed at its beginning. That
+        grows with the root of a small angle, which cannot be interpolated.
     """
 
     along: FloatArray
@@ -113,7 +114,8 @@ def _write_table(turns: FloatArray, v: float, aw: float, along: FloatArray, acro
                 time = write_headings(angle, rate, aw, headings)
             x, y = turn_end(time, headings, turns[row, 0], turns[row, 1], v)
             # A turn to the right is the mirror image of one to the left.
-            along[row, EDGE + entry] = along[row, EDGE - entry] = c * x + s * y
+            beyond = c * x + s * y - turns[row, 0] * time
+            along[row, EDGE + entry] = along[row, EDGE - entry] = beyond
             across[row, EDGE + entry], across[row, EDGE - entry] = c * y - s * x, s * x - c * y
 
 
@@ -127,6 +129,6 @@ def place_of(row: int, angle: float) -> tuple[int, float]:
 
 @inlined
 def look_up(table: FloatArray, low: int, share: float) -> float:
-    """Look up `along` or `across` at a place."""
+    """Look up a column of a `TurnTable` at a place."""
     result: float = table[low] + share * (table[low + 1] - table[low])
     return result

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import pytest
@@ -10,7 +11,7 @@ from action_runs import KINDS, Task, execute, execute_situation
 from ator_ros.actions.base import ActionError, Goal, Point, Status
 from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.soccer.field import ball_of
+from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.holding import DribbleBall
 from ator_ros.execution.chain_executor import ChainExecutor
@@ -19,7 +20,7 @@ from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.world.state import STOP, RobotState, World
+from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 ROBOT = load_robot()
 AT_ORIGIN = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)))
@@ -54,6 +55,20 @@ def test_noisy_odometry_at_rest_does_not_prolong_a_turn_on_the_spot(angle: float
             assert step.status is Status.SUCCEEDED
             times.append(simulation.time)
     assert times[1] <= times[0] + TICK
+
+
+def test_coming_straight_to_a_ball_at_speed_takes_no_longer_than_stopping_there() -> None:
+    # After the first turn, the drive has hardly more room than its change of speed needs.
+    for offset, speed, distance in itertools.product(
+        (0.16, 0.21, -0.6, -0.7, 0.87), (0.05, 0.63, 0.8), (1.15, 1.2)
+    ):
+        world = World(0.0, RobotState(Pose(0.0, 0.0, offset)), {BALL: ObjectState(distance, 0.0)})
+        seconds = []
+        for arrival in (0.0, speed):
+            action = GoToPose(ROBOT)
+            action.start(world, Goal(Pose(distance, 0.0, 0.0), arrival, Point.HOLD))
+            seconds.append(float(action.step(world).message.split()[1]))
+        assert seconds[1] <= seconds[0], (offset, speed, distance)
 
 
 @pytest.mark.parametrize("speed", [-0.1, 5.0, math.nan])

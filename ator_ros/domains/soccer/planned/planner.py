@@ -219,8 +219,7 @@ _RUN_CHANGES = (-1.0, -0.75, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.75, 1.0)
 _RUN_SHARES = (0.0, 0.35, 0.6, 0.8, 1.0)
 TRIES = 3000
 """Paths that are checked: in 3200 drives, approaches and dribbles at posts the last success was try 2841."""
-_SLACK = 0.01
-"""Room in m so that the robot need not drive back: closing a path changes its drive."""
+_LONGER = 0.05  # s that closing a path may add; some then need a drive back, which takes seconds
 
 
 def _free_sides(limits: Limits, speed: float) -> list[Side]:
@@ -286,7 +285,7 @@ def fastest(
             f"expected a start clear of ball and goals, got ({start.x:.2f}, {start.y:.2f}) m, "
             "which is too near one of them"
         )
-    slack = _SLACK if forward_only else -math.inf
+    slack = 0.0 if forward_only else -math.inf
     paths = find_paths(start, goal, entries, exits, limits, least_slack=slack, longest=longest, most=tries)
     found, first, last, drive = _first_clear(
         from_center(start, robot),
@@ -327,11 +326,14 @@ def _first_clear(
     forward: bool,
 ) -> tuple[int, float, float, float]:
     """Return the first of the paths that can be driven, with its turns and drive once closed; -1 if none."""
+    speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
     for index in range(len(paths.times)):
         entry, leaving = entries[:, paths.entries[index]].copy(), exits[:, paths.exits[index]].copy()
         first, last, drive = paths.firsts[index], paths.lasts[index], paths.drives[index]
         if is_clear(start, goal, first, last, drive, entry, leaving, around, forward):
             first, last, drive, found = close(first, last, start, goal, entry, leaving, around.rates)
-            if found and is_clear(start, goal, first, last, drive, entry, leaving, around, forward):
+            time = write_pieces(speeds, turns, first, last, drive, entry, leaving, around.rates)
+            as_fast = found and time < paths.times[index] + _LONGER
+            if as_fast and is_clear(start, goal, first, last, drive, entry, leaving, around, forward):
                 return index, first, last, drive
     return -1, 0.0, 0.0, 0.0

@@ -112,7 +112,8 @@ def _run_ups(seen: Pose, entries: Ends, shooting: _Shooting) -> FloatArray:
             turning = turn_time(turn, sides[4, entry], rates.aw)
             speed = min(max(sides[2, entry] + sides[3, entry] * turning, -rates.v), rates.v)
             low, share = place_of(entry, turn)
-            forth, left = look_up(along, low, share), look_up(across, low, share)
+            forth = look_up(along, low, share) + sides[2, entry] * turning
+            left = look_up(across, low, share)
             turned_x = seen.x + ahead * forth - aside * left
             turned_y = seen.y + aside * forth + ahead * left
             for further in _LEADS:
