@@ -37,7 +37,7 @@ class MockNodes:
         self._time, self._from_tf, self._sign = 0.0, from_tf, 1.0
         self.accepts = False
         self._goals: list[Any] = []
-        self._own = Client(domain, name="executor", steers=False, observes=False)
+        self._own = Client(domain, name="executor", silent=True)
         node = self._own.node
         node.declare_parameter("robot_from", "tf" if from_tf else "odom")
         node.declare_parameter("robot_frame", "base")

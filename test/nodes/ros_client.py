@@ -30,8 +30,8 @@ RETRY = 8.0
 class Client:
     """A node in this process that subscribes to odom and ball, publishes commands, and calls services.
 
-    `frame` is the odometry's frame in `namespace`. With `steers` it publishes commands: one process
-    cannot have a topic with two types. With `observes` it subscribes to odom and ball.
+    `frame` is the odometry's frame in `namespace`. A `silent` client neither subscribes to them nor publishes
+    commands: one process cannot have a topic with two types.
     """
 
     def __init__(
@@ -41,8 +41,7 @@ class Client:
         frame: str = "odom",
         *,
         name: str = "test_client",
-        steers: bool = True,
-        observes: bool = True,
+        silent: bool = False,
     ) -> None:
         self.domain, self._frame = domain, frame
         self._context = rclpy.Context()
@@ -52,10 +51,10 @@ class Client:
         self.balls: list[tuple[float, ObjectState]] = []
         self._ball = ObjectReader(ObjectSource("ball"), frame)
         self._callers: dict[str, Any] = {}
-        if observes:
+        if not silent:
             self.node.create_subscription(Odometry, "odom", self._on_robot, SENSOR_DATA)
             self.node.create_subscription(Odometry, "ball", self._on_ball, SENSOR_DATA)
-        self._commands = self.node.create_publisher(Twist, "cmd_vel", NEWEST) if steers else None
+        self._commands = None if silent else self.node.create_publisher(Twist, "cmd_vel", NEWEST)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._spinning = SpinThread(self._executor)

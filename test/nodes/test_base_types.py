@@ -18,7 +18,7 @@ from ator_ros.nodes.qos import RESULTS
 pytestmark = pytest.mark.node
 
 
-CLIENT = {"steers": False, "observes": False}
+CLIENT = {"silent": True}
 
 
 NEAR = [call("goToPose", Pose(0.5, 0.0, 0.0))]

@@ -33,7 +33,7 @@ def calibrate(domain: int, *words: str) -> subprocess.CompletedProcess[str]:
 @pytest.fixture
 def publish(domain: int) -> Iterator[Callable[..., None]]:
     """Yield a function that publishes an odometry message repeatedly."""
-    client = Client(domain, name="strange_base", steers=False, observes=False)
+    client = Client(domain, name="strange_base", silent=True)
     publisher = client.node.create_publisher(Odometry, "odom", SENSOR_DATA)
 
     def repeat(message: Odometry, step: int) -> None:

@@ -16,7 +16,7 @@ from ator_ros.nodes.qos import SENSOR_DATA
 RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 
-CLIENT = {"steers": False, "observes": False}
+CLIENT = {"silent": True}
 
 
 def received(

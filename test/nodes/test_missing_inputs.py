@@ -23,7 +23,7 @@ AWAY = [call("goToPose", Pose(2.0, 0.0, 0.0))]
 TO_BALL = [call("goToBall", Pose(0.0, 0.0, 0.0))]
 
 
-CLIENT = {"steers": False, "observes": False}
+CLIENT = {"silent": True}
 
 
 def elsewhere(client: Client) -> None:

@@ -86,7 +86,7 @@ def no_direction(message: Odometry, yaw: float) -> None:
     turn.z = turn.w = 0.0
 
 
-CLIENT = {"steers": False, "observes": False}
+CLIENT = {"silent": True}
 
 
 @pytest.fixture

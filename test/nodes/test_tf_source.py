@@ -64,7 +64,7 @@ class TfBase(MovingBase):
         self._tf.publish(TFMessage(transforms=transforms))
 
 
-CLIENT = {"steers": False, "observes": False}
+CLIENT = {"silent": True}
 
 
 @pytest.fixture
