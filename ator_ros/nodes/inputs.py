@@ -52,7 +52,7 @@ class TfListener:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._transforms = Transforms()
-        self._followed: dict[tuple[str, str], Take] = {}
+        self._followed: dict[tuple[str, str], list[Take]] = {}
         self._last: dict[tuple[str, str], float] = {}
         """The stamp in s that was passed on last, by frame and child."""
 
@@ -65,11 +65,11 @@ class TfListener:
         return f"tf: expected transforms from {frame} to {child}, got the frames: {known or 'none'}"
 
     def follow(self, frame: str, child: str, take: Take) -> None:
-        """Pass on each update of the pose of `child` in `frame`, in the order of these calls."""
+        """Pass on each update of the pose of `child` in `frame`; the frames first followed come first."""
         if not self._followed:
             for topic, fixed, qos in (("/tf_static", True, LATCHED_BY_MANY), ("/tf", False, RESULTS)):
                 self._node.create_subscription(TFMessage, topic, partial(self._take, fixed=fixed), qos)
-        self._followed[frame, child] = take
+        self._followed.setdefault((frame, child), []).append(take)
 
     def _take(self, message: Any, *, fixed: bool) -> None:
         for transform in message.transforms:
@@ -78,11 +78,12 @@ class TfListener:
             except MessageError as error:
                 logger = self._node.get_logger()
                 logger.warning(f"ignored: {error}", throttle_duration_sec=_WARNING_PERIOD)
-        for frames, take in self._followed.items():
+        for frames, takes in self._followed.items():
             found = self._transforms.latest(*frames)
             if found is not None and found[0] != self._last.get(frames):  # newer, or older after a reset
                 self._last[frames] = found[0]
-                take(*found)
+                for take in takes:
+                    take(*found)
 
 
 TYPES: dict[str, Any] = {

@@ -14,8 +14,11 @@ from tf2_msgs.msg import TFMessage
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
+from ator_ros.nodes.inputs import Subscriptions
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.simulation import transform_of
+from ator_ros.robot.description import load_robot
+from ator_ros.world.messages import ObjectSource
 from ator_ros.world.state import RobotState
 
 DOMAIN = """
@@ -102,6 +105,29 @@ def test_an_object_is_found_through_the_robots_camera(
     (cart,) = result.record.actions[0].end.objects
     assert (cart.position.x, cart.position.y) == pytest.approx(base.cart[:2], abs=0.02)
     assert math.hypot(cart.velocity.x, cart.velocity.y) < 0.1
+
+
+def test_two_objects_can_have_the_same_frame(client: Client) -> None:
+    taken: set[str] = set()
+    client.within(
+        lambda: Subscriptions(
+            client.node,
+            {"frame": "map", "robot_frame": "base_link", "robot_from": "odom"},
+            load_robot(),
+            [ObjectSource(name, type="tf", frame="cart_link") for name in ("cart", "load")],
+            take_robot=lambda *_: None,
+            take_object=lambda name, *_: taken.add(name),
+            warn=pytest.fail,
+        )
+    )
+    publisher = client.node.create_publisher(TFMessage, "/tf", RESULTS)
+    message = TFMessage(transforms=[transform_of(1.0, Pose(0.5, 0.0, 0.0), frame="map", child="cart_link")])
+
+    def observed() -> bool:
+        publisher.publish(message)
+        return taken == {"cart", "load"}
+
+    client.eventually(observed, "both objects")
 
 
 def test_invalid_transforms_are_reported_and_not_used(host: Host, client: Client, base: TfBase) -> None:
