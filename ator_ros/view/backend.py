@@ -110,6 +110,9 @@ class Backend:
         self._newest: tuple[float, RobotState] | None = None
         self._objects: dict[str, tuple[float, ObjectState]] = {}
         self._own_runs: dict[str, Run] = {}
+        """Our runs by the id of their chain; ended ones are dropped when the next one starts."""
+        self._own_ids: set[str] = set()
+        """The ids of the chains of all our runs: messages about a chain may arrive after its end."""
         self._active = ("", Run(OTHERS, problem="no goal"))
         self._received_at = self._executor_at = time.monotonic()
         self._context = rclpy.Context()
@@ -150,7 +153,7 @@ class Backend:
         self.until(self._server.server_is_ready, "the action execute_chain")
         settings = {**self._robot_settings(), "frame": self._frame}
         try:
-            self._subscribed = Subscriptions(
+            Subscriptions(
                 self.node, settings, self._robot, map(self.domain.source, self.domain.objects),
                 take_robot=self._take_robot, take_object=self._take_object, warn=self._warn,
             )  # fmt: skip
@@ -376,7 +379,9 @@ class Backend:
         if not self._server.server_is_ready():
             raise NodesError("expected the action execute_chain, it is not there")
         goal_id = uuid.uuid4()
-        self._own_runs[goal_id.hex] = run
+        ongoing = {name: other for name, other in self._own_runs.items() if not other.ended}
+        self._own_runs = {**ongoing, goal_id.hex: run}
+        self._own_ids.add(goal_id.hex)
         self._active = goal_id.hex, run
         goal = ExecuteChain.Goal(refine=refine, **self._written(draft))
         future = self._server.send_goal_async(goal, goal_uuid=_goal_info(goal_id.hex).goal_id)
@@ -409,19 +414,23 @@ class Backend:
         if not run.ended:
             run.problem = "lost: the executor does not answer"
 
+    def _run_of(self, chain_id: str) -> Run | None:
+        """Return our run of a chain, or the external one; None for other chains and for dropped runs."""
+        if self.external is not None and self.external.record.chain_id == chain_id:
+            return self.external
+        return self._own_runs.get(chain_id)
+
     def _take_status(self, message: ChainPerformance) -> None:
-        run, former = self._own_runs.get(message.chain_id), self.external
-        self.external = None
-        if run is None:
+        run, self.external = self._run_of(message.chain_id), None
+        if message.chain_id not in self._own_ids:
             try:
                 draft = self._draft_from(message)
             except MessageError as error:
                 self._warn(f"chain_under_way: ignored: {error}")
                 return
-            same = former is not None and former.record.chain_id == message.chain_id
-            self.external = run = former if former is not None and same else Run(OTHERS)
+            self.external = run = Run(OTHERS) if run is None else run
             run.draft = draft
-        if not run.ended:
+        if run is not None and not run.ended:
             self._active, run.record = (message.chain_id, run), message
 
     def _draft_from(self, message: ChainPerformance) -> Draft:
@@ -434,9 +443,7 @@ class Backend:
         return Draft(start, chain, action_set)
 
     def _take_record(self, message: ChainPerformance) -> None:
-        run = self._own_runs.get(message.chain_id)
-        if run is None and self.external is not None and self.external.record.chain_id == message.chain_id:
-            run = self.external
+        run = self._run_of(message.chain_id)
         if run is not None and not run.ended:  # of the status only the newest message is sure to arrive
             run.record = message
         if message.outcome.code == Outcome.REFUSED:
