@@ -189,7 +189,7 @@ class SimulationNode(Node):
         else:
             self._ticks.began(now)
             for name in self._world.tick():
-                self.get_logger().debug(f"{self._world.time:.2f} s: robot {name} stands")
+                self.get_logger().debug(f"{self._world.time:.2f} s: {name or 'robot'} stands")
             self._ticks.took(time.monotonic() - now)
             self._schedule(now)
         self._publish()

@@ -167,7 +167,7 @@ class _Driver:
             cause = self._diagnosis.cause("odom", _FIRST)
             raise DriveError(f"odom: expected a message within {_FIRST:g} s, got none; {cause}")
         if self._received is not None and now - self._received > _SILENCE:
-            cause = self._diagnosis.cause("odom", _FIRST)
+            cause = self._diagnosis.cause("odom", _SILENCE)
             raise DriveError(f"odom: expected a newer message every {_SILENCE:g} s; {cause}")
         if self._node.count_publishers("cmd_vel") > 1:
             raise DriveError("cmd_vel: expected no other publisher; end the executor and what else drives")

@@ -35,7 +35,7 @@ SETTINGS: dict[str, dict[str, object]] = {
     "executor": {"odom_timeout": 1.5, "refinement_timeout": 3.0, "start_timeout": 20.0},
     "refinement": {},
 }
-_STANDS = "robot  stands"  # its name is empty
+_STANDS = "robot stands"
 _STATUS = re.compile(rf"(\S+) s: ({_STANDS}|Command\(v=\S+, w=\S+\))")
 
 
@@ -128,7 +128,8 @@ class Arena:
             self._client = None
 
     def check(self) -> None:
-        """Assert that the robot always stopped in time."""
+        """Assert that the robot, which has been driven, always stopped in time."""
+        self.observer.eventually(self.stops, "a command to move and a stop in the logs of the simulation")
         late = [stop for stop in self.stops() if stop[1] - stop[0] > STOP_DEADLINE + 1e-6]
         assert not late, f"expected the robot to stand within {STOP_DEADLINE} s, (sent, stood): {late}"
         nodes = [node for nodes in self._started.values() for node in nodes]

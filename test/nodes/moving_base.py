@@ -43,8 +43,8 @@ class MovingBase:
         self.received += 1
         self.commanded = message.twist if isinstance(message, TwistStamped) else message
 
-    def slow_down(self, rate: float) -> None:
-        """Slow down time: by its stamps a tick still takes PERIOD."""
+    def set_pace(self, rate: float) -> None:
+        """Let time pass `rate` times as fast as in reality: by its stamps a tick still takes PERIOD."""
         self.timer.timer_period_ns = round(1e9 * PERIOD / rate)
 
     def state(self) -> RobotState:

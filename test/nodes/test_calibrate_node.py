@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from ament_index_python.packages import get_package_prefix
 from conftest import Start
+from geometry_msgs.msg import TwistStamped
+from moving_base import MovingBase
 from nav_msgs.msg import Odometry
 from process import PATIENCE
 from ros_client import Client
@@ -70,6 +72,18 @@ def test_constant_stamps_are_reported(publish: Callable[..., None], domain: int,
     publish(message, step=0)
     done = calibrate(domain, "--out", str(tmp_path / "mine.yaml"))
     assert "newer message every 2 s; odom: the stamps of /strange_base stay at 3.00 s" in done.stderr
+
+
+def test_a_base_that_subscribes_to_stamped_commands_is_driven(domain: int, tmp_path: Path) -> None:
+    client = Client(domain, silent=True)
+    MovingBase(client, TwistStamped).set_pace(10.0)
+    file = tmp_path / "mine.yaml"
+    try:
+        done = calibrate(domain, "--stamped", "true", "--v", "0.8", "--out", str(file))
+    finally:
+        client.close()
+    assert done.returncode == 0, done.stderr
+    assert load_robot(file).limits.v == pytest.approx(0.8, rel=0.05)
 
 
 @pytest.mark.long

@@ -5,13 +5,15 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_client import Client
 
+from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.diagnostics import Diagnosis, rival_senders
 from ator_ros.nodes.inputs import Input, Reception, TfListener
-from ator_ros.nodes.qos import SENSOR_DATA
+from ator_ros.nodes.qos import NEWEST, SENSOR_DATA
 
 RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -73,3 +75,17 @@ def test_the_cause_of_missing_odometry(client: Client) -> None:
     unfit = cause(qos=RELIABLE)
     assert unfit.startswith("odom: the quality of service of /test_client does not fit: ")
     assert "reliable" in unfit
+
+
+def test_the_cause_of_a_base_that_does_not_follow(client: Client, domain: int) -> None:
+    others = Client(domain, "base", silent=True)
+    cause = CommandPublisher(client.node, stamped="false", frame="").cause
+    try:
+        others.listen(Twist, "/cmd_vel", 10)
+        client.eventually(lambda: cause() == "cmd_vel is received only by /base/test_client", "a base")
+        others.within(lambda: others.node.create_publisher(Twist, "/cmd_vel", NEWEST))
+        client.eventually(
+            lambda: cause() == "cmd_vel: /base/test_client publishes commands as well", "a rival"
+        )
+    finally:
+        others.close()

@@ -87,7 +87,7 @@ def test_a_goal_succeeds_though_odometry_is_slower_than_real_time(
 ) -> None:
     host("executor")
     base = MovingBase(client)
-    base.slow_down(rate)
+    base.set_pace(rate)
     chains = ChainClient(client)
     outcome = chains.send([call("goToPose", Pose(0.4, 0.0, 0.0))]).result(60.0).outcome
     assert outcome.code == Outcome.SUCCEEDED, outcome.reason
