@@ -27,7 +27,7 @@ class BackendError(RuntimeError):
 
 
 @contextlib.contextmanager
-def workers(jobs: int = 1, cluster: str | None = None) -> Iterator[None]:
+def workers(jobs: int, cluster: str | None = None) -> Iterator[None]:
     """Spread tasks over workers during the block; otherwise this process executes them.
 
     Parameters

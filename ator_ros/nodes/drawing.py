@@ -22,7 +22,7 @@ from ator_ros.geometry import FloatArray, Pose
 from ator_ros.nodes.goal_run import GoalRun
 from ator_ros.nodes.messages import pose_of, stamp_of
 from ator_ros.nodes.qos import LATCHED
-from ator_ros.nodes.shapes import ORANGE, Segments, executed_chain_shapes, surroundings
+from ator_ros.nodes.segments import ORANGE, Segments, executed_chain_shapes, surroundings
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, World
 

@@ -203,7 +203,7 @@ class ExecutorNode(Node):
             cancel_service_qos_profile=SERVICES,
             result_timeout=_RESULT_KEPT,
         )  # fmt: skip
-        self._watchdog = self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
+        self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
 
     def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:
         warning = self._inputs.object(name, stamp, there, time.monotonic())

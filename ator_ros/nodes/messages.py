@@ -131,7 +131,7 @@ def chain_from(
 
 
 def alternatives_from(
-    chains: Sequence[msg.TopChain], library: TopLibrary, *, frame: str, fence: Fence | None = None
+    chains: Sequence[msg.TopChain], library: TopLibrary, *, frame: str, fence: Fence | None
 ) -> list[TopChain | str]:
     """Read the alternatives of a chain: each as a chain, or why it cannot be used."""
     checks.count(chains, "alternatives", least=0, most=MOST_ALTERNATIVES)

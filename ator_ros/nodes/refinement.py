@@ -34,7 +34,7 @@ from ator_ros.nodes.parameters import (
 )
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.running import run_node
-from ator_ros.nodes.shapes import refinement_shapes
+from ator_ros.nodes.segments import refinement_shapes
 from ator_ros.planning.goals import PlanningError
 from ator_ros.planning.planner import chains_for
 from ator_ros.printable import printable

@@ -20,7 +20,7 @@ from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.files import atomic_write
-from ator_ros.nodes.shapes import surroundings
+from ator_ros.nodes.segments import surroundings
 from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import (
     add_factor,
@@ -172,7 +172,7 @@ def _panel(axes: Any, domain: Domain, robot: Robot, situation: DemoSituation) ->
 
 
 def demo(
-    situations: int, seed: int, chain: str, out: Path, source: ToolsetSource, real_time_factor: float = 0.0
+    situations: int, seed: int, chain: str, out: Path, source: ToolsetSource, real_time_factor: float
 ) -> None:
     """Play situations of one of the domain's chains naive and refined on nodes of its own.
 

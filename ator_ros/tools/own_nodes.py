@@ -48,8 +48,7 @@ class NodeProcesses:
 
     def __init__(self, domain: int) -> None:
         self.domain = domain
-        own = {"ROS_DOMAIN_ID": str(domain), RANGE: THIS_MACHINE, "PYTHONUNBUFFERED": "1"}
-        self._environment = {**os.environ, **own}
+        self._environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "PYTHONUNBUFFERED": "1"}
         self._logs = tempfile.TemporaryDirectory(prefix="ator_ros_")
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
@@ -171,7 +170,7 @@ def all_nodes(
 
 @contextmanager
 def connected(
-    nodes: NodeProcesses, domain: Domain, robot: Robot, servers: Sequence[str] = ()
+    nodes: NodeProcesses, domain: Domain, robot: Robot, servers: Sequence[str]
 ) -> Iterator[Backend]:
     """Yield a client of started nodes, once all of them and the action servers of these names are there."""
     backend = Backend(

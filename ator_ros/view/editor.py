@@ -5,16 +5,13 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 from ator_ros.geometry import Pose
 from ator_ros.nodes.network import NodesError, UnavailableError
+from ator_ros.view.backend import Backend
 from ator_ros.view.draft import Draft, first_draft, situation_draft
 from ator_ros.view.runs import OTHERS, Answer, Run
 from ator_ros.world.state import World
-
-if TYPE_CHECKING:  # needs ROS
-    from ator_ros.view.backend import Backend
 
 NAIVE, REFINED = "naive", "refined"
 _RETRY_STEPS = 25

@@ -9,10 +9,10 @@ import random
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ator_ros.geometry import Pose
-from ator_ros.nodes.shapes import (
+from ator_ros.nodes.segments import (
     BLUE,
     ORANGE,
     YELLOW,
@@ -25,14 +25,12 @@ from ator_ros.refinement.chain_prediction import chain_situations
 from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
+from ator_ros.view.backend import Backend
 from ator_ros.view.draft import Draft
 from ator_ros.view.editor import NAIVE, REFINED, Editor
 from ator_ros.view.runs import OTHERS, Answer, Run, plain, seconds
 from ator_ros.view.scene import LOOPBACK, Canvas, Handle, RobotModel, serve
 from ator_ros.world.state import World
-
-if TYPE_CHECKING:  # needs ROS
-    from ator_ros.view.backend import Backend
 
 _SILENCE = 2.0
 _VARIABLES = ("yaw", "speed")
@@ -294,7 +292,7 @@ class Page:
 # Texts in Markdown
 
 
-def clock_text(world: World | None, *, paused: bool, status: str, silence: float = 0.0) -> str:
+def clock_text(world: World | None, *, paused: bool, status: str, silence: float) -> str:
     """Return simulated time and status of the run; `silence` is in real s since the robot's last state."""
     if world is None:
         return "waiting for the robot's state from odom or tf"

@@ -148,9 +148,9 @@ class Run:
 # The history of executed chains
 
 
-def plain(text: str, most: int = _LONGEST) -> str:
+def plain(text: str) -> str:
     """Return a text escaped for Markdown."""
-    return _MARKDOWN.sub(r"\\\1", printable(text, most))
+    return _MARKDOWN.sub(r"\\\1", printable(text, _LONGEST))
 
 
 def seconds(value: float) -> str:

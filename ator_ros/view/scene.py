@@ -17,7 +17,7 @@ from viser.extras import ViserUrdf
 
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose, quaternion_from_yaw
-from ator_ros.nodes.shapes import Color, Segments, surroundings
+from ator_ros.nodes.segments import Color, Segments, surroundings
 from ator_ros.robot.description import Robot
 from ator_ros.world.scene import Area
 

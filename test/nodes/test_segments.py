@@ -10,7 +10,7 @@ import pytest
 from view.in_process import InProcessBackend
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.nodes.shapes import (
+from ator_ros.nodes.segments import (
     costs_by_heading,
     executed_chain_shapes,
     refinement_shapes,
