@@ -7,7 +7,7 @@ RUN := scripts/run
 BIN := install/lib/ator_ros
 ARGS ?=
 
-.PHONY: setup demo view run test test-long test-apt-versions lint format reproduce clean
+.PHONY: setup demo view run test test-long test-apt-versions lint format bench reproduce clean
 
 setup:
 	@scripts/setup
@@ -46,6 +46,10 @@ lint: setup
 format: setup
 	@$(RUN) ruff check --fix
 	@$(RUN) ruff format
+
+# How fast refinement, plans, actions and simulation are; on an idle machine.
+bench: setup
+	@$(RUN) python benchmarks/speed.py $(ARGS)
 
 # Learn the shipped models again from nothing and make every table and figure: collect, train, evaluate.
 reproduce: setup

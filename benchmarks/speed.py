@@ -1,7 +1,7 @@
 """Measure the speed of refinement, plans, actions and simulation, without ROS, on an idle machine.
 
-scripts/run python benchmarks/speed.py                       # everything
-scripts/run python benchmarks/speed.py refinement --requests 50
+make bench                                         # everything
+make bench ARGS='refinement --requests 50'
 """
 
 from __future__ import annotations

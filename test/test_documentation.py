@@ -39,7 +39,7 @@ BY_TEST = {
     r"make clean": "test_documentation.py::test_clean_leaves_the_sources",
     r"\. scripts/env\.sh": "test_environment.py::test_a_second_checkout_replaces_the_first",
     r"scripts/run COMMAND …": "test_environment.py::test_a_command_keeps_its_exit_code",
-    r"scripts/run python benchmarks/speed\.py": "test_benchmarks.py::test_each_part_of_the_speed_is_measured",
+    r"make bench": "test_benchmarks.py::test_each_part_of_the_speed_is_measured",
     r"python scripts/figures\.py": "test_figures.py::test_both_figures_are_drawn",
     r"collect .*my_domain\.yaml --over-ros": "nodes/test_tour_node.py::test_drives_over_ros_take_as_long",
     r"dask .*|.*--cluster .*": "test_documentation.py::test_a_cluster_collects",

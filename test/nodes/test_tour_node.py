@@ -47,7 +47,7 @@ def test_drives_over_ros_take_as_long_as_those_without(tmp_path: Path) -> None:
         alone = frame.iloc[0]
         assert tuple(driven[["xg", "yg", "yawg"]]) == pytest.approx(tuple(alone[["xg", "yg", "yawg"]]))
         assert tuple(driven[["x", "y", "yaw"]]) == pytest.approx(tuple(alone[["x", "y", "yaw"]]), abs=1e-3)
-        assert driven["duration"] == pytest.approx(alone["duration"], rel=0.03)
+        assert driven["duration"] == pytest.approx(alone["duration"], rel=0.03, abs=0.15)  # or three ticks
 
 
 @pytest.mark.node
