@@ -157,6 +157,7 @@ class Rules(NamedTuple):
     """Parameters of all shapes of a set; see `ShapeSet`.
 
     run: NaN if it is as long as needed. detour: s per m that a straight drive passes too near the object.
+    aimed: whether the paths end with the drive, at any heading.
     """
 
     rates: Rates
@@ -164,6 +165,7 @@ class Rules(NamedTuple):
     passing: float
     detour: float
     forward: bool
+    aimed: bool
 
 
 @dataclass(frozen=True)
@@ -180,6 +182,9 @@ class ShapeSet:
         Distance in m that the straight drive keeps from an object at the goal; 0 where there is none.
     forward : bool
         Whether the robot never drives backward.
+    aimed : bool
+        Whether the heading at the destination does not matter: there is no last turn, and the drive leads the
+        object in front of the robot there.
     """
 
     limits: Limits
@@ -187,6 +192,7 @@ class ShapeSet:
     run: float | None = 0.0
     passing: float = 0.0
     forward: bool = False
+    aimed: bool = False
 
     @cached_property
     def _shapes(self) -> tuple[Shape, ...]:
@@ -229,7 +235,8 @@ class ShapeSet:
     def rules(self) -> Rules:
         """What holds for all shapes."""
         run = np.nan if self.run is None else self.run
-        return Rules(rates_of(self.limits), run, self.passing, _DETOUR / self.limits.v, self.forward)
+        detour = _DETOUR / self.limits.v
+        return Rules(rates_of(self.limits), run, self.passing, detour, self.forward, self.aimed)
 
 
 _END = np.dtype([("speed", float), ("length", float), ("time", float), ("row", np.intp)])
@@ -290,12 +297,16 @@ _INSIDE = (1 << 2 * HALF) - 1  # all turns but the last
 
 
 class _Offset(NamedTuple):
-    """From where the first turn begins to where the last one ends, and to the object at the goal, in m."""
+    """From where the first turn begins to where the last one ends, and to the object at the goal, in m.
+
+    The drive ends `before` m ahead of where the last turn begins.
+    """
 
     x: float
     y: float
     object_x: float
     object_y: float
+    before: float
 
 
 @unlocked
@@ -332,7 +343,7 @@ def search_fastest(
     firsts, most = shapes[:count], max(1, (others[1:] - others[:-1]).max())
     entries, exits = np.empty(count, dtype=_END), np.empty(count, dtype=_END)
     other_entries, other_exits = np.empty(most, dtype=_END), np.empty(most, dtype=_END)
-    gaps = np.empty(WIDTH, dtype=np.float32)
+    gaps, nowhere = np.empty(WIDTH, dtype=np.float32), np.zeros(WIDTH, dtype=np.float32)
     likely = 0  # the last fastest group is tried first: its time prunes most others
     for at in range(first, end):
         x, y, turn, speed, arrival = ends[0, at], ends[1, at], ends[2, at], ends[3, at], ends[4, at]
@@ -341,14 +352,14 @@ def search_fastest(
         if at == first or arrival != ends[4, at - 1]:
             _set_arrival(exits, arrival, firsts, tables, rules)
         time, turned, likely = _fastest(
-            x, y, turn, hold, np.inf, likely, entries, exits, gaps, firsts, tables, rules
+            x, y, turn, hold, np.inf, likely, entries, exits, gaps, nowhere, firsts, tables, rules
         )
         if others[likely] < others[likely + 1]:
             group = shapes[others[likely] : others[likely + 1]]
             _set_speed(other_entries, speed, group, tables, rules)
             _set_arrival(other_exits, arrival, group, tables, rules)
             faster, angles, _ = _fastest(
-                x, y, turn, hold, time, 0, other_entries, other_exits, gaps, group, tables, rules
+                x, y, turn, hold, time, 0, other_entries, other_exits, gaps, nowhere, group, tables, rules
             )
             if faster < time:
                 time, turned = faster, angles
@@ -368,6 +379,7 @@ def _fastest(
     entries: Rows,
     exits: Rows,
     gaps: RealArray,
+    nowhere: RealArray,
     shapes: Rows,
     tables: TurnTables,
     rules: Rules,
@@ -387,25 +399,30 @@ def _fastest(
         straight = entry["time"] + exit_["time"]
         if straight == np.inf:
             continue
-        offset = _Offset(
-            x - entry["length"] - exit_["length"] * cos,
-            y - exit_["length"] * sin,
-            object_x - entry["length"],
-            object_y,
-        )
+        ahead, aside = object_x - entry["length"], object_y
+        if rules.aimed:
+            offset = _Offset(ahead, aside, ahead, aside, hold)
+        else:
+            to_x, to_y = x - entry["length"] - exit_["length"] * cos, y - exit_["length"] * sin
+            offset = _Offset(to_x, to_y, ahead, aside, 0.0)
         rate = max(shape["first_rate"], shape["last_rate"])
-        for around in range(3 if rules.forward else 2):
-            total = totals[around]
+        for around in range(1 if rules.aimed else 3 if rules.forward else 2):
+            total = 0.0 if rules.aimed else totals[around]
             if straight + turn_time(abs(total), rate, rules.rates.aw) > best:
                 continue
-            above = _fill_gaps(gaps, offset, windows[around], shape["direction"], entry, exit_, tables)
+            if rules.aimed:
+                far = nowhere
+            else:
+                fraction, column = windows[around]
+                far = tables.fractions[exit_["row"], fraction, column : column + WIDTH]
+            above = _fill_gaps(gaps, offset, shape["direction"], entry, far, tables)
             # At a zero crossing from above the drive has this shape's direction, else the opposite one.
             roots = above & ~(above >> 1) & _INSIDE
             while roots:
                 step = math.frexp(float(roots & -roots))[1] - 1
                 roots &= roots - 1
                 first = TURNS[step] + _STEP * (gaps[step] / (gaps[step] - gaps[step + 1]))
-                last = total - first
+                last = 0.0 if rules.aimed else total - first
                 angles = abs(first) + abs(last)
                 if abs(last) < WIDEST and angles < _MOST_TURNED:
                     time = _time(
@@ -420,20 +437,18 @@ def _fastest(
 def _fill_gaps(
     gaps: RealArray,
     offset: _Offset,
-    window: tuple[int, int],
     direction: float,
     entry: Any,
-    exit_: Any,
+    far: RealArray,
     tables: TurnTables,
 ) -> int:
     """Compute by how much a drive after each of TURNS misses the last turn, in the shape's direction.
 
-    Return a number whose bits are set for gaps above 0, which is faster to scan.
+    `far` is how far across the last turns begin. Return a number whose bits are set for gaps above 0, which
+    is faster to scan.
     """
     x, y = np.float32(offset.x), np.float32(offset.y)
-    fraction, column = window
     near = tables.fractions[entry["row"], 0, 2 * HALF : 2 * HALF + WIDTH]  # at TURNS
-    far = tables.fractions[exit_["row"], fraction, column : column + WIDTH]
     above = np.uint32(0)
     for step in range(WIDTH):
         gap = direction * (y * _COS[step] - x * _SIN[step] - near[step] - far[step])
@@ -465,7 +480,7 @@ def _time(
         return np.inf
     cos, sin = math.cos(first), math.sin(first)
     kept = entry["speed"] * time1
-    lane = cos * offset.x + sin * offset.y - kept - exit_["speed"] * time2
+    lane = cos * offset.x + sin * offset.y - offset.before - kept - exit_["speed"] * time2
     length = drive_length(lane, first, last, entry["row"], exit_["row"], along, along)
     if result + abs(length) * (1.0 / rates.v) > best:
         return np.inf

@@ -46,6 +46,8 @@ class DrivingStyle:
     ----------
     forward : bool
         Whether it never drives backward.
+    aimed : bool
+        Whether it ends at any heading, as a shot does: its paths have no last turn.
     run : float
         Length in m of the straight run up to the object held at the goal, of an action that also drives
         backward; the run of one that does not is as long as its change of speed needs.
@@ -60,6 +62,7 @@ class DrivingStyle:
     drives: StoredGroups
     approaches: StoredGroups = ()
     forward: bool = False
+    aimed: bool = False
     run: Annotated[float, Within(0.0)] = 0.0
     passing: Annotated[float, Within(0.0)] = 0.0
 
@@ -73,7 +76,8 @@ class DrivingStyle:
     def drive_paths(self) -> ShapeSet:
         """The paths to a pose."""
         run = None if self.forward else 0.0
-        return ShapeSet(self.limits, _restored(self.drives), run=run, forward=self.forward)
+        shapes = _restored(self.drives)
+        return ShapeSet(self.limits, shapes, run=run, forward=self.forward, aimed=self.aimed)
 
     @cached_property
     def approach_paths(self) -> ShapeSet:
@@ -136,7 +140,9 @@ def free_shapes(limits: Limits, runs: Iterable[float] = (0.0,)) -> list[Shape]:
     ]
 
 
-def forward_shapes(limits: Limits, first_rate: TurnRates, last_rate: TurnRates) -> list[Shape]:
+def forward_shapes(
+    limits: Limits, first_rate: TurnRates, last_rate: TurnRates, *, aimed: bool = False
+) -> list[Shape]:
     """Return the shapes of paths forward, whose turns are as fast as `first_rate` and `last_rate` allow."""
     begins = [
         (
@@ -164,6 +170,7 @@ def forward_shapes(limits: Limits, first_rate: TurnRates, last_rate: TurnRates) 
         )
         for loss in _LOSSES
     ]
+    ends = [(0.0, limits.w, math.nan, -math.inf)] if aimed else ends
     slowest = _SLOWEST * limits.w
     return [
         Shape(TurnProfile(gain, rate), TurnProfile(loss, other), share, entry, start, arrival)

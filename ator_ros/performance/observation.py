@@ -63,12 +63,15 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
     if np.mean(rows["v"] < _BACKWARD[0]) <= _BACKWARD[1]:
         turns = _turns(rows, limits)
         first, last = _rates(turns.start, turns.gain, turns), _rates(turns.end, turns.loss, turns)
-        shapes = forward_shapes(limits, first, last)
+        known = np.isfinite(starts[["position_error", "heading_error"]]).any()
+        aimed = bool(known["position_error"] and not known["heading_error"])  # its TOP leaves that free
+        shapes = forward_shapes(limits, first, last, aimed=aimed)
         if not shapes:  # of an action whose odometry shows no turns, too
-            shapes = forward_shapes(limits, _on_the_spot, _on_the_spot)
-        paths = ShapeSet(limits, (), run=None, forward=True)
-        drives = chosen_shapes(shapes, paths, _geometry(starts, robot).ends, hold=robot.hold)
-        return DrivingStyle(limits, drives, forward=True)
+            shapes = forward_shapes(limits, _on_the_spot, _on_the_spot, aimed=aimed)
+        paths = ShapeSet(limits, (), run=None, forward=True, aimed=aimed)
+        hold = robot.hold if holding.any() else 0.0
+        drives = chosen_shapes(shapes, paths, _geometry(starts, robot).ends, hold=hold)
+        return DrivingStyle(limits, drives, forward=True, aimed=aimed)
     free = starts if holding.all() else starts[~holding]
     ends = _geometry(free, robot).ends
     driving = DrivingStyle(limits, chosen_shapes(free_shapes(limits), ShapeSet(limits, ()), ends, hold=0.0))

@@ -42,8 +42,9 @@ _EARLIEST = ((1.0, 0.85), (4.5, 1.0))
 """Two ways to clip what drives take longer than their path: median absolute deviations below the median, and
 a weight of the error. A drive that is much faster drove a shape that was not chosen. Unclipped, it lowers
 predictions nearby, and a search finds what is predicted too short."""
-_NEVER = 0.05
-"""Share of their durations that drives are faster than their path, of an action that does not follow it."""
+_NEVER = 0.1
+"""Share of the drives, and of their usual duration: an action does not follow its path if so many are faster
+by so much."""
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
 LEAST_EPISODES = 20
@@ -128,13 +129,13 @@ def duration_tree(table: pd.DataFrame, durations: FloatArray) -> ModelTree:
 
     Where the time of the path is among them, the tree is learned of what drives take longer: linear models of
     whole durations undercut the time of the path where there is hardly room, which is where a search looks.
-    An action that ends before its path does, such as a shot, is learned as it is.
+    An action that does not follow its path to the end, such as a shot, is learned as it is.
     """
     late = durations - table[_BASE].to_numpy() if _BASE in table else np.full(len(table), -math.inf)
-    usual = float(np.median(late))
-    if usual < -_NEVER * np.median(durations):
+    if np.quantile(late, _NEVER, method="lower") < -_NEVER * np.median(durations):
         extrapolation = 0.0 if _BASE in table else 1.0
         return narrowed(_best_learning(table, durations, [(durations, 1.0)], extrapolation=extrapolation))
+    usual = float(np.median(late))
     spread = float(np.median(np.abs(late - usual)))
     cuts = [(np.maximum(late, usual - most * spread), weight) for most, weight in _EARLIEST]
     return narrowed(dataclasses.replace(_best_learning(table, late, cuts, extrapolation=0.0), base=_BASE))

@@ -81,6 +81,19 @@ def test_paths_turn_only_as_the_action_was_seen_to_turn() -> None:
     assert time_to(-1.0, 0.0, math.pi, seen) > time_to(-1.0, 0.0, math.pi, able) + 1.0
 
 
+def test_paths_of_an_action_that_ends_at_any_heading_have_no_last_turn() -> None:
+    seen = observed_driving(episodes().assign(heading_error=np.nan), ROBOT)
+    turns = observed_driving(episodes(), ROBOT)
+    assert seen.aimed
+    assert not turns.aimed
+    times = [time_to(2.0, 1.0, yaw, seen) for yaw in (-2.0, 0.0, 0.5, 3.0)]
+    assert max(times) == min(times) < min(time_to(2.0, 1.0, yaw, turns) for yaw in (-2.0, 0.0, 3.0))
+    # What is held shall come there: the robot itself stops before.
+    held = [time_to(2.0, 0.0, yaw, seen, hold=1.0) for yaw in (-2.0, 0.0, 3.0)]
+    assert max(held) == pytest.approx(min(held))
+    assert held[0] == pytest.approx(time_to(2.0 - ROBOT.hold, 0.0, 0.0, seen))
+
+
 def test_of_starts_alone_no_limits_are_read() -> None:
     rows = episodes()
     assert observed_driving(rows[rows["t"] == 0.0], ROBOT) == plain_driving(ROBOT)
