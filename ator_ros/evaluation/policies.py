@@ -115,5 +115,5 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
 USUAL = tuple(name for name in POLICIES if name != "refined_place")
 """Those of an evaluation that names none: in few chains a place is free."""
 
-UNGATED: Mapping[str, str] = MappingProxyType({"refined": "features", "refined_speed": "features_speed"})
-"""Policies without a gate, and the key under which a record holds what a gate would see of their choices."""
+UNGATED = ("refined", "refined_speed")
+"""Policies without a gate, from whose runs a gate is learned."""

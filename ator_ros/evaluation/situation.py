@@ -18,11 +18,12 @@ import numpy as np
 
 from ator_ros.actions.base import Goal
 from ator_ros.evaluation.chain_run import ChainRun, run_chain
-from ator_ros.evaluation.policies import POLICIES, UNGATED, USUAL, Choice, naive
+from ator_ros.evaluation.policies import POLICIES, USUAL, Choice, naive
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
 from ator_ros.geometry import FloatArray, wrap_angle
 from ator_ros.refinement.chain_prediction import ChainModel
+from ator_ros.refinement.gate import gain_and_spread
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.search import least_path
 from ator_ros.tops.chain import TopChain
@@ -102,7 +103,7 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
         "index"; "start": robot x, y, yaw, first goal x, y, second goal x, y, yaw, if there is one (m, rad);
         "policies": by name "duration" (s), "success", "reason", "error" (m), "chosen": heading, speed
         and declared goal variables of each intermediate subgoal, "actions": durations of the actions (s),
-        "predicted": duration of the chain (s); "features" and "features_speed": features of the gate;
+        "predicted": duration of the chain (s), "gain" and "spread": what a gate decides from (s);
         "oracle": "headings" (rad), "durations" (s), "best" (s) and "success"; "oracle_speed": "best" and
         "success"; "executed": number of chains executed.
     """
@@ -116,10 +117,6 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
         "start": _start(trial),
         "policies": {name: _policy_record(choice, execute(choice.chain)) for name, choice in choices.items()},
     }
-    for name, key in UNGATED.items():
-        refinement = choices[name].refinement if name in choices else None
-        if refinement is not None and refinement.features:
-            record[key] = {feature: round(value, 5) for feature, value in refinement.features.items()}
     if settings.oracle and settings.joint_oracle:
         record.update(_joint_oracle(settings, tools, trial, execute, [c.chain for c in choices.values()]))
     elif settings.oracle:
@@ -150,6 +147,9 @@ def _policy_record(choice: Choice, run: ChainRun) -> Record:
         record["error"] = round(run.error, 4)
     if choice.predicted is not None:
         record["predicted"] = round(choice.predicted.duration, 3)
+    if choice.refinement is not None and choice.refinement.free:
+        gain, spread = gain_and_spread(choice.refinement.before, choice.refinement.after)
+        record |= {"gain": round(gain, 5), "spread": round(spread, 5)}
     return record
 
 

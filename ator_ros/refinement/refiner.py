@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from ator_ros.actions.goal_variables import direct_name, with_values
 from ator_ros.geometry import FloatArray
@@ -21,7 +21,7 @@ from ator_ros.refinement.free_variables import (
     within_experience,
     within_regions,
 )
-from ator_ros.refinement.gate import NO_GATE, Gate, gate_features
+from ator_ros.refinement.gate import NO_GATE, Gate, gain_and_spread
 from ator_ros.refinement.objective import Objective, expected_time
 from ator_ros.refinement.search import (
     Deadline,
@@ -79,9 +79,6 @@ class Refinement:
         The variables that were free, and those that the plan opens and that were not, with the reasons.
     without_model : tuple of int
         The steps (from 0) whose action has no performance model.
-    features : mapping
-        The features that the gate decided from, see `ator_ros.refinement.gate.FEATURES`. Empty where nothing
-        was free.
     complete : bool
         Whether the search was completed; otherwise `best` is the best found until the deadline.
     """
@@ -96,7 +93,6 @@ class Refinement:
     not_free: tuple[NotFree, ...] = ()
     without_model: tuple[int, ...] = ()
     curves: tuple[SubgoalCurve, ...] = ()
-    features: Mapping[str, float] = field(default_factory=dict)
     complete: bool = True
 
     @property
@@ -280,8 +276,7 @@ class Refiner:
             if names:
                 best = replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
         before, after = predicted
-        features = gate_features(world, chain, best, before, after)
-        pays, reason = self.gate.decide(features)
+        pays, reason = self.gate.decide(*gain_and_spread(before, after))
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []
         if pays and best == chain:
@@ -305,7 +300,6 @@ class Refiner:
                 for index, (names, curve) in enumerate(zip(model.names, optimum.curves, strict=True))
                 if names
             ),
-            features=features,
             complete=optimum.complete,
         )
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.gate_learning import fit_threshold, fit_tree, gate_examples
+from ator_ros.evaluation.gate_learning import fit_gate, gate_examples
 from ator_ros.evaluation.policies import UNGATED
 from ator_ros.evaluation.running import run_situations
 from ator_ros.evaluation.situation import Settings
@@ -32,7 +32,6 @@ def learn_gate(
     command: str,
     situations: int = 400,
     seed: int = 301,
-    tree: bool = False,
 ) -> None:
     """Learn the gate of a chain from executed situations, and write it beside the models.
 
@@ -46,16 +45,13 @@ def learn_gate(
         The command line, for the file.
     situations, seed
         As for `run_situations`.
-    tree : bool
-        Learn the paper's decision tree instead of a threshold.
     """
     source.require_executable(chain)
     settings = Settings(seed, chain, ("naive", *UNGATED), source=source)
-    examples = gate_examples(run_situations(settings, situations=situations, folder=work))
-    gate = fit_tree(examples) if tree else fit_threshold(examples)
+    gate = fit_gate(gate_examples(run_situations(settings, situations=situations, folder=work)))
     path = source.folder() / GATE
     save_gate(path, gate, {"command": command, "seed": seed, "situations": situations}, source.action_set)
-    print(f"wrote {path}:", *gate.rules(), sep="\n  ")
+    print(f"wrote {path}: {gate}")
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -66,9 +62,6 @@ def arguments() -> argparse.ArgumentParser:
     add_setting(parser)
     parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its first)")
     add_models(parser)
-    parser.add_argument(
-        "--tree", action="store_true", help="learn the paper's decision tree instead of a threshold"
-    )
     parser.add_argument(
         "--work",
         type=Path,
@@ -83,7 +76,7 @@ def arguments() -> argparse.ArgumentParser:
 def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
     learn_gate(
         source_of(options), options.chain, options.work, command=command, situations=options.situations,
-        seed=options.seed, tree=options.tree,
+        seed=options.seed,
     )  # fmt: skip
 
 

@@ -106,7 +106,7 @@ def train(
     beside = models_folder(folder, action_set)
     gate = beside / GATE
     if add_cautious_gate(beside, action_set, command):
-        print(f"{gate}: {CAUTIOUS.rules()[0]}, until `gate` learns it from executed chains")
+        print(f"{gate}: {CAUTIOUS}, until `gate` learns it from executed chains")
     else:
         print(f"{gate}: kept; if it was learned with other models, run `gate` again")
 

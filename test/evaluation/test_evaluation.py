@@ -21,7 +21,7 @@ from ator_ros.evaluation.trials import (
     random_trial,
     with_headings,
 )
-from ator_ros.refinement.gate import NO_GATE, ThresholdGate
+from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.resources import resource_path
 
 
@@ -31,7 +31,7 @@ def trial(index: int = 0, chain: str = "dribble") -> Trial:
 
 @pytest.fixture(scope="module")
 def tools() -> Toolset:
-    return Toolset(SOCCER, ROBOT, models(), ThresholdGate(0.1))
+    return Toolset(SOCCER, ROBOT, models(), Gate(0.1))
 
 
 class TestTrials:

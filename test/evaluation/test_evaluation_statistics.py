@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ator_ros.evaluation.gate_learning import GateExamples, fit_threshold, fit_tree
+from ator_ros.evaluation.gate_learning import GateExamples, fit_gate
 from ator_ros.evaluation.statistics import labels, summarize
 from ator_ros.geometry import FloatArray
-from ator_ros.refinement.gate import FEATURES
 
 
 def record(index: int, naive: float, refined: float, oracle: float, **more: Any) -> dict[str, Any]:
@@ -61,31 +60,26 @@ def test_labels_need_more_than_two_percent() -> None:
     ]
 
 
-def synthetic(features: FloatArray, gained: FloatArray) -> GateExamples:
+def synthetic(predicted: FloatArray, gained: FloatArray) -> GateExamples:
     """Return executed situations with these gains in s, every other one with refined speeds."""
     number, count = np.arange(len(gained)), len(gained)
     naive = np.full(count, 10.0)
-    return GateExamples(features, naive, naive - gained, number % 2)
+    return GateExamples(predicted, np.full(count, 0.1), naive, naive - gained, number % 2)
 
 
-def test_gates_refuse_what_loses_time() -> None:
+def test_a_gate_refuses_what_loses_time() -> None:
     """Refinement gains time where the predicted gain is above 0.3 s, and loses time below."""
-    features = np.random.default_rng(1).uniform(0.0, 1.0, (400, len(FEATURES)))
-    gain = features[:, list(FEATURES).index("gain")]
-    examples = synthetic(features, np.where(gain > 0.3, 1.0, -0.5))
-    for gate in (fit_threshold(examples), fit_tree(examples)):
-        decided = [gate.decide(dict(zip(FEATURES, row, strict=True)))[0] for row in features]
-        assert np.mean(decided == (gain > 0.3)) > 0.95
+    gain = np.random.default_rng(1).uniform(0.0, 1.0, 400)
+    gate = fit_gate(synthetic(gain, np.where(gain > 0.3, 1.0, -0.5)))
+    decided = [gate.decide(each, 0.1)[0] for each in gain.tolist()]
+    assert np.mean(decided == (gain > 0.3)) > 0.95
 
 
-def test_threshold_keeps_nearly_all_of_the_gain_of_both_kinds() -> None:
+def test_a_gate_keeps_nearly_all_of_the_gain_of_both_kinds() -> None:
     rng = np.random.default_rng(3)
-    features = np.zeros((400, len(FEATURES)))
     kind = np.arange(400) % 2
     gain = rng.uniform(0.0, 0.3, 400) + kind  # with speeds all gains are far above any threshold
-    features[:, list(FEATURES).index("gain")] = gain
-    features[:, list(FEATURES).index("spread")] = 0.1
     actual = np.where(rng.random(400) < 0.02, -0.5, gain)
-    gate = fit_threshold(synthetic(features, actual))
+    gate = fit_gate(synthetic(gain, actual))
     angle = (kind == 0) & (gain > gate.gain + gate.spread_factor * 0.1)
     assert actual[angle].sum() >= 0.97 * actual[kind == 0].sum()

@@ -21,7 +21,7 @@ from selection import few
 
 from ator_ros.experience.parallel import run_tasks, workers
 from ator_ros.experience.table import Experience, read_experience, write_experience
-from ator_ros.refinement.gate import CAUTIOUS, ThresholdGate, load_gate, save_gate
+from ator_ros.refinement.gate import CAUTIOUS, Gate, load_gate, save_gate
 from ator_ros.robot.description import load_robot
 from ator_ros.tools import collect, evaluate, train
 from ator_ros.tools.command_line import INTERRUPTED
@@ -192,9 +192,9 @@ def test_train_writes_a_cautious_gate_where_there_is_none(
 ) -> None:
     assert load_gate(learned / "gate.json") == CAUTIOUS
     words = [str(tmp_path / "a.parquet"), "--models", str(tmp_path / "others")]
-    save_gate(tmp_path / "others" / "gate.json", ThresholdGate(0.2), {})
+    save_gate(tmp_path / "others" / "gate.json", Gate(0.2), {})
     assert train.main(words) == 0
-    assert load_gate(tmp_path / "others" / "gate.json") == ThresholdGate(0.2)
+    assert load_gate(tmp_path / "others" / "gate.json") == Gate(0.2)
     (tmp_path / "others" / "gate.json").unlink()
     assert train.main(words) == 0
     assert "gate.json: refines where the predicted gain is above 0.05 s" in capsys.readouterr().out

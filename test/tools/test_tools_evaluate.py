@@ -19,11 +19,11 @@ from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.files import FileError
 from ator_ros.performance.model_file import save_model
-from ator_ros.refinement.gate import GATE, ThresholdGate, load_gate, save_gate
+from ator_ros.refinement.gate import GATE, Gate, load_gate, save_gate
 from ator_ros.tools.evaluate import main
 from ator_ros.tools.gate import main as gate_main
 
-ORACLE = ("--oracle", "4", "--oracle-speeds", "0.4")
+ORACLE = ("--oracle", "4", "--oracle-speeds", "0.4", "--oracle-margin", "0.2")
 POLICIES = ["naive", "face_goal", "refined", "gated"]
 
 
@@ -32,7 +32,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("models")
     for action in SOCCER.actions():
         save_model(folder / f"{action}.json", synthetic_model(action, ROBOT))
-    save_gate(folder / GATE, ThresholdGate(0.05), {"situations": 1, "seed": 1})
+    save_gate(folder / GATE, Gate(0.05), {"situations": 1, "seed": 1})
     return folder
 
 
@@ -47,7 +47,7 @@ def evaluate(models: Path, out: Path, *words: str, situations: int = 3, workers:
 @pytest.fixture(scope="module")
 def finished(models: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     out = tmp_path_factory.mktemp("out")
-    return out, evaluate(models, out, *ORACLE, "--oracle-margin", "0.2")
+    return out, evaluate(models, out, *ORACLE)
 
 
 def test_summary_has_every_field_of_every_policy(finished: tuple[Path, dict[str, Any]]) -> None:
@@ -103,13 +103,12 @@ def test_evaluation_continues_after_an_interruption(models: Path, tmp_path: Path
         run_situations(dataclasses.replace(settings, seed=406), situations=2, folder=tmp_path / "parts")
 
 
-@pytest.mark.parametrize(("words", "kind"), [((), "threshold"), (("--tree",), "tree")])
-def test_a_gate_is_learned(words: tuple[str, ...], kind: str, models: Path, tmp_path: Path) -> None:
+def test_a_gate_is_learned(models: Path, tmp_path: Path) -> None:
     ours = shutil.copytree(models, tmp_path / "models")
     options = ["--situations", "10", "--seed", "305", "--jobs", "1", "--work", str(tmp_path / "work")]
-    assert gate_main([*options, "--models", str(ours), *words]) == 0
+    assert gate_main([*options, "--models", str(ours)]) == 0
     assert json.loads((ours / GATE).read_text())["training"]["seed"] == 305
-    assert load_gate(ours / GATE).kind == kind
+    assert load_gate(ours / GATE).gain >= 0.0
 
 
 def test_the_oracle_of_an_earlier_evaluation_is_taken(

@@ -13,7 +13,7 @@ from ator_ros.evaluation.study import open_variables, study_page
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial
 from ator_ros.files import read_json
-from ator_ros.refinement.gate import ThresholdGate
+from ator_ros.refinement.gate import Gate
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.study import main
@@ -153,7 +153,7 @@ def test_an_action_without_a_model_is_reported(tools: Toolset, trials: list[Tria
 
 
 def test_a_gate_that_rejects_everything_is_reported(tools: Toolset, trials: list[Trial]) -> None:
-    yaw = found(dataclasses.replace(tools, gate=ThresholdGate(100.0)), trials)["yaw"]
+    yaw = found(dataclasses.replace(tools, gate=Gate(100.0)), trials)["yaw"]
     assert yaw["explanation"].startswith("the gate refuses all gains: ")
 
 
