@@ -4,7 +4,7 @@ A robot goes to a ball and dribbles it to a pose. The plan leaves open with whic
 ball. This program learns from experience how long each of the two actions takes, chooses the heading with
 which the whole chain is predicted to be fastest, and prints the paper's Table 1 in small:
 
-    python -m ator_ros.examples.paper_in_one_file
+    scripts/run python examples/paper_in_one_file.py
 
 Comments name the sections of the paper. The simulation and the actions, which follow Bezier curves as the
 paper's do, are imported. The package does the same for any robot, action, chain and free variable.

@@ -14,7 +14,6 @@ import pytest
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.evaluation.trials import random_trial
-from ator_ros.examples import paper_in_one_file as example
 from ator_ros.experience.collect import collect
 from ator_ros.experience.episode import Episode, run_episode, sample_of
 from ator_ros.experience.table import episode_frame
@@ -25,6 +24,7 @@ from ator_ros.refinement.refiner import Refiner
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.library import top_of
 from ator_ros.world.state import World
+from examples import paper_in_one_file as example
 
 ROBOT = SOCCER.robot()
 LIBRARY = SOCCER.library(ROBOT, "bezier")
@@ -104,7 +104,7 @@ def test_it_observes_what_the_product_observes(action: str) -> None:
 
 
 def test_it_prints_rules_and_table_1() -> None:
-    command = [sys.executable, "-m", "ator_ros.examples.paper_in_one_file"]
+    command = [sys.executable, example.__file__]
     command += ["--episodes", "30", "--situations", "2", "--jobs", "2"]
     printed = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout
     actions = re.findall(r"^(\w+): mean absolute error [\d.]+ s .*\nif .* then time = .*\*", printed, re.M)
