@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,7 +12,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains import DEFAULT
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.trials import EvaluationError, random_trial
-from ator_ros.performance.model_file import load_model, models_folder
+from ator_ros.performance.model_file import load_model, load_models, models_folder
 from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain
 from ator_ros.refinement.gate import NO_GATE, Gate, gate_in
 from ator_ros.refinement.refiner import Refiner
@@ -84,10 +83,13 @@ class ToolsetSource:
         """Return the robot."""
         return find_domain(self.domain).robot(self.robot or None)
 
+    def top(self) -> Path:
+        """Return the folder of the models of all action sets."""
+        return Path(self.models) if self.models else find_domain(self.domain).shipped_models
+
     def folder(self) -> Path:
         """Return the folder of the model files."""
-        top = Path(self.models) if self.models else find_domain(self.domain).shipped_models
-        return models_folder(top, self.action_set)
+        return models_folder(self.top(), self.action_set)
 
     def digest(self) -> str:
         """Return a digest of the robot's description and of all files beside the models."""
@@ -127,12 +129,9 @@ def make_toolset(source: ToolsetSource) -> Toolset:
     FileError
         An existing file cannot be used; the message names it.
     """
-    domain, robot, folder = find_domain(source.domain), source.described(), source.folder()
-    files = {action: folder / f"{action}.json" for action in domain.actions(source.action_set)}
-    # Without any model, load_model reports the first expected file.
-    there = {action: file for action, file in files.items() if os.path.lexists(file)} or files
-    models = {action: load_model(file, robot, domain.known_features) for action, file in there.items()}
-    return Toolset(domain, robot, models, gate_in(folder, source.action_set))
+    domain, robot, action_set = find_domain(source.domain), source.described(), source.action_set
+    models = load_models(robot, domain.known_features, action_set=action_set, folder=source.top())
+    return Toolset(domain, robot, models, gate_in(source.folder(), action_set))
 
 
 def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:

@@ -19,7 +19,15 @@ from ator_ros.experience.store import NUMBER, action_sets_in, read_records
 from ator_ros.experience.table import goal_variables_of_columns, library_versions
 from ator_ros.files import FileError
 from ator_ros.learning.judging import RoundVerdict, TrainingData, constant, judge, training_data
-from ator_ros.learning.sets import RECORDS, current_set, new_set_folder, read_manifest, seal, sets_in
+from ator_ros.learning.sets import (
+    RECORDS,
+    Manifest,
+    current_set,
+    new_set_folder,
+    read_manifest,
+    seal,
+    sets_in,
+)
 from ator_ros.performance.driving import plain_driving
 from ator_ros.performance.features import PATHS, Feature, declared_by
 from ator_ros.performance.model import MEASURES, UNOBSERVED, PerformanceModel
@@ -149,41 +157,48 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
         "SET/ACTION/MEASURE" for others, the fields of `RoundVerdict` but the tree.
     """
     records, place = source.folder / RECORDS, current_set(source.folder)
+    base = place or source.models
     seen = read_manifest(place).seen if place is not None else {}
-    verdicts: dict[str, Verdicts] = {}
-    models: dict[str, PerformanceModel] = {}
-    ends: dict[str, int] = {}
+    models: dict[Path, PerformanceModel] = {}
+    actions: dict[str, dict[str, Any]] = {}
+    episodes: dict[str, int] = {}
+    reasons: dict[str, str] = {}
     for action_set in filter(source.domain.action_sets.__contains__, action_sets_in(records)):
         for action, rows in read_records(records, action_set).groupby("action", sort=True):
             if action not in source.domain.actions(action_set):
                 continue
-            name = f"{action_set}/{action}"
-            verdicts[name], model = improved(
+            name, current = f"{action_set}/{action}", source.model(base, str(action), action_set)
+            verdicts, model = improved(
                 str(action),
                 rows,
                 source.robot,
                 source.domain.candidates(str(action), action_set),
-                current=source.model(place or source.models, str(action), action_set),
+                current=current,
                 seen={measure: seen.get(_key(name, measure), 0) for measure in MEASURES},
                 former=_former(source, place, str(action), action_set),
             )
-            ends[name] = int(rows[NUMBER].max()) + 1
+            for measure, verdict in verdicts.items():
+                key = _key(name, measure)
+                actions[key] = {field: value for field, value in vars(verdict).items() if field != "tree"}
+                if verdict.tree is not None:
+                    reasons[key], seen[key] = verdict.reason, int(rows[NUMBER].max()) + 1
+            episodes[name] = max(verdict.episodes for verdict in verdicts.values())
             if model is not None:
-                models[name] = model
-    actions: dict[str, dict[str, Any]] = {}
-    reasons: dict[str, str] = {}
-    for name, of_action in verdicts.items():
-        for measure, verdict in of_action.items():
-            key = _key(name, measure)
-            actions[key] = {field: value for field, value in vars(verdict).items() if field != "tree"}
-            if verdict.tree is not None:
-                reasons[key] = verdict.reason
-                seen = {**seen, key: ends[name]}
+                training = {
+                    "command": "learning",
+                    "kind": "; ".join(
+                        f"{name}: {found.kind}" for name, found in verdicts.items() if found.kind
+                    ),
+                    "episodes": episodes[name],
+                    # Kept, since records of refined chains cover less of the ranges of starts.
+                    "starts": {} if current is None else current.metadata["training"].get("starts", {}),
+                }
+                metadata = {"action_set": action_set, "training": training, "versions": library_versions()}
+                models[model_path(str(action), action_set)] = dataclasses.replace(model, metadata=metadata)
     made: Path | str = ""
     if models:
-        made = _make_set(source, place or source.models, models, verdicts)
-        episodes = {name: max(v.episodes for v in of_action.values()) for name, of_action in verdicts.items()}
-        seal(made, time=time, episodes=episodes, seen=seen, reasons=reasons)
+        made = _make_set(source, base, models)
+        seal(made, Manifest("", time, episodes, seen, reasons))
     return {"made": str(made), "actions": actions}
 
 
@@ -203,31 +218,15 @@ def _former(source: Source, place: Path | None, action: str, action_set: str) ->
     return {name: model for name, model in found.items() if model is not None}
 
 
-def _make_set(
-    source: Source, base: Path, models: Mapping[str, PerformanceModel], verdicts: Mapping[str, Verdicts]
-) -> Path:
-    """Make a set of the files of `base` and the better models; return its folder."""
+def _make_set(source: Source, base: Path, models: Mapping[Path, PerformanceModel]) -> Path:
+    """Make a set of the files of `base` and the better models, by their places in it; return its folder."""
     made = new_set_folder(source.folder)
     for action_set in source.domain.action_sets:
         folder = models_folder(made, action_set)
         folder.mkdir(exist_ok=True)
         for file in models_folder(base, action_set).glob("*.json"):
             shutil.copyfile(file, folder / file.name)
-    for name, model in models.items():
-        action_set, action = name.split("/")
-        folder = models_folder(made, action_set)
-        found = verdicts[name]
-        kinds = "; ".join(f"{measure}: {of.kind}" for measure, of in found.items() if of.tree is not None)
-        former = source.model(base, action, action_set)
-        # Kept, since records of refined chains cover less of the ranges of starts.
-        starts = former.metadata.get("training", {}).get("starts", {}) if former is not None else {}
-        episodes = max(verdict.episodes for verdict in found.values())
-        metadata = {
-            "action_set": action_set,
-            "training": {"command": "learning", "kind": kinds, "episodes": episodes, "starts": starts},
-            "versions": library_versions(),
-            "robot_digest": source.robot.digest(),
-        }
-        save_model(folder / f"{action}.json", dataclasses.replace(model, metadata=metadata))
-        add_cautious_gate(folder, action_set, "learning")
+    for file, model in models.items():
+        save_model(made / file, model)
+        add_cautious_gate((made / file).parent, model.metadata["action_set"], "learning")
     return made

@@ -11,8 +11,7 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ator_ros.files import FileError, load, save
@@ -38,7 +37,7 @@ class Manifest:
     time: str
     episodes: dict[str, int]
     seen: dict[str, int]
-    reasons: dict[str, str] = field(default_factory=dict)
+    reasons: dict[str, str]
 
 
 def digest_of(folder: Path) -> str:
@@ -78,12 +77,9 @@ def new_set_folder(folder: Path) -> Path:
     return place
 
 
-def seal(
-    made: Path, *, time: str, episodes: Mapping[str, int], seen: Mapping[str, int], reasons: Mapping[str, str]
-) -> None:
-    """Write the manifest of a new set, see `Manifest`."""
-    manifest = Manifest(digest_of(made), time, dict(episodes), dict(seen), dict(reasons))
-    save(made / MANIFEST, KIND, asdict(manifest))
+def seal(made: Path, manifest: Manifest) -> None:
+    """Write the manifest of a new set, with the digest of its files."""
+    save(made / MANIFEST, KIND, replace(manifest, digest=digest_of(made)))
     for file in filter(Path.is_file, made.rglob("*")):
         _sync(file)
 

@@ -222,11 +222,12 @@ def _statement(term: msg.GoalTerm, variables: Sequence[str], where: str) -> Goal
 
 
 def objective_from(objective: msg.Objective, failure_cost: float = 0.0) -> Objective:
-    """Read an objective; a `success` below 0 stands for `failure_cost` (s), where models predict it."""
+    """Read an objective; a `success` below 0 stands for `failure_cost` (s)."""
     weights = {name: float(getattr(objective, name)) for name in objective.get_fields_and_field_types()}
-    optional = frozenset({"success"} if weights["success"] < 0.0 else ())
+    if weights["success"] < 0.0:
+        weights["success"] = failure_cost
     try:
-        return Objective(weights | dict.fromkeys(optional, failure_cost), where_predicted=optional)
+        return Objective(weights)
     except RefinementError as error:
         raise MessageError(str(error)) from error
 

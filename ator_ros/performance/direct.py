@@ -76,27 +76,9 @@ def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
         All DIRECT_VARIABLES by name, each a number or an array of shape (n,); others are ignored.
     further : iterable of str
         Names of further ones, which are wanted too.
-
-    Raises
-    ------
-    ValueError
-        A variable is missing or not finite, or the shapes don't go together.
     """
     names = (*DIRECT_VARIABLES, *further)
     if isinstance(direct, DirectTable) and direct.names == names:
         return direct
-    missing = [name for name in names if name not in direct]
-    if missing:
-        raise ValueError(f"direct variables: expected {', '.join(names)}; missing: {', '.join(missing)}")
-    given = [np.asarray(direct[name], dtype=float) for name in names]
-    sizes = {values.shape for values in given if values.shape}
-    if len(sizes) > 1 or any(len(shape) > 1 for shape in sizes):
-        shapes = {name: np.shape(values) for name, values in zip(names, given, strict=True)}
-        raise ValueError(f"direct variables: expected numbers or arrays of one shape (n,), got {shapes}")
-    table = np.empty((len(given), next(iter(sizes))[0] if sizes else 1))
-    for row, values in zip(table, given, strict=True):
-        row[:] = values
-    if not np.isfinite(table).all():
-        wrong = [name for name, row in zip(names, table, strict=True) if not np.isfinite(row).all()]
-        raise ValueError(f"direct variables: expected finite numbers; not finite: {', '.join(wrong)}")
-    return DirectTable(names, table)
+    given = np.broadcast_arrays(*(np.asarray(direct[name], dtype=float).reshape(-1) for name in names))
+    return DirectTable(names, np.stack(given))

@@ -137,11 +137,6 @@ class PerformanceModel:
             Direct variables, numbers or arrays of shape (n,), see `direct_table`.
         measures : tuple of str
             Which fields of the prediction to compute; those that were not learned stay None.
-
-        Raises
-        ------
-        ValueError
-            A direct variable is missing or of another shape.
         """
         geometry = self._geometry(direct)
         rows = geometry.rows

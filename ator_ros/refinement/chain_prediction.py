@@ -17,7 +17,6 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import direct_name, goal_values
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.direct import DIRECT_VARIABLES, SPEEDG, XG, YAW, YAWG, YG, DirectTable, V, X, Y
-from ator_ros.refinement import RefinementError
 from ator_ros.refinement.objective import Objective
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain, projected
@@ -259,13 +258,7 @@ class ChainModel:
         model = self._models[index]
         assert model is not None
         with np.errstate(all="ignore"):
-            prediction = model.predict(direct, fields)
-        if prediction.duration is not None and np.ndim(prediction.duration) != 1:
-            raise RefinementError(
-                f"model of {self._actions[index]}: expected predictions of shape (n,), "
-                f"got {np.shape(prediction.duration)}"
-            )
-        return prediction
+            return model.predict(direct, fields)
 
     def _cost(self, prediction: Any) -> FloatArray:
         cost: FloatArray = np.fmin(self._objective.cost(prediction), np.inf)  # NaN becomes infinite

@@ -27,8 +27,6 @@ class Objective:
     weights : mapping
         Of "duration" without unit (seconds count as they are), of "success" in s per failure, of "accuracy"
         in s per m. By default only duration counts.
-    where_predicted : frozenset of str
-        Measures that count only for models that predict them; a model must predict the others that count.
 
     Raises
     ------
@@ -38,7 +36,6 @@ class Objective:
     """
 
     weights: Mapping[str, float] = field(default_factory=lambda: {"duration": 1.0})
-    where_predicted: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         for name, weight in self.weights.items():
@@ -63,18 +60,16 @@ class Objective:
         Raises
         ------
         RefinementError
-            The performance model does not predict a measure that has a weight.
+            The performance model does not predict a measure that has a weight; only success beside others
+            counts where it is predicted.
         """
-        found = {name: getattr(prediction, name, None) for name in self.needs}
-        missing = [name for name in found if found[name] is None and name not in self.where_predicted]
-        terms = [
-            self.weights[name] * (1.0 - values if name == "success" else values)
-            for name, values in found.items()
-            if values is not None
-        ]
-        if missing or not terms:
-            expected = ", ".join(missing or self.needs)
-            raise RefinementError(f"objective: expected models that predict {expected}, got none")
+        terms = []
+        for name in self.needs:
+            values = getattr(prediction, name, None)
+            if values is not None:
+                terms.append(self.weights[name] * (1.0 - values if name == "success" else values))
+            elif name != "success" or len(self.needs) == 1:
+                raise RefinementError(f"objective: expected models that predict {name}, got none")
         return np.asarray(sum(terms[1:], start=terms[0]), dtype=float)
 
 
@@ -84,8 +79,6 @@ def expected_time(failure_cost: float) -> Objective:
     Parameters
     ----------
     failure_cost : float
-        Time in s that one failure costs, such as the time limit of a chain. The probability of failure counts
-        only for models that predict it.
+        Time in s that one failure costs, such as the time limit of a chain.
     """
-    weights = {"duration": 1.0, "success": failure_cost}
-    return Objective(weights, where_predicted=frozenset({"success"}))
+    return Objective({"duration": 1.0, "success": failure_cost})

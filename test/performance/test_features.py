@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.direct import DIRECT_VARIABLES, direct_table
+from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.features import (
     PAPER_3,
     PAPER_11,
@@ -129,13 +129,3 @@ def test_paper_features_of_a_known_situation() -> None:
     assert values["angle_to_dest"] == pytest.approx(math.pi / 2)
     assert values["angle_at_dest"] == pytest.approx(0.0)
     assert (values["dx"], values["dy"]) == pytest.approx((0.0, 2.0))
-
-
-def test_missing_and_odd_shapes_are_rejected() -> None:
-    direct = situations(0, 3)
-    with pytest.raises(ValueError, match="missing: hold"):
-        direct_table({name: value for name, value in direct.items() if name != "hold"})
-    with pytest.raises(ValueError, match=r"arrays of one shape \(n,\)"):
-        direct_table({**direct, "x": np.zeros(4)})
-    with pytest.raises(ValueError, match="not finite: yaw, xg"):
-        direct_table({**direct, "yaw": np.array([0.0, np.nan, 0.0]), "xg": math.inf})
