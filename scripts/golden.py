@@ -28,9 +28,9 @@ import numpy as np
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.evaluation.policies import POLICIES, naive, reopened
+from ator_ros.evaluation.policies import POLICIES, naive
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
-from ator_ros.evaluation.trials import Trial, open_places, open_speeds, random_trial, with_headings
+from ator_ros.evaluation.trials import Trial, open_places, open_speeds, random_trial, reopened, with_headings
 from ator_ros.experience.collect import collect
 from ator_ros.experience.table import join
 from ator_ros.files import write_text
@@ -97,7 +97,7 @@ def refined(name: str, count: int) -> list[Json]:
     for trial in _trials(source, chain, 4001, count):
         start = naive(tools, trial).chain
         plan = trial.chain if opening is None else opening(trial.chain)
-        answer = refiner.refine(trial.world, reopened(start, plan))
+        answer = refiner.refine(trial.world, reopened(start, (call.open for call in plan.calls)))
         found.append(
             {
                 "naive": _goals(start),

@@ -12,7 +12,7 @@ from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 from ator_ros.evaluation.toolset import Toolset
-from ator_ros.evaluation.trials import Trial, open_places, open_speeds, with_headings
+from ator_ros.evaluation.trials import Trial, open_places, open_speeds, reopened, with_headings
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import PATHS
@@ -69,12 +69,6 @@ def face_goal(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
     return Choice(with_headings(trial.chain, bearings))
 
 
-def reopened(chain: TopChain, plan: TopChain) -> TopChain:
-    """Return the chain with the open variables of `plan`."""
-    pairs = zip(chain.calls, plan.calls, strict=True)
-    return TopChain(tuple(dataclasses.replace(call, open=planned.open) for call, planned in pairs))
-
-
 def analytic(tools: Toolset) -> Toolset:
     """Return tools whose models are path times, as learned models have observed their actions to drive."""
     driving = {action: getattr(model, "driving", None) for action, model in tools.models.items()}
@@ -94,7 +88,7 @@ def refined(
     plan = trial.chain if opened is None else opened(trial.chain)
     start = naive(tools, trial).chain
     refiner = (tools if learned else analytic(tools)).refiner(gated=gated)
-    refinement = refiner.refine(trial.world, reopened(start, plan))
+    refinement = refiner.refine(trial.world, reopened(start, (call.open for call in plan.calls)))
     return Choice(refinement.chain, refinement, refinement.predicted)
 
 
@@ -114,6 +108,3 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
 """By name; a new policy is a new row. The oracle is no policy, as it executes chains."""
 USUAL = tuple(name for name in POLICIES if name != "refined_place")
 """Those of an evaluation that names none: in few chains a place is free."""
-
-UNGATED = ("refined", "refined_speed")
-"""Policies without a gate, from whose runs a gate is learned."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -11,9 +10,8 @@ import pandas as pd
 
 from ator_ros.evaluation.report import Part, page, policy_table
 from ator_ros.evaluation.toolset import Toolset
-from ator_ros.evaluation.trials import Trial, open_speeds
+from ator_ros.evaluation.trials import Trial, open_speeds, reopened
 from ator_ros.refinement.refiner import Refinement
-from ator_ros.tops.chain import TopChain
 
 NO_EFFECT = 0.02
 """Predicted gain in s up to which a variable counts as without effect: less than half a control period."""
@@ -43,18 +41,11 @@ def open_variables(tools: Toolset, trials: Iterable[Trial]) -> list[dict[str, An
         naive = refiner.naive(trial.world, plan)
         for index, call in enumerate(plan.calls):
             for name in sorted(call.open):
-                result = refiner.refine(trial.world, _opening(naive, index, name))
+                opened = [frozenset[str]()] * len(plan)
+                opened[index] = frozenset({name})
+                result = refiner.refine(trial.world, reopened(naive, opened))
                 found[index + 1, call.top.name, name].append(result)
     return [_summary(*key, results) for key, results in sorted(found.items())]
-
-
-def _opening(chain: TopChain, index: int, name: str) -> TopChain:
-    """Return the chain with one variable open and all others committed to."""
-    calls = (
-        dataclasses.replace(call, open=frozenset({name}) if number == index else frozenset())
-        for number, call in enumerate(chain.calls)
-    )
-    return TopChain(tuple(calls))
 
 
 def _summary(step: int, top: str, name: str, results: list[Refinement]) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,23 +60,25 @@ def random_trial(domain: Domain, chain: str, library: TopLibrary, *, seed: int, 
     return Trial(world, plan)
 
 
+def reopened(chain: TopChain, opened: Iterable[frozenset[str]]) -> TopChain:
+    """Return the chain with these open variables, call by call."""
+    pairs = zip(chain.calls, opened, strict=True)
+    return TopChain(tuple(dataclasses.replace(call, open=names) for call, names in pairs))
+
+
 def open_speeds(chain: TopChain) -> TopChain:
     """Return the chain with the arrival speeds at its intermediate subgoals left open too."""
-    *intermediate, last = chain.calls
-    opened = (dataclasses.replace(call, open=call.open | {"speed"}) for call in intermediate)
-    return TopChain((*opened, last))
+    *intermediate, last = (call.open for call in chain.calls)
+    return reopened(chain, (*(names | {"speed"} for names in intermediate), last))
 
 
 def open_places(chain: TopChain) -> TopChain:
     """Return the chain with speeds open, and with places open before steps that may start in a region."""
-    following = [*chain.calls[1:], None]
-    calls = [
-        dataclasses.replace(call, open=call.open | {"x", "y", "yaw", "speed"})
-        if after is not None and after.top.pre.relations
-        else call
-        for call, after in zip(open_speeds(chain).calls, following, strict=True)
-    ]
-    return TopChain(tuple(calls))
+    opened = [call.open for call in open_speeds(chain).calls]
+    for index, following in enumerate(chain.calls[1:]):
+        if following.top.pre.relations:
+            opened[index] |= {"x", "y", "yaw"}
+    return reopened(chain, opened)
 
 
 def with_headings(chain: TopChain, headings: Mapping[int, float]) -> TopChain:

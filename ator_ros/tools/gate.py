@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.gate_learning import fit_gate, gate_examples
-from ator_ros.evaluation.policies import UNGATED
 from ator_ros.evaluation.running import run_situations
 from ator_ros.evaluation.situation import Settings
+from ator_ros.evaluation.statistics import labels
 from ator_ros.evaluation.toolset import ToolsetSource
-from ator_ros.refinement.gate import GATE, save_gate
+from ator_ros.geometry import FloatArray
+from ator_ros.refinement.gate import GATE, Gate, save_gate
 from ator_ros.tools.command_line import (
     RESUMES,
     add_models,
@@ -22,6 +26,74 @@ from ator_ros.tools.command_line import (
     source_of,
     whole,
 )
+
+UNGATED = ("refined", "refined_speed")
+"""Policies without a gate, from whose runs a gate is learned."""
+GAINS = (0.0, 0.02, 0.05, 0.08, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
+SPREAD_FACTORS = (0.0, 0.25, 0.5, 1.0)
+KEPT = 0.97
+"""Least share of the ungated gain that a gate keeps, with and without refined speeds."""
+
+
+class GateExamples(NamedTuple):
+    """Situations executed naive and refined.
+
+    Attributes
+    ----------
+    gain, spread : ndarray, shape (n,)
+        Predicted gain in s, and the spread of the two predictions in s.
+    naive, refined : ndarray, shape (n,)
+        Durations in s.
+    kind : ndarray of int, shape (n,)
+        0: the heading was refined; 1: heading and arrival speed.
+    """
+
+    gain: FloatArray
+    spread: FloatArray
+    naive: FloatArray
+    refined: FloatArray
+    kind: NDArray[np.int64]
+
+
+def gate_examples(records: Iterable[Mapping[str, Any]]) -> GateExamples:
+    """Return the examples in records of `evaluate_trial`, with and without refined arrival speed."""
+    rows = []
+    for record in records:
+        naive = record["policies"]["naive"]["duration"]
+        for kind, policy in enumerate(UNGATED):
+            run = record["policies"][policy]
+            if "gain" in run:
+                rows.append((run["gain"], run["spread"], naive, run["duration"], kind))
+    return GateExamples(*map(np.array, zip(*rows, strict=True)))
+
+
+def fit_gate(examples: GateExamples) -> Gate:
+    """Return the gate with the fewest slower runs among those that keep the share `KEPT` of the gain.
+
+    If no gate keeps so much, it is one of those that keep most.
+    """
+    gates = [Gate(least, factor) for least in GAINS for factor in SPREAD_FACTORS]
+    refine = [examples.gain > gate.needed(examples.spread) for gate in gates]
+    kept = [_kept(examples, rows) for rows in refine]
+    allowed = [index for index, share in enumerate(kept) if share >= min(KEPT, max(kept))]
+    slower = labels(examples.refined, examples.naive) == "Lower"
+    return gates[
+        min(allowed, key=lambda index: (np.sum(slower & refine[index]), -_gain(examples, refine[index])))
+    ]
+
+
+def _gain(examples: GateExamples, rows: NDArray[np.bool_]) -> float:
+    return float((examples.naive - examples.refined)[rows].sum())
+
+
+def _kept(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
+    """Return the kept share of the ungated gain, of the kind of refinement that keeps least."""
+    shares = []
+    for kind in np.unique(examples.kind):
+        of_kind = examples.kind == kind
+        possible = _gain(examples, of_kind)
+        shares.append(_gain(examples, refine & of_kind) / possible if possible > 0.0 else 1.0)
+    return min(shares)
 
 
 def learn_gate(

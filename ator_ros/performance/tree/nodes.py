@@ -90,18 +90,11 @@ class ModelTree:
         array of int, shape (n,)
             Numbers of nodes.
         """
-        return self.evaluate(*self._rows_of(X))[1]
+        return self.evaluate(np.ascontiguousarray(X.T), np.arange(len(self.names)))[1]
 
     def predict(self, X: FloatArray) -> FloatArray:
         """Predict the target of each row, in its unit; shapes as in `apply`."""
-        return self.evaluate(*self._rows_of(X))[0]
-
-    def _rows_of(self, X: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return features, shape (n, k), as `evaluate` takes them."""
-        if X.ndim != 2 or X.shape[1] != len(self.names):
-            names = ", ".join(self.names)
-            raise ValueError(f"expected features of shape (n, {len(self.names)}) ({names}), got {X.shape}")
-        return np.ascontiguousarray(X.T), np.arange(len(self.names))
+        return self.evaluate(np.ascontiguousarray(X.T), np.arange(len(self.names)))[0]
 
     def evaluate(self, rows: FloatArray, places: IntArray) -> tuple[FloatArray, IntArray]:
         """Return the prediction for n situations, and their leaves.
