@@ -38,11 +38,11 @@ _SMOOTHINGS = (5.0, 60.0)
 the jumps between them: much smoothing is better, unless an action changes its behavior at thresholds."""
 _FOLDS, _FEW_FOLDS = 10, 3
 _BASE = "path_time"
-_EARLIEST = ((1.0, 0.85), (4.5, 1.0))
+_EARLIEST = ((1.5, 0.85), (4.5, 1.0))
 """Two ways to clip what drives take longer than their path: median absolute deviations below the median, and
 a weight of the error. A drive that is much faster drove a shape that was not chosen. Unclipped, it lowers
 predictions nearby, and a search finds what is predicted too short."""
-_NEVER = 0.1
+_NEVER = (0.05, 0.25)
 """Share of the drives, and of their usual duration: an action does not follow its path if so many are faster
 by so much."""
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
@@ -132,7 +132,8 @@ def duration_tree(table: pd.DataFrame, durations: FloatArray) -> ModelTree:
     An action that does not follow its path to the end, such as a shot, is learned as it is.
     """
     late = durations - table[_BASE].to_numpy() if _BASE in table else np.full(len(table), -math.inf)
-    if np.quantile(late, _NEVER, method="lower") < -_NEVER * np.median(durations):
+    share, faster = _NEVER
+    if np.quantile(late, share, method="lower") < -faster * np.median(durations):
         extrapolation = 0.0 if _BASE in table else 1.0
         return narrowed(_best_learning(table, durations, [(durations, 1.0)], extrapolation=extrapolation))
     usual = float(np.median(late))
