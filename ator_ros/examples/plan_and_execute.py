@@ -12,7 +12,6 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-import rclpy
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.wait_for_message import wait_for_message
@@ -20,7 +19,7 @@ from rclpy.wait_for_message import wait_for_message
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ObjectState, Outcome, PlanGoal, Situation
 from ator_interfaces.srv import PlanChains
-from ator_ros.examples.refine_and_execute import answered, executed
+from ator_ros.examples.refine_and_execute import answered, executed, run
 
 _PATIENCE = 120.0  # s
 
@@ -34,12 +33,6 @@ def situation(node: Node) -> Situation:
     return Situation(robot=robot.pose.pose, v=twist.linear.x, w=twist.angular.z, objects=objects)
 
 
-def planned(node: Node, goal: str) -> PlanChains.Response:
-    """Ask the refinement node for the chains that reach a goal which the domain names."""
-    request = PlanChains.Request(situation=situation(node), goal=PlanGoal(name=goal))
-    return answered(node, PlanChains, "plan_chains", request)
-
-
 def _message(node: Node, topic: str) -> Any:
     found, message = wait_for_message(Odometry, node, topic, time_to_wait=_PATIENCE)
     if not found:
@@ -47,30 +40,24 @@ def _message(node: Node, topic: str) -> Any:
     return message
 
 
-def main() -> int:
-    """Run the client; return the exit code."""
-    rclpy.init()
-    node = rclpy.create_node("plan_and_execute")
-    try:
-        answer = planned(node, sys.argv[1] if len(sys.argv) > 1 else "ball_in_goal")
-        print(f"planned: {answer.reason}")
-        for chain in answer.chains:
-            print(f"  {', '.join(call.top for call in chain.calls)}")
-        if not answer.chains:
-            return 0 if answer.holds else 1
-        first, *others = answer.chains
-        # The executor refines the chains and executes the one that is predicted best.
-        result = executed(node, ExecuteChain.Goal(chain=first, alternatives=others, refine=True))
-        steps = ", ".join(call.top for call in result.record.chain.calls)
-        print(f"executed: {steps} in {result.record.actual.duration:.2f} s: {result.outcome.reason}")
-        return 0 if result.outcome.code == Outcome.SUCCEEDED else 1
-    except TimeoutError as error:
-        print(f"plan_and_execute: {error}", file=sys.stderr)
-        return 1
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
+def plan_and_execute(node: Node) -> int:
+    """Have the goal that the command line names planned and reached; return the exit code."""
+    goal = PlanGoal(name=sys.argv[1] if len(sys.argv) > 1 else "ball_in_goal")
+    answer = answered(
+        node, PlanChains, "plan_chains", PlanChains.Request(situation=situation(node), goal=goal)
+    )
+    print(f"planned: {answer.reason}")
+    for chain in answer.chains:
+        print(f"  {', '.join(call.top for call in chain.calls)}")
+    if not answer.chains:
+        return 0 if answer.holds else 1
+    first, *others = answer.chains
+    # The executor refines the chains and executes the one that is predicted best.
+    result = executed(node, ExecuteChain.Goal(chain=first, alternatives=others, refine=True))
+    steps = ", ".join(call.top for call in result.record.chain.calls)
+    print(f"executed: {steps} in {result.record.actual.duration:.2f} s: {result.outcome.reason}")
+    return 0 if result.outcome.code == Outcome.SUCCEEDED else 1
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(plan_and_execute))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import rclpy
@@ -86,25 +87,30 @@ def _waited(node: Node, future: Future, what: str) -> Any:
     return future.result()
 
 
-def main() -> int:
-    """Run the client; return the exit code."""
+def refine_and_execute(node: Node) -> int:
+    """Have the chain refined and executed; return the exit code."""
+    answer = answered(node, RefineSubgoal, "refine_subgoal", request())
+    print(f"refined: {answer.refined}, {answer.reason}")
+    becomes = "becomes" if answer.refined else "stays; best would be"
+    for free in answer.free:
+        print(f"  {free.name} of step {free.subgoal + 1}: {free.before:.2f} {becomes} {free.after:.2f}")
+    if not answer.accepted:
+        return 1
+    print(f"predicted: {answer.before.duration:.2f} s before, {answer.after.duration:.2f} s after")
+    # refine=True would refine it again, from where the robot is then
+    result = executed(node, ExecuteChain.Goal(chain=answer.chain))
+    print(report(result.record, refined=answer.refined))
+    return 0 if result.outcome.code == Outcome.SUCCEEDED else 1
+
+
+def run(client: Callable[[Node], int]) -> int:
+    """Run a client on a node of its name; return the exit code."""
     rclpy.init()
-    node = rclpy.create_node("refine_and_execute")
+    node = rclpy.create_node(client.__name__)
     try:
-        answer = answered(node, RefineSubgoal, "refine_subgoal", request())
-        print(f"refined: {answer.refined}, {answer.reason}")
-        becomes = "becomes" if answer.refined else "stays; best would be"
-        for free in answer.free:
-            print(f"  {free.name} of step {free.subgoal + 1}: {free.before:.2f} {becomes} {free.after:.2f}")
-        if not answer.accepted:
-            return 1
-        print(f"predicted: {answer.before.duration:.2f} s before, {answer.after.duration:.2f} s after")
-        # refine=True would refine it again, from where the robot is then
-        result = executed(node, ExecuteChain.Goal(chain=answer.chain))
-        print(report(result.record, refined=answer.refined))
-        return 0 if result.outcome.code == Outcome.SUCCEEDED else 1
+        return client(node)
     except TimeoutError as error:
-        print(f"refine_and_execute: {error}", file=sys.stderr)
+        print(f"{client.__name__}: {error}", file=sys.stderr)
         return 1
     finally:
         node.destroy_node()
@@ -112,4 +118,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(refine_and_execute))

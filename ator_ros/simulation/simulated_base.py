@@ -95,31 +95,20 @@ class SimulatedBase:
             self._held = None
         elif self._held is None:
             self._held = self._standing_wheels()
-        if self._held is None:
-            self._control(self._bullet.VELOCITY_CONTROL, targetVelocities=speeds)
-        else:
-            self._control(
-                self._bullet.POSITION_CONTROL,
-                targetPositions=self._held,
-                targetVelocities=speeds,
-                positionGains=[_HOLDING_GAIN] * 2,
-            )
+        mode, held = self._bullet.VELOCITY_CONTROL, {}
+        if self._held is not None:
+            mode = self._bullet.POSITION_CONTROL
+            held = {"targetPositions": self._held, "positionGains": [_HOLDING_GAIN] * 2}
+        self._bullet.setJointMotorControlArray(
+            self.body, self._wheels, mode, targetVelocities=speeds, forces=self._torques,
+            velocityGains=self._gains, **held,
+        )  # fmt: skip
 
     def _standing_wheels(self) -> list[float] | None:
         """Return the wheels' angles in rad, or None while they turn."""
         states = self._bullet.getJointStates(self.body, self._wheels)
         stand = all(abs(state[1]) < _BLOCKED_BELOW for state in states)
         return [state[0] for state in states] if stand else None
-
-    def _control(self, mode: int, **targets: object) -> None:
-        self._bullet.setJointMotorControlArray(
-            self.body,
-            self._wheels,
-            mode,
-            forces=self._torques,
-            velocityGains=self._gains,
-            **targets,
-        )
 
     def wheel_angles(self) -> list[float]:
         """Return the angles of the left and the right wheel in rad."""

@@ -144,13 +144,6 @@ def add_parallel_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _workers_of(options: argparse.Namespace) -> contextlib.AbstractContextManager[None]:
-    """Return the workers that the options of `add_parallel_options` name, if there are these options."""
-    if "jobs" not in options:
-        return contextlib.nullcontext()
-    return workers(options.jobs, options.cluster)
-
-
 def _check_names(
     parser: argparse.ArgumentParser, option: str, given: Iterable[str], allowed: Collection[str]
 ) -> None:
@@ -212,7 +205,8 @@ def run_tool(
     command = portable_command(parser.prog, words)
 
     def run() -> None:
-        with _workers_of(options):
+        parallel = "jobs" in options  # see `add_parallel_options`
+        with workers(options.jobs, options.cluster) if parallel else contextlib.nullcontext():
             work(options, domain, command)
 
     return guarded(parser.prog, run, interrupted=interrupted)

@@ -16,8 +16,7 @@ import pandas as pd
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from ator_ros.domains.domain import Domain, find_domain
-from ator_ros.evaluation.toolset import ToolsetSource
+from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.files import atomic_write
 from ator_ros.nodes.segments import surroundings
@@ -66,10 +65,6 @@ class DemoSituation:
         """Both executions by name."""
         return {"naive": self.naive, "refined" if self.refined.record.refined else "left alone": self.refined}
 
-    def predicted(self, run: Run) -> tuple[float, ...]:
-        """Return the durations in s of the actions of a run as predicted from the start; NaN if unknown."""
-        return self.answer.after if run.record.refined else self.answer.before
-
     @property
     def gain(self) -> float:
         """Time saved in s; NaN when one of the two failed."""
@@ -110,7 +105,7 @@ def table(situations: Sequence[DemoSituation]) -> str:
 
 def _times(situation: DemoSituation, run: Run) -> dict[str, str]:
     """Return predicted and actual time of each step and of the chain."""
-    predicted = situation.predicted(run)
+    predicted = situation.answer.after if run.record.refined else situation.answer.before
     actual = itertools.chain((a.actual.duration for a in run.record.actions), itertools.repeat(math.nan))
     steps = zip(situation.chain.calls, predicted, actual, strict=False)  # fewer if it failed
     cells = {f"{number} {call.top.name}": _pair(*times) for number, (call, *times) in enumerate(steps, 1)}
@@ -171,34 +166,33 @@ def _panel(axes: Any, domain: Domain, robot: Robot, situation: DemoSituation) ->
     axes.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.02), ncols=2)
 
 
-def demo(
-    situations: int, seed: int, chain: str, out: Path, source: ToolsetSource, real_time_factor: float
-) -> None:
+def _demo(options: argparse.Namespace, domain: Domain, _: str) -> None:
     """Play situations of one of the domain's chains naive and refined on nodes of its own.
 
-    Print a table, and write a picture (PNG) to `out`. If it ends early, they show the finished situations.
+    Print a table, and write a picture (PNG). If it ends early, they show the finished situations.
     """
-    domain, robot = find_domain(source.domain), source.described()
+    source = source_of(options)
+    robot = source.described()
+    library = domain.library(robot)
     played: list[DemoSituation] = []
     try:
-        with all_nodes(real_time_factor, source) as nodes:
+        with all_nodes(options.real_time_factor, source) as nodes:
             names = " and ".join(("three nodes", *(server.name for server in domain.servers)))
             print(f"{names} start on ROS domain {nodes.domain} …", flush=True)
             with connected(nodes, domain, robot, domain.remote_servers()) as backend:
-                library = domain.library(robot)
-                for index in range(situations):
-                    trial = random_trial(domain, chain, library, seed=seed, index=index)
+                for index in range(options.situations):
+                    trial = random_trial(domain, options.chain, library, seed=options.seed, index=index)
                     if "speed" in domain.variables:
                         trial = dataclasses.replace(trial, chain=open_speeds(trial.chain))
                     if index == 0:
-                        print(explanation(chain, trial.chain), flush=True)
-                    name = f"situation {index + 1} of {situations}"
+                        print(explanation(options.chain, trial.chain), flush=True)
+                    name = f"situation {index + 1} of {options.situations}"
                     played.append(_play(backend, trial, library.action_set, name))
     finally:
         if played:
             print(f"\n{table(played)}")
-            save_picture(out, domain, robot, played)
-            print(f"\n{out.resolve()}: {PICTURE}\nmake view shows it live, in the browser")
+            save_picture(options.out, domain, robot, played)
+            print(f"\n{options.out.resolve()}: {PICTURE}\nmake view shows it live, in the browser")
 
 
 def _play(backend: Backend, trial: Trial, action_set: str, name: str) -> DemoSituation:
@@ -236,16 +230,11 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def _run(options: argparse.Namespace, _: Domain, __: str) -> None:
-    source, factor = source_of(options), options.real_time_factor
-    demo(options.situations, options.seed, options.chain, options.out, source, factor)
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     return run_tool(
         arguments(),
-        _run,
+        _demo,
         argv,
         interrupted="what was played is shown",
         chain=lambda domain: reversed(list(domain.chains)),

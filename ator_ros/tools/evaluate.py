@@ -60,19 +60,21 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
     parser.add_argument("--situations", type=whole(1), default=100, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=whole(), default=401, help="of the situations (default: %(default)s)")
-    parser.add_argument(
+    whose = parser.add_mutually_exclusive_group()
+    whose.add_argument(
         "--oracle", type=whole(), metavar="K", help="also execute K approach headings each time"
     )
-    parser.add_argument(
+    whose.add_argument(
         "--oracle-from", type=Path, metavar="DIR",
         help="take the oracle of an earlier evaluation of the same situations, with other models perhaps",
     )  # fmt: skip
-    parser.add_argument(
+    searched = parser.add_mutually_exclusive_group()
+    searched.add_argument(
         "--oracle-jointly",
         action="store_true",
         help="K headings at every open step, jointly: where the robot stands between two actions",
     )
-    parser.add_argument(
+    searched.add_argument(
         "--oracle-speeds",
         type=number(0.0, 10.0),
         nargs="+",
@@ -103,19 +105,10 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def _check_oracle_options(options: argparse.Namespace) -> None:
-    """Refuse options of the oracle without --oracle, and those that exclude each other."""
+def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
     for name in ("oracle_jointly", "oracle_speeds", "oracle_margin"):
         if getattr(options, name) not in (None, False, []) and options.oracle is None:
             raise EvaluationError(f"--{name.replace('_', '-')}: expected --oracle, too")
-    if options.oracle_jointly and options.oracle_speeds:
-        raise EvaluationError("--oracle-speeds: expected none beside --oracle-jointly")
-    if options.oracle is not None and options.oracle_from is not None:
-        raise EvaluationError("--oracle-from: expected without --oracle")
-
-
-def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
-    _check_oracle_options(options)
     source = source_of(options)
     source.require_executable(options.chain)
     wanted = {"naive", *(options.policies or USUAL)}

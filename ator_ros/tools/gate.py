@@ -14,7 +14,6 @@ from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.running import run_situations
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.statistics import labels
-from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.gate import GATE, Gate, save_gate
 from ator_ros.tools.command_line import (
@@ -96,33 +95,16 @@ def _kept(examples: GateExamples, refine: NDArray[np.bool_]) -> float:
     return min(shares)
 
 
-def learn_gate(
-    source: ToolsetSource,
-    chain: str,
-    work: Path,
-    *,
-    command: str,
-    situations: int = 400,
-    seed: int = 301,
-) -> None:
-    """Learn the gate of a chain from executed situations, and write it beside the models.
-
-    Parameters
-    ----------
-    source, chain
-        Robot, actions and models, and the name of the domain's chain.
-    work : Path
-        Folder of partial results.
-    command : str
-        The command line, for the file.
-    situations, seed
-        As for `run_situations`.
-    """
-    source.require_executable(chain)
-    settings = Settings(seed, chain, ("naive", *UNGATED), source=source)
-    gate = fit_gate(gate_examples(run_situations(settings, situations=situations, folder=work)))
+def _learn(options: argparse.Namespace, _: Domain, command: str) -> None:
+    """Learn the gate of a chain from executed situations, and write it beside the models."""
+    source = source_of(options)
+    source.require_executable(options.chain)
+    settings = Settings(options.seed, options.chain, ("naive", *UNGATED), source=source)
+    records = run_situations(settings, situations=options.situations, folder=options.work)
+    gate = fit_gate(gate_examples(records))
     path = source.folder() / GATE
-    save_gate(path, gate, {"command": command, "seed": seed, "situations": situations}, source.action_set)
+    training = {"command": command, "seed": options.seed, "situations": options.situations}
+    save_gate(path, gate, training, options.action_set)
     print(f"wrote {path}: {gate}")
 
 
@@ -145,13 +127,6 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
-    learn_gate(
-        source_of(options), options.chain, options.work, command=command, situations=options.situations,
-        seed=options.seed,
-    )  # fmt: skip
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    return run_tool(arguments(), _run, argv, interrupted=RESUMES, chain=lambda domain: domain.chains)
+    return run_tool(arguments(), _learn, argv, interrupted=RESUMES, chain=lambda domain: domain.chains)

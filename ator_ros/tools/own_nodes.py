@@ -11,7 +11,6 @@ import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import pandas as pd
@@ -109,9 +108,7 @@ class NodeProcesses:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         # A second Ctrl-C, a second SIGTERM (`timeout` sends two) or a closing terminal must not leave a node
         # behind.
         numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

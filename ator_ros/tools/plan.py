@@ -11,7 +11,7 @@ import argparse
 from collections.abc import Sequence
 
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.toolset import ToolsetSource, tools_of
+from ator_ros.evaluation.toolset import tools_of
 from ator_ros.geometry import Pose
 from ator_ros.planning.goals import GoalStatement, PlanningError, statement_from
 from ator_ros.planning.planner import chains_for
@@ -23,20 +23,6 @@ from ator_ros.world.messages import FARTHEST
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _coordinate = number(-FARTHEST, FARTHEST)
-
-
-def plan(source: ToolsetSource, goal: Sequence[str], world: World) -> None:
-    """Print the chains that achieve a goal, a name or statements, the best one first."""
-    tools, library = tools_of(source)
-    statements = _statements(goal, tools.domain, tools.robot)
-    chains = chains_for(statements, world, library, tools.domain.objects)
-    if not chains:
-        print("the goal holds already")
-        return
-    refiner = Refiner(tools.robot, tools.models, ranges=library.ranges)
-    judged = choose(refiner, world, chains, placeholders=True).judged
-    for each, chain in sorted(zip(judged, chains, strict=True), key=lambda pair: rank(pair[0])):
-        print(_line(each, chain))
 
 
 def _statements(words: Sequence[str], domain: Domain, robot: Robot) -> list[GoalStatement]:
@@ -97,14 +83,25 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def _run(options: argparse.Namespace, domain: Domain, _: str) -> None:
+def _plan(options: argparse.Namespace, domain: Domain, _: str) -> None:
+    """Print the chains that achieve a goal, the best one first; without a goal, the names of goals."""
+    source = source_of(options)
     if not options.goal:
-        named = ", ".join(sorted(domain.goals(source_of(options).described()))) or "none with a name"
+        named = ", ".join(sorted(domain.goals(source.described()))) or "none with a name"
         print(f"goals of {domain.name}: {named}")
         return
-    plan(source_of(options), options.goal, _situation(options, domain))
+    world = _situation(options, domain)
+    tools, library = tools_of(source)
+    chains = chains_for(_statements(options.goal, domain, tools.robot), world, library, domain.objects)
+    if not chains:
+        print("the goal holds already")
+        return
+    refiner = Refiner(tools.robot, tools.models, ranges=library.ranges)
+    judged = choose(refiner, world, chains, placeholders=True).judged
+    for each, chain in sorted(zip(judged, chains, strict=True), key=lambda pair: rank(pair[0])):
+        print(_line(each, chain))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; the exit code is 1 where there is no plan."""
-    return run_tool(arguments(), _run, argv)
+    return run_tool(arguments(), _plan, argv)

@@ -114,7 +114,14 @@ def study(
             evaluated = Settings(seed + 2, possible, POLICIES, oracle, margin, source=source)
             evaluate(evaluated, folder, command="evaluate of study", situations=situations)
         evaluation = load(folder / RESULT, EVALUATION, dict[str, Any])["summary"]
-        variables = _variables(source, possible, seed + 2, min(situations, EXPLAINED))
+        tools, library = tools_of(source)
+        trials = [
+            random_trial(of_domain, possible, library, seed=seed + 2, index=index)
+            for index in range(min(situations, EXPLAINED))
+        ]
+        variables = open_variables(tools, trials)
+        for each in variables:
+            print(f"study: step {each['step']} ({each['top']}), {each['name']}: {each['explanation']}")
     ends = join(
         read_experience(table).frame.drop_duplicates(["action", "episode"], keep="last") for table in tables
     )
@@ -152,18 +159,6 @@ def _begin(out: Path, source: ToolsetSource, sizes: Mapping[str, Any]) -> None:
                 f"{file}: {name}: expected {found!r} as in the folder's study, got {value!r}: "
                 "choose another --out"
             )
-
-
-def _variables(source: ToolsetSource, chain: str, seed: int, situations: int) -> list[dict[str, Any]]:
-    """Explain the gain of each open variable of the chain, in situations of the evaluation."""
-    tools, library = tools_of(source)
-    trials = [
-        random_trial(tools.domain, chain, library, seed=seed, index=index) for index in range(situations)
-    ]
-    found = open_variables(tools, trials)
-    for each in found:
-        print(f"study: step {each['step']} ({each['top']}), {each['name']}: {each['explanation']}")
-    return found
 
 
 def _measured(ends: pd.DataFrame, model: Path, source: ToolsetSource) -> dict[str, Any]:

@@ -128,7 +128,6 @@ def test_the_oracle_of_an_earlier_evaluation_is_taken(
     for words, expected in (
         (["--seed", "405", "--situations", "4"], "expected an oracle of at least 4 situations, got 3"),
         (["--seed", "406"], "expected an evaluation of {'seed': 406, "),
-        (["--oracle", "4"], "--oracle-from: expected without --oracle"),
     ):
         assert main([*same, *words]) == 1
         assert expected in capsys.readouterr().err
