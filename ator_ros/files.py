@@ -150,7 +150,7 @@ def load(path: Path | str, kind: str, schema: type[T]) -> T:
     kind : str
         As in `save`.
     schema : type
-        A dataclass; other fields of the file are ignored.
+        A dataclass.
 
     Raises
     ------

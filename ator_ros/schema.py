@@ -1,16 +1,16 @@
 """Files as typed classes: cattrs structures parsed data strictly, and reports the first field that is wrong.
 
 A schema is a dataclass. Its annotations define the fields: numbers are finite, nothing is converted
-silently (no "3" for 3, no true for 1), a union is the first of its types that fits, and `Within`, `OneOf` and
-`Name` narrow further. Fields without a default are required. A schema's own ``__post_init__`` raises
-ValueError for constraints between fields.
+silently (no "3" for 3, no true for 1), a union is the first of its types that fits, and `Within`, `OneOf`,
+`Name` and `NotEmpty` narrow further. Fields without a default are required. Unknown fields are an error. A
+schema's own ``__post_init__`` raises ValueError for constraints between fields.
 """
 
 from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sized
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from types import NoneType, UnionType
 from typing import (
@@ -79,7 +79,16 @@ class Name:
         return None if value.isascii() and value.isidentifier() else "a name of letters, digits and _"
 
 
-def structured(data: object, schema: type[T], *, closed: bool = False) -> T:
+@dataclass(frozen=True)
+class NotEmpty:
+    """In `Annotated`: a list has entries."""
+
+    def check(self, value: Sized) -> str | None:
+        """Return what was expected, if `value` is empty."""
+        return None if len(value) else "at least one"
+
+
+def structured(data: object, schema: type[T]) -> T:
     """Return `data` as an instance of `schema`.
 
     Parameters
@@ -88,8 +97,6 @@ def structured(data: object, schema: type[T], *, closed: bool = False) -> T:
         Parsed data.
     schema : type
         A dataclass, or a type built of them.
-    closed : bool
-        Whether fields that the schema lacks are an error; otherwise they are ignored.
 
     Raises
     ------
@@ -97,7 +104,7 @@ def structured(data: object, schema: type[T], *, closed: bool = False) -> T:
         It does not fit; the message names the first field that does not.
     """
     try:
-        return (_CLOSED if closed else _OPEN).structure(data, schema)
+        return _CONVERTER.structure(data, schema)
     except Exception as error:  # cattrs raises groups, schemas raise ValueError
         path, text = next(_problems(error, ""))
         raise SchemaError(f"{printable(path, _LONGEST)}: {text}" if path else text) from error
@@ -108,7 +115,7 @@ def unstructured(data: DataclassInstance) -> dict[str, Any]:
 
     Fields whose value and default are None are left out.
     """
-    plain: dict[str, Any] = _OPEN.unstructure(data)
+    plain: dict[str, Any] = _CONVERTER.unstructure(data)
     return plain
 
 
@@ -187,7 +194,7 @@ def _as(converter: Converter, kind: Any) -> Callable[[object, object], Any]:
     return lambda value, _: converter.structure(value, kind)
 
 
-def _table(converter: Converter, kind: Any, *, closed: bool) -> Callable[[Any, Any], Any]:
+def _table(converter: Converter, kind: Any) -> Callable[[Any, Any], Any]:
     inner: Any
     if is_dataclass(kind):
         wanted = f"a table with {_names_of_fields(kind)}"
@@ -199,7 +206,7 @@ def _table(converter: Converter, kind: Any, *, closed: bool) -> Callable[[Any, A
         inner = make_dict_structure_fn(
             cast("type[Any]", kind),
             converter,
-            _cattrs_forbid_extra_keys=closed,
+            _cattrs_forbid_extra_keys=True,
             _cattrs_detailed_validation=True,
             **hooks,
         )
@@ -267,7 +274,7 @@ def _plain(converter: Converter, kind: Any) -> Callable[[Any], dict[str, Any]]:
     return unstructure
 
 
-def _converter(*, closed: bool) -> Converter:
+def _converter() -> Converter:
     converter = Converter()
     for kind, hook in _HOOKS.items():
         converter.register_structure_hook(kind, hook)
@@ -275,7 +282,7 @@ def _converter(*, closed: bool) -> Converter:
         (lambda kind: get_origin(kind) is tuple, lambda kind: _list(converter, kind)),
         (
             lambda kind: get_origin(kind) in (dict, Mapping) or is_dataclass(kind),
-            lambda kind: _table(converter, kind, closed=closed),
+            lambda kind: _table(converter, kind),
         ),
         (lambda kind: get_origin(kind) is Annotated, lambda kind: _narrowed(converter, kind)),
         (
@@ -300,4 +307,4 @@ _HOOKS: Mapping[Any, Callable[[object, object], Any]] = {
     float: _number,
     **{kind: _exactly(kind, _WORDS[kind]) for kind in (int, bool, str)},
 }
-_OPEN, _CLOSED = _converter(closed=False), _converter(closed=True)
+_CONVERTER = _converter()

@@ -24,7 +24,7 @@ from ator_ros.files import is_name
 from ator_ros.geometry import Pose
 from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.robot.description import Robot
-from ator_ros.schema import Name, Within, require
+from ator_ros.schema import Name, NotEmpty, Within, require
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.library import TopLibrary
@@ -69,7 +69,7 @@ class DeclaredPlace:
         return Pose(*(float(rng.uniform(spread[0], spread[-1])) for spread in (self.x, self.y, self.yaw)))
 
 
-Places = tuple[DeclaredPlace, ...]
+Places = Annotated[tuple[DeclaredPlace, ...], NotEmpty()]
 Apart = Annotated[float, Within(0.0, FARTHEST)]
 """A distance in m."""
 
@@ -77,10 +77,6 @@ Apart = Annotated[float, Within(0.0, FARTHEST)]
 def _is_fixed(places: Places) -> bool:
     """Return whether x and y can only be drawn in one way."""
     return len(places) == len(places[0].x) == len(places[0].y) == 1
-
-
-def _check_places(name: str, places: Places) -> None:
-    require(bool(places), name, "at least one place", list(places))
 
 
 def _drawn(
@@ -137,53 +133,40 @@ class DeclaredDrives:
     goal: Places
     apart: Apart = 0.5
 
-    def __post_init__(self) -> None:
-        """Check that there are places."""
-        _check_places("start", self.start)
-        _check_places("goal", self.goal)
+    def sample(
+        self,
+        action: str,
+        point: Point,
+        variables: tuple[GoalVariable, ...],
+        robot: Robot,
+        rng: np.random.Generator,
+        *,
+        time_limit: float,
+    ) -> Situation:
+        """Draw a drive of an action, in one of seven cases with a goal near its start.
 
-    def drawn(self, rng: np.random.Generator) -> tuple[Pose, Pose]:
-        """Draw start and destination of a drive; raises NoPlaceError."""
-        start = _drawn(self.start, rng)
-        return start, _drawn(self.goal, rng, apart=self.apart, before=start)
+        None is drawn that takes longer than `time_limit` (s) straight ahead at full speed. Goal variables
+        that the action declares are drawn evenly from their ranges.
 
-    def contains(self, pose: Pose) -> bool:
-        """Return whether a position lies in one of the places."""
-        return any(place.contains(pose) for place in (*self.start, *self.goal))
+        Raises
+        ------
+        NoPlaceError
+            There is no such drive.
+        """
 
+        def drawn() -> tuple[Pose, Pose]:
+            start = _drawn(self.start, rng)
+            return start, _drawn(self.goal, rng, apart=self.apart, before=start)
 
-def drawn_drive(
-    action: str,
-    drives: DeclaredDrives,
-    point: Point,
-    variables: tuple[GoalVariable, ...],
-    robot: Robot,
-    rng: np.random.Generator,
-    *,
-    time_limit: float,
-) -> Situation:
-    """Draw a drive of an action, in one of seven cases with a goal near its start; see `ActionSpec.sample`.
-
-    None is drawn that takes longer than `time_limit` (s) straight ahead at full speed. Goal variables that
-    the action declares are drawn evenly from their ranges.
-
-    Raises
-    ------
-    NoPlaceError
-        There is no such drive.
-    """
-    start, destination = _drawn_in_time(
-        f"drives of {action}",
-        lambda: drives.drawn(rng),
-        lambda way: way[0].distance(way[1]),
-        robot,
-        time_limit,
-    )
-    short = short_goal(start, rng)
-    if short is not None and drives.contains(short):
-        destination = short
-    values = {item.name: float(rng.uniform(item.low, item.high)) for item in variables}
-    return Situation(action, RobotState(start), {}, Goal(destination, 0.0, point, values))
+        where = f"drives of {action}"
+        start, destination = _drawn_in_time(
+            where, drawn, lambda way: way[0].distance(way[1]), robot, time_limit
+        )
+        short = short_goal(start, rng)
+        if short is not None and any(place.contains(short) for place in (*self.start, *self.goal)):
+            destination = short
+        values = {item.name: float(rng.uniform(item.low, item.high)) for item in variables}
+        return Situation(action, RobotState(start), {}, Goal(destination, 0.0, point, values))
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,8 +189,7 @@ class DeclaredStep:
     times: tuple[int, ...] = (1,)
 
     def __post_init__(self) -> None:
-        """Check places and numbers."""
-        _check_places("goal", self.goal)
+        """Check the numbers."""
         times = self.times
         good = len(times) in (1, 2) and 0 <= times[0] <= times[-1] and 1 <= times[-1] <= LONGEST_CHAIN
         require(good, "times", f"[a number] or [least, greatest] from 0 to {LONGEST_CHAIN}", list(times))
@@ -226,13 +208,29 @@ class DeclaredChain:
     apart: Apart = 0.5
 
     def __post_init__(self) -> None:
-        """Check places and the number of steps."""
-        _check_places("start", self.start)
+        """Check the number of steps."""
         least, most = (sum(step.times[end] for step in self.steps) for end in (0, -1))
         require(least >= 1 and most <= LONGEST_CHAIN, "steps", f"1 to {LONGEST_CHAIN} of them", (least, most))
 
-    def drawn(self, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
-        """Draw a situation and a chain; raises NoPlaceError."""
+    def sample(
+        self, robot: Robot, library: TopLibrary, rng: np.random.Generator, *, time_limit: float
+    ) -> tuple[World, TopChain]:
+        """Draw a situation and a chain whose straight ways take at most `time_limit` (s) at full speed.
+
+        Raises
+        ------
+        NoPlaceError
+            There is none.
+        """
+
+        def length(drawn: tuple[World, TopChain]) -> float:
+            places = [drawn[0].robot.pose, *(call.goal.pose for call in drawn[1].calls)]
+            return sum(one.distance(other) for one, other in itertools.pairwise(places))
+
+        where = f"chain {self.name}"
+        return _drawn_in_time(where, lambda: self._drawn(library, rng), length, robot, time_limit)
+
+    def _drawn(self, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
         before = start = _drawn(self.start, rng)
         was_fixed = _is_fixed(self.start)
         calls: list[TopCall] = []
@@ -246,44 +244,17 @@ class DeclaredChain:
         return World(0.0, RobotState(start)), TopChain(tuple(calls))
 
 
-def drawn_chain(
-    chain: DeclaredChain,
-    robot: Robot,
-    library: TopLibrary,
-    rng: np.random.Generator,
-    *,
-    time_limit: float,
-) -> tuple[World, TopChain]:
-    """Draw a situation and a chain whose straight ways take at most `time_limit` (s) at full speed.
-
-    Raises
-    ------
-    NoPlaceError
-        There is none.
-    """
-
-    def length(drawn: tuple[World, TopChain]) -> float:
-        places = [drawn[0].robot.pose, *(call.goal.pose for call in drawn[1].calls)]
-        return sum(one.distance(other) for one, other in itertools.pairwise(places))
-
-    return _drawn_in_time(f"chain {chain.name}", lambda: chain.drawn(library, rng), length, robot, time_limit)
-
-
 @dataclass(frozen=True, slots=True)
 class DeclaredTop:
     """A TOP; see `Top`. Its conditions are lists of terms with a tolerance or a range (low, high)."""
 
     name: Annotated[str, Name()]
     action: str
+    post: Annotated[tuple[Term | Region, ...], NotEmpty()]  # success is the post-condition
     pre: tuple[Term | Region, ...] = ()
-    post: tuple[Term | Region, ...] = ()
     point: Literal["axle", "hold"] = "axle"
     # A robot that has stopped oscillates for seconds; a longer wait is an action of its own.
     settles: Annotated[float, Within(0.0, 60.0)] = 0.0
-
-    def __post_init__(self) -> None:
-        """Check that the post-condition says what the TOP is for."""
-        require(bool(self.post), "post", "at least one term: success is the post-condition", list(self.post))
 
     def top(self) -> Top:
         """Return the TOP."""
@@ -418,7 +389,7 @@ class DeclaredDomain:
     """A whole file; see docs/remote_actions.md."""
 
     name: Annotated[str, Name()]
-    tops: tuple[DeclaredTop, ...]
+    tops: Annotated[tuple[DeclaredTop, ...], NotEmpty()]
     actions: tuple[DeclaredAction, ...]
     objects: tuple[ObjectSource, ...] = ()
     variables: tuple[DeclaredVariable, ...] | None = None
@@ -434,7 +405,6 @@ class DeclaredDomain:
             names = [entry.name for entry in getattr(self, part) or ()]
             twice = sorted({name for name in names if names.count(name) > 1})
             require(not twice, part, "each name once", ", ".join(twice))
-        require(bool(self.tops), "tops", "at least one", list(self.tops))
         tops = [top.name for top in self.tops]
         for number, chain in enumerate(self.chains):
             for at, step in enumerate(chain.steps):

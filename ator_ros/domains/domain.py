@@ -30,8 +30,6 @@ from ator_ros.domains.declared import (
     DeclaredAction,
     DeclaredDomain,
     DeclaredServer,
-    drawn_chain,
-    drawn_drive,
 )
 from ator_ros.files import FileError, content_with_optional_header, read_yaml
 from ator_ros.performance.features import CANDIDATES, GENERAL, Feature, goal_feature
@@ -380,7 +378,7 @@ def declared_domain(path: Path) -> Domain:
     """
     try:
         data = content_with_optional_header(read_yaml(path, largest=_LARGEST_FILE), "domain")
-        return _made(structured(data, DeclaredDomain, closed=True), path)
+        return _made(structured(data, DeclaredDomain), path)
     except FileError as error:
         raise DomainError(str(error)) from error
     except (SchemaError, DomainError) as error:
@@ -414,8 +412,7 @@ def _made(declared: DeclaredDomain, path: Path) -> Domain:
         action_sets={DEFAULT_SET: tuple(specs)},
         objects=tuple(item.name for item in declared.objects),
         chains={
-            chain.name: partial(drawn_chain, chain, time_limit=declared.time_limit)
-            for chain in declared.chains
+            chain.name: partial(chain.sample, time_limit=declared.time_limit) for chain in declared.chains
         },
         sources=declared.objects,
         variables=USUAL_RANGES if variables is None else {item.name: item.range for item in variables},
@@ -434,7 +431,7 @@ def _remote_spec(action: DeclaredAction, point: Point, time_limit: float, where:
     sample: Sampler = _no_sampler
     if action.drives is not None:
         sample = partial(
-            drawn_drive, action.name, action.drives, point, action.goal_variables, time_limit=time_limit
+            action.drives.sample, action.name, point, action.goal_variables, time_limit=time_limit
         )
     return ActionSpec(
         action.name,

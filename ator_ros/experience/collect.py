@@ -18,7 +18,7 @@ from ator_ros.experience.table import ExperienceError, episode_frame
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import Top
-from ator_ros.tops.library import NoTopError, top_of
+from ator_ros.tops.library import top_of
 
 
 def episode_generator(action: str, seed: int, episode: int) -> np.random.Generator:
@@ -45,10 +45,7 @@ def _run(
     situation = spec.sample(robot, episode_generator(spec.name, seed, number))
     if wrong := wrong_values(situation.goal, spec.goal_variables):
         raise ExperienceError(f"situation of {spec.name}: goal: {wrong}")
-    try:
-        top = top_of(situation, tops, robot)
-    except NoTopError as error:
-        raise ExperienceError(str(error)) from error
+    top = top_of(situation, tops, robot)
     with Simulation(robot) as simulation:
         action = spec.factory(robot)
         episode = run_episode(simulation, action, situation, top=top, time_limit=time_limit)
@@ -87,7 +84,7 @@ def collect(
 
     Raises
     ------
-    ExperienceError
+    ConfigError, ExperienceError
         A situation belongs to none of the TOPs, or its goal lacks a variable that its action declares.
     """
     tasks = [

@@ -23,7 +23,6 @@ from ator_ros.experience.table import (
     checked_rows,
     episode_frame,
     join,
-    library_versions,
     read_experience,
 )
 from ator_ros.printable import printable, quoted
@@ -176,15 +175,14 @@ def read_recording(
         raise ExperienceError(f"{file}: expected records of one action set, got {_listed(action_sets)}")
     numbers: dict[str, Iterator[int]] = defaultdict(itertools.count)
     frames = [episode_frame(next(numbers[each.situation.action]), each, objects) for each in episodes]
+    action_set = action_sets[0] if action_sets else None  # odometry and commands name none
     metadata = {
-        "seed": None,
         "robot_digest": robot.digest(),
         "domain": domain.name,
-        "action_set": action_sets[0] if action_sets else None,  # odometry and commands name none
+        "action_set": action_set,
         "command": f"recording {file.name}",
-        "versions": library_versions(),
     }
-    rows = checked_rows(file, join(frames), metadata["action_set"] or DEFAULT_SET)
+    rows = checked_rows(file, join(frames), action_set or DEFAULT_SET)
     return Experience(rows, metadata, tuple(f"{file.name}: {remark}" for remark in remarks))
 
 

@@ -10,8 +10,9 @@ import json
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import astuple, dataclass
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,7 +24,6 @@ from ator_ros.experience.table import (
     ExperienceError,
     checked_rows,
     join,
-    library_versions,
     start_row,
 )
 from ator_ros.files import FileError
@@ -37,6 +37,7 @@ CREATE TABLE IF NOT EXISTS source (robot_digest TEXT, domain TEXT);
 CREATE TABLE IF NOT EXISTS episodes (number INTEGER PRIMARY KEY AUTOINCREMENT, action_set TEXT, row TEXT);
 CREATE INDEX IF NOT EXISTS by_set ON episodes (action_set, number);
 """
+_SOURCE = "SELECT robot_digest, domain FROM source"
 _STORED = "SELECT seq FROM sqlite_sequence WHERE name = 'episodes'"
 _APPEND = "INSERT INTO episodes (action_set, row) VALUES (:set, :row)"
 _DROP_OLDEST = """
@@ -81,11 +82,13 @@ class RecordStore:
         with _refusing_damage(folder):
             self._database = sqlite3.connect(folder / STORE, check_same_thread=False)
             self._database.executescript(_TABLES)
-            if (there := _info_in(self._database)) is None:
+            there = self._database.execute(_SOURCE).fetchone()
+            if there is None:
                 with self._database:
                     self._database.execute("INSERT INTO source VALUES (?, ?)", astuple(info))
-            elif there != info:
-                raise FileError(f"{folder / STORE}: expected {info}, got {there}: choose another folder")
+            elif StoreInfo(*there) != info:
+                got = StoreInfo(*there)
+                raise FileError(f"{folder / STORE}: expected {info}, got {got}: choose another folder")
             row = self._database.execute(_STORED).fetchone()
         #: Episodes that were ever stored.
         self.stored = 0 if row is None else int(row[0])
@@ -115,9 +118,10 @@ def _refusing_damage(folder: Path) -> Iterator[None]:
         raise FileError(f"{folder / STORE}: expected a store of records: {error}") from error
 
 
-def _info_in(database: sqlite3.Connection) -> StoreInfo | None:
-    row = database.execute("SELECT robot_digest, domain FROM source").fetchone()
-    return None if row is None else StoreInfo(*row)
+def _rows_of(folder: Path, query: str, *values: str) -> list[Any]:
+    """Return what a store answers to a query."""
+    with _refusing_damage(folder), closing(sqlite3.connect(folder / STORE)) as database:
+        return database.execute(query, values).fetchall()
 
 
 def is_store(path: Path) -> bool:
@@ -127,9 +131,8 @@ def is_store(path: Path) -> bool:
 
 def action_sets_in(folder: Path) -> list[str]:
     """Return the action sets with episodes in a store."""
-    with _refusing_damage(folder), closing(sqlite3.connect(folder / STORE)) as database:
-        found = database.execute("SELECT DISTINCT action_set FROM episodes ORDER BY action_set")
-        return [name for (name,) in found]
+    rows = _rows_of(folder, "SELECT DISTINCT action_set FROM episodes ORDER BY action_set")
+    return [name for (name,) in rows]
 
 
 def read_store(folder: Path, action_set: str | None = None) -> Experience:
@@ -149,35 +152,26 @@ def read_store(folder: Path, action_set: str | None = None) -> Experience:
     ExperienceError
         It holds no episodes of the set.
     """
-    with _refusing_damage(folder), closing(sqlite3.connect(folder / STORE)) as database:
-        info = _info_in(database)
     there = action_sets_in(folder)
     if action_set is None and len(there) > 1:
         raise ExperienceError(f"{folder}: expected --action-set, one of {', '.join(there)}")
     name = action_set or (there[0] if there else DEFAULT_SET)
     rows = read_records(folder, name)
-    if info is None or rows.empty:
+    if rows.empty:
         raise ExperienceError(f"{folder}: expected episodes of the action set {name}, found none")
-    metadata = {
-        "seed": None,
-        "robot_digest": info.robot_digest,
-        "domain": info.domain,
-        "action_set": name,
-        "command": "learning",
-        "versions": library_versions(),
-    }
+    info = StoreInfo(*_rows_of(folder, _SOURCE)[0])
+    metadata = {**asdict(info), "action_set": name, "command": "learning"}
     return Experience(rows.drop(columns=NUMBER), metadata)
 
 
 def read_records(folder: Path, action_set: str) -> pd.DataFrame:
     """Return the starts of the episodes of an action set, oldest first: columns of a table, and `NUMBER`."""
-    query = "SELECT number - 1, row FROM episodes WHERE action_set = ? ORDER BY number"
-    with _refusing_damage(folder), closing(sqlite3.connect(folder / STORE)) as database:
-        stored = [
-            (number, json.loads(row)) for number, row in database.execute(query, (action_set,)).fetchall()
-        ]
+    stored = _rows_of(
+        folder, "SELECT number - 1, row FROM episodes WHERE action_set = ? ORDER BY number", action_set
+    )
     if not stored:
         return join([]).assign(**{NUMBER: np.empty(0, dtype=np.int64)})
-    numbers, starts = zip(*stored, strict=True)
-    rows = pd.DataFrame(starts).assign(episode=range(len(starts)))
+    numbers, texts = zip(*stored, strict=True)
+    with _refusing_damage(folder):
+        rows = pd.DataFrame(map(json.loads, texts)).assign(episode=range(len(texts)))
     return checked_rows(folder / STORE, rows, action_set).assign(**{NUMBER: numbers})

@@ -179,7 +179,8 @@ class Experience:
     frame : pandas.DataFrame
         The columns of `columns`; the rows of an episode of an action together, in the order of time.
     metadata : dict
-        How it was made: seed, robot digest, domain, action set, command, versions.
+        How it was made: robot digest, domain, action set, command; what `collect` wrote has also the seed and
+        the versions of the libraries.
     remarks : tuple of str
         What was skipped or doubtful when it was read; not saved.
     """

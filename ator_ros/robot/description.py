@@ -296,7 +296,7 @@ def load_robot(path: Path | str | None = None) -> Robot:
     file = Path(path) if path is not None else resource_path(*SHIPPED)
     try:
         data = content_with_optional_header(read_yaml(file, largest=_LARGEST), KIND)
-        read = structured(data, Description, closed=True)
+        read = structured(data, Description)
         fields = {item.name: getattr(read.robot, item.name) for item in dataclasses.fields(read.robot)}
         robot = Robot(**fields, scene=read.scene)
         _check_held(robot)

@@ -114,10 +114,6 @@ class TopLibrary(Mapping[str, Top]):
         return Goal(pose, 0.0, top.point, values)
 
 
-class NoTopError(ValueError):
-    """A situation that fits no TOP."""
-
-
 def top_of(situation: Situation, tops: Sequence[Top], robot: Robot) -> Top:
     """Return the TOP that fits a situation.
 
@@ -126,7 +122,7 @@ def top_of(situation: Situation, tops: Sequence[Top], robot: Robot) -> Top:
 
     Raises
     ------
-    NoTopError
+    ConfigError
         There is none.
     """
     world = World(0.0, situation.robot, situation.objects)
@@ -139,7 +135,7 @@ def top_of(situation: Situation, tops: Sequence[Top], robot: Robot) -> Top:
         and set(objects_in(top)) <= set(situation.objects)
     ]
     if not suited:
-        raise NoTopError(
+        raise ConfigError(
             f"situation of {situation.action}: expected a TOP with this action, a goal for the "
             f"{situation.goal.point.value} and no objects but {sorted(situation.objects)}, got none of "
             f"{[top.name for top in tops]}"

@@ -17,8 +17,6 @@ from ator_ros.domains.declared import (
     DeclaredDrives,
     DeclaredPlace,
     DeclaredStep,
-    drawn_chain,
-    drawn_drive,
 )
 from ator_ros.domains.domain import find_domain
 from ator_ros.schema import structured
@@ -31,7 +29,7 @@ DOCK = DeclaredPlace((3.0,), (0.5,), (1.5,))
 
 
 def drives(places: DeclaredDrives, time_limit: float = 30.0) -> partial[Situation]:
-    return partial(drawn_drive, "drive_to", places, Point.AXLE, (), time_limit=time_limit)
+    return partial(places.sample, "drive_to", Point.AXLE, (), time_limit=time_limit)
 
 
 def long_distances(drives: list[Situation]) -> list[float]:
@@ -69,7 +67,7 @@ def test_no_drive_takes_longer_than_the_time_limit() -> None:
     steps = (DeclaredStep("visit", HALL, times=(2,)),)
     for _ in range(50):
         legs = DeclaredChain("legs", HALL, steps)
-        world, chain = drawn_chain(legs, ROBOT, LIBRARY, rng, time_limit=4.0)
+        world, chain = legs.sample(ROBOT, LIBRARY, rng, time_limit=4.0)
         places = [world.robot.pose, *(call.goal.pose for call in chain.calls)]
         assert sum(a.distance(b) for a, b in itertools.pairwise(places)) <= most
 

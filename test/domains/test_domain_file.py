@@ -146,7 +146,7 @@ def test_a_top_without_a_declared_action_is_omitted(tmp_path: Path) -> None:
             "ball",
             r"goal\[0\]: source: expected one of goal, goal.x, .*'ball'",
         ),
-        ("actions.0.drives", {"start": [], "goal": []}, r"actions\[0\].drives: start: expected at least one"),
+        ("actions.0.drives", {"start": [], "goal": []}, r"actions\[0\].drives.start: expected at least one"),
         ("chains", [CHAIN, CHAIN], "chains: expected each name once; got 'walk'"),
         (
             "chains",
