@@ -258,14 +258,12 @@ class Domain:
 
         Where the domain names none, they are the general ones.
         """
-        chosen = {spec.name: spec.features for spec in self.action_sets.get(action_set, ())}
-        named = tuple(self.known_features[name] for name in chosen.get(action, ())) or CANDIDATES
-        return (*named, *(own for own in self.goal_features(action, action_set) if own not in named))
-
-    def goal_features(self, action: str, action_set: str = DEFAULT_SET) -> tuple[Feature, ...]:
-        """Return the goal variables that an action declares, as features of its model."""
-        declared = {spec.name: spec.goal_variables for spec in self.action_sets.get(action_set, ())}
-        return tuple(self.known_features[direct_name(v.name)] for v in declared.get(action, ()))
+        spec = {spec.name: spec for spec in self.action_sets.get(action_set, ())}.get(action)
+        if spec is None:
+            return CANDIDATES
+        named = tuple(self.known_features[name] for name in spec.features) or CANDIDATES
+        own = (self.known_features[direct_name(variable.name)] for variable in spec.goal_variables)
+        return (*named, *(feature for feature in own if feature not in named))
 
     def source(self, name: str) -> ObjectSource:
         """Return where the state of an object comes from."""

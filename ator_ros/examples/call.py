@@ -78,12 +78,14 @@ def _floats(value: Any) -> Any:
     return float(value) if type(value) is int else value
 
 
-def text(message: Any) -> str:
-    """Return a message as YAML, with at most six digits of each number."""
-    return str(yaml.safe_dump(_plain(message), sort_keys=False, width=1000))
+def show(message: Any, end: str = "") -> None:
+    """Print a message, or messages by name, as YAML, with at most six digits of each number."""
+    print(yaml.safe_dump(_plain(message), sort_keys=False, width=1000), end=end, flush=True)
 
 
 def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _plain(item) for name, item in value.items()}
     if hasattr(value, "get_fields_and_field_types"):
         return {name: _plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, str | bool | int):
@@ -110,8 +112,8 @@ def echo(node: Node, topic: str, *, once: bool) -> None:
     while not (once and received):
         rclpy.spin_once(node, timeout_sec=_POLL)
         while received and not once:
-            print(text(received.pop(0)), "---", sep="", flush=True)
-    print(text(received[0]), end="")
+            show(received.pop(0), "---\n")
+    show(received[0])
 
 
 def call(node: Node, service: str, kind: Any, values: Any) -> None:
@@ -119,7 +121,7 @@ def call(node: Node, service: str, kind: Any, values: Any) -> None:
     client = node.create_client(kind, service)
     if not client.wait_for_service(timeout_sec=_TIMEOUT):
         raise CallError(f"expected the service {service} of this type within {_TIMEOUT:g} s, found none")
-    print(text(_answer(node, client.call_async(filled(kind.Request, values)), service)), end="")
+    show(_answer(node, client.call_async(filled(kind.Request, values)), service))
 
 
 def send_goal(node: Node, action: str, kind: Any, values: Any, *, feedback: bool) -> None:
@@ -127,12 +129,9 @@ def send_goal(node: Node, action: str, kind: Any, values: Any, *, feedback: bool
     client = ActionClient(node, kind, action)
     if not client.wait_for_server(timeout_sec=_TIMEOUT):
         raise CallError(f"expected the action {action} of this type within {_TIMEOUT:g} s, found none")
-
-    def show(message: Any) -> None:
-        print(yaml.safe_dump({"feedback": _plain(message.feedback)}, sort_keys=False), end="", flush=True)
-
     sent = client.send_goal_async(
-        filled(kind.Goal, values, "goal"), feedback_callback=show if feedback else None
+        filled(kind.Goal, values, "goal"),
+        feedback_callback=(lambda message: show({"feedback": message.feedback})) if feedback else None,
     )
     handle = _answer(node, sent, action)
     if not handle.accepted:
@@ -143,7 +142,7 @@ def send_goal(node: Node, action: str, kind: Any, values: Any, *, feedback: bool
     except KeyboardInterrupt:
         _answer(node, handle.cancel_goal_async(), action)
         ended = _answer(node, result, action)
-    print(yaml.safe_dump({"result": _plain(ended.result)}, sort_keys=False), end="")
+    show({"result": ended.result})
     if ended.status != GoalStatus.STATUS_SUCCEEDED:
         how = "canceled" if ended.status == GoalStatus.STATUS_CANCELED else "aborted"
         raise CallError(f"{action}: the goal was {how}")

@@ -128,18 +128,13 @@ class Fence:
         """
         if not call.top.arrives:
             return False
-        goal = call.goal
-        held_out = goal.point is Point.HOLD and self.outside(goal.pose.x, goal.pose.y) > 0.0
-        return held_out or not self._has_room(goal, robot)
-
-    def _has_room(self, goal: Goal, robot: Robot) -> bool:
-        """Return whether the robot can arrive at `goal` and stop from its speed `room_inside` the edge."""
-        x, y, yaw = goal.robot_pose(robot)
-        way = _stop_room(goal.speed, robot)
-        room = room_inside(robot)
+        goal, room = call.goal, room_inside(robot)
+        if goal.point is Point.HOLD and self.outside(goal.pose.x, goal.pose.y) > 0.0:
+            return True
+        pose = goal.robot_pose(robot)
+        stopped = pose.ahead(_stop_room(goal.speed, robot))
         inner = Fence(self.x_min + room, self.y_min + room, self.x_max - room, self.y_max - room)
-        places = [(x, y), (x + way * math.cos(yaw), y + way * math.sin(yaw))]
-        return all(inner.outside(*place) <= _ROUNDING for place in places)
+        return any(inner.outside(there.x, there.y) > _ROUNDING for there in (pose, stopped))
 
     def __str__(self) -> str:
         """Return the area as text."""

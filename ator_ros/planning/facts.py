@@ -198,7 +198,7 @@ def region_name(top: Top, binding: Binding, thing: str) -> str:
 
 def preconditions(top: Top, binding: Binding) -> list[Fact]:
     """Return the facts that a TOP with this goal needs, without those that always hold."""
-    clauses = (*top.pre.terms, *top.pre.relations)
+    clauses: tuple[Statement | Relation, ...] = (*top.pre.terms, *top.pre.relations)
     return [fact for clause in clauses if (fact := _fact(top, clause, binding)) is not None]
 
 

@@ -28,7 +28,7 @@ from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.parameters import FRAME, ROBOT_FRAME, STATE
 from ator_ros.robot.description import KIND, Limits, Robot, least_torque, load_robot
 from ator_ros.robot.identification import BaseEstimate, identify
-from ator_ros.robot.probe_drive import DriveError, DriveSample, ProbeDrive
+from ator_ros.robot.probe_drive import DriveError, ProbeDrive
 from ator_ros.tools.command_line import destination, guarded, number
 from ator_ros.world.messages import plain_frame
 from ator_ros.world.state import STOP, RobotState
@@ -49,8 +49,8 @@ def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
     limits = template.limits
     fastest = {"v": options.v or _FASTER * limits.v, "w": options.w or _FASTER * limits.w}
     drive = ProbeDrive(**fastest, space=options.space)
-    samples = drive_over_ros(drive, template, words, stamped=options.stamped, frame=options.frame)
-    estimate = identify(samples)
+    drive_over_ros(drive, template, options, words)
+    estimate = identify(drive.samples)
     found = described(dataclasses.replace(template, name=options.name or template.name), estimate)
     lines = report(estimate)
     if found.wheel_torque != template.wheel_torque:
@@ -103,16 +103,9 @@ def report(estimate: BaseEstimate) -> list[str]:
 
 
 def drive_over_ros(
-    drive: ProbeDrive, robot: Robot, words: Sequence[str], *, stamped: str, frame: str
-) -> list[DriveSample]:
-    """Drive the base that subscribes to cmd_vel, and stop it whatever happens.
-
-    Parameters
-    ----------
-    words : sequence of str
-        The command line, with arguments for ROS.
-    stamped : str
-        See `CommandPublisher`.
+    drive: ProbeDrive, robot: Robot, options: argparse.Namespace, words: Sequence[str]
+) -> None:
+    """Drive the base that subscribes to cmd_vel, and stop it whatever happens; see `calibrate`.
 
     Raises
     ------
@@ -124,23 +117,22 @@ def drive_over_ros(
     rclpy.init(args=["calibrate", *words], signal_handler_options=SignalHandlerOptions.NO)
     node = Node("calibrate")
     try:
-        _Driver(node, drive, robot, stamped=stamped, frame=frame).run()
+        _Driver(node, drive, robot, options).run()
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
-    return drive.samples
 
 
 class _Driver:
     """Answers each odometry message with the command of the drive."""
 
-    def __init__(self, node: Node, drive: ProbeDrive, robot: Robot, *, stamped: str, frame: str) -> None:
+    def __init__(self, node: Node, drive: ProbeDrive, robot: Robot, options: argparse.Namespace) -> None:
         self._node, self._drive = node, drive
-        self._commands = CommandPublisher(node, stamped=stamped, frame="base_link")
+        self._commands = CommandPublisher(node, stamped=options.stamped, frame="base_link")
         self._received: float | None = None  # real s
         self._stamp = -1.0
         self._done = False
-        settings = {FRAME.name: frame, ROBOT_FRAME.name: "base_link", STATE.name: "odom"}
+        settings = {FRAME.name: options.frame, ROBOT_FRAME.name: "base_link", STATE.name: "odom"}
         subscribed = Subscriptions(
             node, settings, robot, (),
             take_robot=self._take_robot, take_object=lambda *_: None, warn=self._warn,

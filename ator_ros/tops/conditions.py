@@ -18,6 +18,7 @@ from ator_ros.actions.base import Goal
 from ator_ros.geometry import wrap_angle, wrap_angles
 from ator_ros.robot.description import Robot
 from ator_ros.schema import Within, require
+from ator_ros.world.messages import RESERVED
 from ator_ros.world.state import RobotState, World
 
 # State variables
@@ -101,13 +102,48 @@ class Clause(ABC):
 
 
 @dataclass(frozen=True, slots=True)
-class Distance(Clause):
+class Relation(Clause):
+    """A clause on where one place lies as seen from another.
+
+    Attributes
+    ----------
+    place, origin : str
+        What has an x and a y: "robot", "hold", "goal", or an object.
+    """
+
+    place: str
+    origin: str
+
+    @property
+    def places(self) -> tuple[str, str]:
+        """The places that it relates."""
+        return self.place, self.origin
+
+    def clearance(self, state: Values, goal: Values) -> Any:
+        """Return how far in m the place may move until this is violated; see `Clause.clearance`."""
+        ends: list[Any] = [
+            goal.get(axis) if name == "goal" else state.get(f"{name}.{axis}")
+            for name in self.places
+            for axis in "xy"
+        ]
+        if any(value is None for value in ends):
+            return None
+        x, y, start_x, start_y = ends
+        return self.room(x - start_x, y - start_y, start_x)
+
+    @abstractmethod
+    def room(self, dx: Any, dy: Any, x: Any) -> Any:
+        """Return the clearance of a place (dx, dy) m from an origin at `x` (m)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Distance(Relation):
     """The distance between two places lies in a range.
 
     Attributes
     ----------
-    place, other : str
-        What has an x and a y: "robot", "hold", "goal", or an object.
+    place, origin
+        As for `Relation`.
     low, high : float
         Least and greatest distance in m.
 
@@ -117,44 +153,33 @@ class Distance(Clause):
         `low` is negative or above `high`.
     """
 
-    place: str
-    other: str
     low: float = 0.0
     high: float = math.inf
 
     def __post_init__(self) -> None:
         """Check the range."""
-        bounds = (self.low, self.high)
-        where = f"distance from {self.place} to {self.other}"
+        where, bounds = f"distance from {self.place} to {self.origin}", (self.low, self.high)
         require(0.0 <= self.low <= self.high, where, "0 <= low <= high", bounds)
 
-    @property
-    def places(self) -> tuple[str, str]:
-        """The places that it relates."""
-        return self.place, self.other
-
-    def clearance(self, state: Values, goal: Values) -> Any:
-        """Return how far in m the place may move until this is violated; see `Clause.clearance`."""
-        offset = _offset(self.other, self.place, state, goal)
-        if offset is None:
-            return None
-        distance = np.hypot(*offset)
+    def room(self, dx: Any, dy: Any, x: Any) -> Any:  # noqa: ARG002
+        """Return the clearance; see `Relation.room`."""
+        distance = np.hypot(dx, dy)
         within = distance - self.low if self.low > 0.0 else np.inf + 0.0 * distance
         return np.minimum(within, self.high - distance)
 
     def __str__(self) -> str:
         """Return it in words."""
-        return f"distance from {self.place} to {self.other} {self.low:g} to {self.high:g} m"
+        return f"distance from {self.place} to {self.origin} {self.low:g} to {self.high:g} m"
 
 
 @dataclass(frozen=True, slots=True)
-class Bearing(Clause):
+class Bearing(Relation):
     """The direction from one place to another lies within an angle of an axis.
 
     Attributes
     ----------
-    place, origin : str
-        What has an x and a y: "robot", "hold", "goal", or an object.
+    place, origin
+        As for `Relation`.
     most : float
         Greatest angle in rad between the axis and the direction from the origin to the place, at most pi / 2.
     axis : float
@@ -170,8 +195,6 @@ class Bearing(Clause):
         `most` is not from 0 to pi / 2.
     """
 
-    place: str
-    origin: str
     most: float
     axis: float = 0.0
     mirrored: bool = False
@@ -182,50 +205,20 @@ class Bearing(Clause):
         where = f"bearing of {self.place} from {self.origin}"
         require(0.0 < self.most <= math.pi / 2.0, where, "an angle above 0 and at most pi / 2", self.most)
 
-    @property
-    def places(self) -> tuple[str, str]:
-        """The places that it relates."""
-        return self.place, self.origin
-
-    def clearance(self, state: Values, goal: Values) -> Any:
-        """Return how far in m the place may move until this is violated; see `Clause.clearance`."""
-        offset = _offset(self.origin, self.place, state, goal)
-        if offset is None:
-            return None
-        x, _ = _position(self.origin, state, goal)
+    def room(self, dx: Any, dy: Any, x: Any) -> Any:
+        """Return the clearance; see `Relation.room`."""
         left_of_center = self.mirrored and np.asarray(x) < self.center
         axis = np.where(left_of_center, math.pi - self.axis, self.axis)
-        left = self.most - np.abs(wrap_angles(np.arctan2(offset[1], offset[0]) - axis))
+        left = self.most - np.abs(wrap_angles(np.arctan2(dy, dx) - axis))
         # Within a quarter turn of the edge, the nearest point of it is at a right angle.
-        return np.hypot(*offset) * np.sin(np.clip(left, -math.pi / 2.0, math.pi / 2.0))
+        return np.hypot(dx, dy) * np.sin(np.clip(left, -math.pi / 2.0, math.pi / 2.0))
 
     def __str__(self) -> str:
         """Return it in words."""
         return f"bearing of {self.place} from {self.origin} within {math.degrees(self.most):g} degrees"
 
 
-Relation = Distance | Bearing
-"""One clause on two places."""
-
-
-def _offset(origin: str, place: str, state: Values, goal: Values) -> tuple[Any, Any] | None:
-    """Return the offset in m from one place to another; None where one of them is unknown."""
-    start, end = _position(origin, state, goal), _position(place, state, goal)
-    if any(value is None for value in (*start, *end)):
-        return None
-    return end[0] - start[0], end[1] - start[1]
-
-
-def _position(place: str, state: Values, goal: Values) -> tuple[Any, Any]:
-    if place == "goal":
-        return goal.get("x"), goal.get("y")
-    return state.get(f"{place}.x"), state.get(f"{place}.y")
-
-
 # Statements on variables
-
-
-_NO_OBJECTS = frozenset({"robot", "hold", "goal"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -377,7 +370,7 @@ class Condition:
 
     def objects(self) -> frozenset[str]:
         """Return the names of the objects whose variables this condition names."""
-        return self.things() - _NO_OBJECTS
+        return self.things().difference(RESERVED)
 
     def violations(self, state: State, goal: Mapping[str, float]) -> list[str]:
         """Return why the condition does not hold, a text for each violated term; empty if it holds."""

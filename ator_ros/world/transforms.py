@@ -5,6 +5,7 @@ from __future__ import annotations
 import bisect
 from collections import deque
 from dataclasses import dataclass, field
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -54,33 +55,32 @@ HERE = Placement((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 @dataclass
 class _Link:
-    """What is known of a frame in its parent: placements by time, or one that always holds."""
+    """What is known of a frame in its parent: placements with their times, or one that always holds."""
 
     parent: str
     fixed: bool
-    times: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT))
-    placements: deque[Placement] = field(default_factory=lambda: deque(maxlen=_KEPT))
+    known: deque[tuple[float, Placement]] = field(default_factory=lambda: deque(maxlen=_KEPT))
 
     def add(self, time: float, placement: Placement) -> None:
         """Take a placement; one from before the last means that the clock was reset."""
-        if self.times and (self.fixed or time <= self.times[-1]):
-            again = self.fixed or time < self.times[-1]
-            (self.times.clear if again else self.times.pop)()
-            (self.placements.clear if again else self.placements.pop)()
-        self.times.append(time)
-        self.placements.append(placement)
+        if self.known and (self.fixed or time < self.known[-1][0]):
+            self.known.clear()
+        elif self.known and time == self.known[-1][0]:
+            self.known.pop()
+        self.known.append((time, placement))
 
     def at(self, time: float) -> Placement | None:
         """Return the placement at `time` (s); None where that is not remembered."""
         if self.fixed:
-            return self.placements[-1]
-        after = bisect.bisect_left(self.times, time)
-        if after == len(self.times) or (after == 0 and self.times[0] > time):
+            return self.known[-1][1]
+        index = bisect.bisect_left(self.known, time, key=itemgetter(0))
+        if index == len(self.known) or (index == 0 and self.known[0][0] > time):
             return None
-        if self.times[after] == time:
-            return self.placements[after]
-        begin, end = self.times[after - 1], self.times[after]
-        return self.placements[after - 1].between(self.placements[after], (time - begin) / (end - begin))
+        end, after = self.known[index]
+        if end == time:
+            return after
+        begin, before = self.known[index - 1]
+        return before.between(after, (time - begin) / (end - begin))
 
 
 class Transforms:
@@ -115,8 +115,8 @@ class Transforms:
         if common is None:
             return None
         rising, falling = up[: up.index(common)], down[: down.index(common)]
-        changing = [self._links[name].times[-1] for name in rising + falling if not self._links[name].fixed]
-        time = min(changing, default=self.present)
+        links = [self._links[name] for name in rising + falling]
+        time = min((link.known[-1][0] for link in links if not link.fixed), default=self.present)
         if time is None:
             return None
         there, back = self._in_ancestor(rising, time), self._in_ancestor(falling, time)
@@ -128,7 +128,7 @@ class Transforms:
 
         Localization dates its transforms ahead of odometry. Frames without recent transforms do not count.
         """
-        newest = [link.times[-1] for link in self._links.values() if not link.fixed]
+        newest = [link.known[-1][0] for link in self._links.values() if not link.fixed]
         latest = max(newest, default=0.0)
         return min((time for time in newest if time >= latest - _LATELY), default=None)
 
