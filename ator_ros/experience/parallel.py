@@ -41,7 +41,7 @@ def workers(jobs: int, cluster: str | None = None) -> Iterator[None]:
     Raises
     ------
     BackendError
-        dask is not installed; there is no cluster, it has no workers, or they cannot import this package.
+        There is no cluster, it has no workers, or they cannot import this package.
     """
     import joblib  # takes a second
 
@@ -115,10 +115,8 @@ def progress(results: Iterable[Result], *, done: int, total: int, unit: str) -> 
 
 def _connected(address: str) -> Any:
     """Return a client of the dask scheduler at `address`, for a with statement."""
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise BackendError("a dask cluster needs the package distributed: pip install distributed") from error
+    from distributed import Client
+
     try:
         client = Client(address)
     except (OSError, ValueError) as error:

@@ -152,7 +152,7 @@ def read_recording(
     Raises
     ------
     ExperienceError
-        A package is not installed, or the recording is damaged, lacks a topic, has no drive, or has actions
+        The recording is damaged, lacks a topic, has no drive, or has actions
         of several sets or with an invalid name.
     """
     file = Path(path)
@@ -203,10 +203,8 @@ def _read(
             for topic, message in _messages(readers, roles.keys()):
                 for role in roles[topic]:
                     reader.take(role, message)
-    except ImportError as error:
-        raise ExperienceError(
-            "recordings need the package mcap-ros2-support: pip install mcap-ros2-support"
-        ) from error
+    except ImportError:
+        raise
     except Exception as error:  # a damaged file raises anything
         expected = "a recording of ros2 bag record -s mcap (mcap recover repairs one that was cut off)"
         raise ExperienceError(

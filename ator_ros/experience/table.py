@@ -274,15 +274,11 @@ def library_versions() -> dict[str, str]:
 
 
 def write_experience(path: Path | str, experience: Experience) -> None:
-    """Write the table and its metadata to one Parquet file, whole or not at all.
+    """Write the table and its metadata to one Parquet file, whole or not at all."""
+    import pyarrow as pa  # only the offline tools need it
+    import pyarrow.parquet as pq
 
-    Raises
-    ------
-    ExperienceError
-        pyarrow is not installed.
-    """
-    arrow, parquet = require_pyarrow()
-    table = arrow.Table.from_pandas(experience.frame, preserve_index=False)
+    table = pa.Table.from_pandas(experience.frame, preserve_index=False)
     metadata = {
         **header(KIND),
         "columns": columns(experience.objects, experience.goal_variables),
@@ -291,7 +287,7 @@ def write_experience(path: Path | str, experience: Experience) -> None:
     text = json.dumps(metadata, sort_keys=True).encode()
     table = table.replace_schema_metadata({**(table.schema.metadata or {}), _KEY: text})
     with atomic_write(path) as temporary:
-        parquet.write_table(table, temporary, compression="zstd")
+        pq.write_table(table, temporary, compression="zstd")
 
 
 def read_experience(path: Path | str) -> Experience:
@@ -303,18 +299,20 @@ def read_experience(path: Path | str) -> Experience:
         The file is missing, damaged, not experience, lacks a column, or a value
         in it is not what its column holds.
     """
-    arrow, parquet = require_pyarrow()
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     expected = f"{path}: expected a Parquet file with experience"
     if not Path(path).is_file():  # opening a pipe would block
         raise ExperienceError(f"{expected}, got none")
     try:
-        with parquet.ParquetFile(path) as file:
+        with pq.ParquetFile(path) as file:
             metadata = _metadata(path, (file.schema_arrow.metadata or {}).get(_KEY))
             names = file.schema_arrow.names
             known = columns(objects_of_columns(names), goal_variables_of_columns(names))
             table = file.read(columns=list(known))
             frame = table.replace_schema_metadata(None).to_pandas()  # pandas' own may be damaged
-    except (OSError, UnicodeError, arrow.ArrowException) as error:
+    except (OSError, UnicodeError, pa.ArrowException) as error:
         raise ExperienceError(f"{expected}: {printable(error, 200)}") from error
     return Experience(checked_rows(path, frame, metadata.get("action_set") or DEFAULT_SET), metadata)
 
@@ -326,19 +324,3 @@ def _metadata(path: Path | str, text: bytes | None) -> dict[str, Any]:
         raise ExperienceError(f"{path}: metadata.{error}") from error
     except (ValueError, RecursionError) as error:
         raise ExperienceError(f"{path}: metadata: expected JSON: {error}") from error
-
-
-def require_pyarrow() -> tuple[Any, Any]:
-    """Return the modules pyarrow and pyarrow.parquet.
-
-    Raises
-    ------
-    ExperienceError
-        pyarrow, which only the offline tools need, is not installed.
-    """
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError as error:
-        raise ExperienceError("experience tables need the package pyarrow: pip install pyarrow") from error
-    return pa, pq

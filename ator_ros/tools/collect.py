@@ -24,7 +24,6 @@ from ator_ros.experience.table import (
     ExperienceError,
     join,
     library_versions,
-    require_pyarrow,
     write_experience,
 )
 from ator_ros.tools.command_line import (
@@ -57,7 +56,8 @@ def collect(
     Actions that the robot cannot execute are left out with a message. `command` is the command line, for the
     table. With `over_ros`, a real-time factor, actions are executed over ROS, else in the simulator alone.
     """
-    require_pyarrow()
+    import pyarrow.parquet  # noqa: F401 (if it is missing, that is reported before anything is executed)
+
     domain, robot = find_domain(source.domain), source.described()
     _, left_out = possible_actions(domain, source.action_set, robot, over_ros=over_ros is not None)
     possible = [name for name in actions if name not in left_out]
@@ -86,10 +86,8 @@ def collect(
                 finished=frozenset(there),
             )
         else:
-            try:
-                from ator_ros.tools.own_nodes import drives  # needs ROS
-            except ImportError as error:
-                raise ExperienceError(f"--over-ros: {error}: source your ROS 2 workspace") from error
+            from ator_ros.tools.own_nodes import drives  # needs ROS
+
             keys = [key for key in wanted if key not in there]
             missing = drives(domain, robot, keys, source, seed, over_ros)
         done = sum(key in there for key in wanted)

@@ -67,6 +67,9 @@ def guarded(program: str, work: Callable[[], object], *, interrupted: str = "not
     except KeyboardInterrupt:
         print(f"{program}: interrupted; {interrupted}", file=sys.stderr)
         return INTERRUPTED
+    except ModuleNotFoundError as error:
+        print(f"{program}: {error}: docs/install.md says how to install it", file=sys.stderr)
+        return 1
     except EXPECTED_ERRORS as error:
         lines = filter(None, (line.strip() for line in str(error).splitlines()))
         print(f"{program}: {printable('; '.join(lines), _LONGEST_LINE)}", file=sys.stderr)

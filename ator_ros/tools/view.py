@@ -14,7 +14,7 @@ from typing import Any
 from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.files import FileError
-from ator_ros.nodes.network import NodesError, stay_on_this_machine
+from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_models
 from ator_ros.robot.description import Robot
@@ -46,14 +46,12 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
     Raises
     ------
     NodesError
-        viser is not installed, or nodes that are needed did not start in time, or cannot be used.
+        Nodes that are needed did not start in time, or cannot be used.
     DomainError, OSError
         The domain has no chains; the page cannot be served at that host.
     """
-    try:
-        from ator_ros.view.page import Page
-    except ImportError as error:
-        raise NodesError(f"{error}: docs/install.md says how to install it") from error
+    from ator_ros.view.page import Page  # needs viser
+
     found = domain_for(options.domain, options.robot)
     if not found.chains:
         raise DomainError(f"domain: expected one with chains, got {found.name}, which has none")

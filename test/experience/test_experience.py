@@ -159,9 +159,3 @@ def test_foreign_and_newer_files_are_rejected(frame: pd.DataFrame, tmp_path: Pat
     write_experience(file, Experience(frame.drop(columns="time_to_go"), {}))
     with pytest.raises(ExperienceError, match="missing: time_to_go"):
         read_experience(file)
-
-
-def test_missing_pyarrow_is_reported_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(ExperienceError, match="pip install pyarrow"):
-        read_experience(tmp_path / "experience.parquet")

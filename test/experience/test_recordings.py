@@ -66,10 +66,16 @@ def test_a_recording_without_the_topics_is_rejected(tmp_path: Path) -> None:
         read_recording(tmp_path / "bag", ROBOT, SOCCER)
 
 
-def test_a_missing_package_is_reported_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setitem(sys.modules, "mcap.reader", None)
-    with pytest.raises(ExperienceError, match="pip install mcap-ros2-support"):
-        read_recording(tmp_path, ROBOT, SOCCER)
+def test_a_missing_package_is_reported_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for package, file in (("mcap.reader", "bag"), ("pyarrow", "experience.parquet")):
+        monkeypatch.setitem(sys.modules, package, None)
+        (tmp_path / "bag").mkdir(exist_ok=True)
+        assert train.main([str(tmp_path / file), "--models", str(tmp_path)]) == 1
+        (line,) = capsys.readouterr().err.splitlines()
+        assert package in line
+        assert line.endswith("docs/install.md says how to install it")
 
 
 def test_records_of_the_executor_are_read_unchanged(tmp_path: Path) -> None:

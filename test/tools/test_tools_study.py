@@ -54,7 +54,7 @@ def test_a_study_reports_actions_and_refinement(studied: Path, robot: Path) -> N
         assert row["accuracy"]["mae_s"] > 0.0
     assert result["left_out"] == {}
     evaluation = result["evaluation"]
-    assert (evaluation["situations"], evaluation["seed"]) == (10, 8)
+    assert (evaluation["situations"], evaluation["seed"]) == (10, 7)
     assert {"naive", "refined", "gated", "gated_speed", "oracle"} <= evaluation.keys()
     model = json.loads((studied / "models" / "goToPose.json").read_text(encoding="utf-8"))
     assert model["robot_digest"] == result["robot_digest"]
