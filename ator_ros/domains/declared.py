@@ -342,15 +342,15 @@ class DeclaredServer:
     ----------
     package, executable : str
         As `ros2 run PACKAGE EXECUTABLE` starts it.
-    command : str or tuple of str
-        In place of both: the words of a command. A text is split as a shell does.
+    command : tuple of str
+        In place of both: the words of a command.
     folder : str
         The folder in which the command runs; in a domain's file relative to the file.
     """
 
     package: str = ""
     executable: str = ""
-    command: str | tuple[str, ...] = ()
+    command: tuple[str, ...] = ()
     folder: str = ""
 
     def __post_init__(self) -> None:
@@ -358,20 +358,10 @@ class DeclaredServer:
         if self.command:
             alone = not (self.package or self.executable)
             require(alone, "command", "none beside package and executable", self.command)
-            try:
-                found = bool(self.words)
-            except ValueError:  # a quotation that does not end
-                found = False
-            require(found, "command", "words as in a shell", self.command)
             return
         require(is_name(self.package), "package", "a package (or `command`)", self.package)
         named = re.fullmatch(r"\w[\w.-]*", self.executable)
         require(named is not None, "executable", "an executable as for `ros2 run`", self.executable)
-
-    @property
-    def words(self) -> list[str]:
-        """The words of the command; empty without one."""
-        return shlex.split(self.command) if isinstance(self.command, str) else list(self.command)
 
     def beside(self, file: Path) -> DeclaredServer:
         """Return the server with its folder, which `file`, perhaps a link, gives relative to itself."""
@@ -381,7 +371,7 @@ class DeclaredServer:
     @property
     def name(self) -> str:
         """The executable, or the command in one line."""
-        return self.executable or shlex.join(self.words)
+        return self.executable or shlex.join(self.command)
 
 
 @dataclass(frozen=True, slots=True)

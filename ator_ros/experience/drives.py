@@ -9,7 +9,7 @@ from __future__ import annotations
 import bisect
 import dataclasses
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,10 +19,11 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import Situation
 from ator_ros.experience.episode import Episode, sample_of
-from ator_ros.experience.records import ENDED, Vocabulary, drive_between, episode_of
+from ator_ros.experience.records import ENDED, Vocabulary, episode_of
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.robot.description import Robot
-from ator_ros.tops.objects import is_held
+from ator_ros.tops.chain import Top
+from ator_ros.tops.objects import held_first, held_last, is_held
 from ator_ros.world.estimation import JUMP
 from ator_ros.world.messages import (
     MessageError,
@@ -300,7 +301,7 @@ def _episode(track: Track, begin: float, end: float, robot: Robot, domain: Vocab
     goal_pose = track.world(min(end + PAUSE, track.end)).robot.pose
     start, last = track.world(begin), track.world(end)
     at_goal = dataclasses.replace(last, robot=RobotState(goal_pose))
-    top = drive_between(domain, _held(robot, start), _held(robot, at_goal))
+    top = top_between(domain.tops, _held(robot, start), _held(robot, at_goal))
     if top is None:
         return None
     place = robot.hold_point(goal_pose) if top.point is Point.HOLD else goal_pose
@@ -314,6 +315,15 @@ def _episode(track: Track, begin: float, end: float, robot: Robot, domain: Vocab
         heading_error=np.nan,
         objects=track.names,
     )
+
+
+def top_between(tops: Sequence[Top], first: str | None, last: str | None) -> Top | None:
+    """Return the TOP that drives with `first` (an object, or None) held at its start, and `last` at its end.
+
+    Without any, it is the first that drives and holds nothing.
+    """
+    driving = {(held_first(top), held_last(top)): top for top in reversed(tops) if top.arrives}
+    return driving.get((first, last)) or driving.get((None, None))
 
 
 def _held(robot: Robot, world: World) -> str | None:

@@ -18,7 +18,6 @@ from ator_ros.files import is_name
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
-from ator_ros.tops.objects import held_first, held_last
 from ator_ros.world.messages import MessageError, ObjectSource, pose_from, velocity, world_from
 from ator_ros.world.state import World
 
@@ -54,25 +53,6 @@ class Vocabulary(Protocol):
     @property
     def goal_variables(self) -> Mapping[str, GoalVariable]:
         """The goal variables that its actions declare, by name."""
-
-
-def drive_between(domain: Vocabulary, first: str | None, last: str | None) -> Top | None:
-    """Return the TOP that drives with one object held at the start and another, or the same, at the end.
-
-    Parameters
-    ----------
-    domain : Vocabulary
-        Whose TOPs.
-    first, last : str or None
-        The objects held at the start and at the end; None: none.
-
-    Returns
-    -------
-    Top or None
-        The first with these roles, else the first that drives and holds nothing; None without any.
-    """
-    driving = {(held_first(top), held_last(top)): top for top in reversed(domain.tops) if top.arrives}
-    return driving.get((first, last)) or driving.get((None, None))
 
 
 def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:

@@ -30,10 +30,6 @@ SHIPPED = ("config", "pioneer.yaml")
 """The description that is used where no other is named."""
 
 
-class NoHolderError(ConfigError):
-    """Something that needs a holder was asked of a robot that has none."""
-
-
 @dataclass(frozen=True, slots=True)
 class Limits:
     """Greatest speeds (m/s, rad/s) and accelerations (m/s^2, rad/s^2), the same forward and backward.
@@ -223,11 +219,11 @@ class Robot(Base):
 
         Raises
         ------
-        NoHolderError
+        ConfigError
             The robot has none.
         """
         if self.holder is None:
-            raise NoHolderError(f"{what} needs a holder; robot {self.name} has none")
+            raise ConfigError(f"{what} needs a holder; robot {self.name} has none")
         return self.holder
 
     def hold_point(self, pose: Pose) -> Pose:

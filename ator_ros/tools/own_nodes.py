@@ -58,11 +58,9 @@ class NodeProcesses:
 
     def start_server(self, server: DeclaredServer) -> None:
         """Start an action server of a domain; NodesError if it is not installed, or cannot be started."""
-        if not server.command:
-            self._run(server.name, [_executable(server.package, server.executable)])
-            return
+        words = server.command or [_executable(server.package, server.executable)]
         try:
-            self._run(server.name, server.words, server.folder)
+            self._run(server.name, words, server.folder or None)
         except OSError as error:
             raise NodesError(
                 f"servers: command: expected a program, got {server.name}: {error.strerror}"

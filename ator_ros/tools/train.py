@@ -56,9 +56,13 @@ def train(
     domain, robot, action_set, topics
         As for `read_sources`.
     """
-    read = _read(domain, experience, robot, action_set, topics)
+    read = read_sources(experience, robot, domain, action_set, topics)
     source, action_set = read.metadata, read.metadata["action_set"]
-    tests = _read(domain, fresh, robot, action_set, topics) if fresh else Experience(read.frame[:0], {})
+    tests = Experience(read.frame[:0], {})
+    if fresh:
+        tests = read_sources(fresh, robot, domain, action_set, topics)
+    for remark in (*read.remarks, *tests.remarks):
+        print(f"train: {remark}", file=sys.stderr)
     errors: list[str] = []
     learned = 0
     for action, examples in read.frame.groupby("action", sort=False):
@@ -109,19 +113,6 @@ def train(
         print(f"{gate}: {CAUTIOUS}, until `gate` learns it from executed chains")
     else:
         print(f"{gate}: kept; if it was learned with other models, run `gate` again")
-
-
-def _read(
-    domain: Domain,
-    paths: Sequence[Path],
-    robot: Robot,
-    action_set: str | None,
-    topics: Mapping[str, str] | None,
-) -> Experience:
-    experience = read_sources(paths, robot, domain, action_set, topics)
-    for remark in experience.remarks:
-        print(f"train: {remark}", file=sys.stderr)
-    return experience
 
 
 def _measured(model: PerformanceModel, starts: pd.DataFrame, seed: int) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.trials import random_trial, with_headings
 from ator_ros.geometry import Pose
 from ator_ros.nodes.simulation import robots_of
-from ator_ros.robot.description import NoHolderError, Robot, load_robot
+from ator_ros.robot.description import ConfigError, Robot, load_robot
 from ator_ros.simulation.run import place
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.world.state import Command, RobotState, World
@@ -34,7 +34,7 @@ def test_the_shipped_robots_match_the_documentation() -> None:
 
 
 def test_a_robot_without_a_holder_has_a_chain_but_no_dribble() -> None:
-    with pytest.raises(NoHolderError, match="dribbleBall needs a holder; robot turtlebot4 has none"):
+    with pytest.raises(ConfigError, match="dribbleBall needs a holder; robot turtlebot4 has none"):
         SOCCER.actions()["dribbleBall"].factory(PLAIN)
     world, chain = SOCCER.chains["drive"](PLAIN, SOCCER.library(PLAIN), np.random.default_rng(1))
     assert [call.top.name for call in chain.calls] == ["goToPose", "goToPose"]

@@ -16,8 +16,8 @@ from parcels import CARRY, PARCELS
 from ator_ros.domains import domain as domains
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.drives import top_between
 from ator_ros.experience.recordings import read_recording, read_sources
-from ator_ros.experience.records import drive_between
 from ator_ros.experience.table import (
     Experience,
     ExperienceError,
@@ -117,10 +117,10 @@ def test_records_with_unknown_object_names_are_omitted(tmp_path: Path) -> None:
 
 
 def test_held_objects_determine_the_top() -> None:
-    tops = [drive_between(SOCCER, *held) for held in ((None, None), (None, "ball"), ("ball", "ball"))]
+    tops = [top_between(SOCCER.tops, *held) for held in ((None, None), (None, "ball"), ("ball", "ball"))]
     assert [top.name if top else "" for top in tops] == ["goToPose", "goToBall", "dribbleBall"]
     # A ball lost during the drive leaves a plain drive.
-    lost = drive_between(SOCCER, "ball", None)
+    lost = top_between(SOCCER.tops, "ball", None)
     assert lost is not None
     assert lost.name == "goToPose"
-    assert drive_between(dataclasses.replace(SOCCER, tops=SOCCER.tops[-1:]), None, None) is None
+    assert top_between(SOCCER.tops[-1:], None, None) is None

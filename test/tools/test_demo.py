@@ -52,7 +52,7 @@ def test_the_table_shows_gains_and_failures() -> None:
 
 def test_a_command_runs_in_its_folder_and_a_missing_one_is_reported(tmp_path: Path) -> None:
     with NodeProcesses(1) as nodes:
-        nodes.start_server(DeclaredServer(command="touch 'made here'", folder=str(tmp_path)))
+        nodes.start_server(DeclaredServer(command=("touch", "made here"), folder=str(tmp_path)))
         end = time.monotonic() + 10.0
         while not (tmp_path / "made here").exists() and time.monotonic() < end:
             time.sleep(0.01)
@@ -65,7 +65,7 @@ def test_a_command_runs_in_its_folder_and_a_missing_one_is_reported(tmp_path: Pa
 
 def test_a_node_that_exits_is_reported_with_its_last_output(tmp_path: Path) -> None:
     with NodeProcesses(1) as nodes:
-        nodes.start_server(DeclaredServer(command="sh -c 'echo no field here; exit 3'", folder=str(tmp_path)))
+        nodes.start_server(DeclaredServer(command=("sh", "-c", "echo no field here; exit 3")))
         with pytest.raises(NodesError, match="ended with exit code 3: no field here"):
             check_forever(nodes)
 
