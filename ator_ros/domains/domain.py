@@ -301,9 +301,9 @@ class Domain:
         )
 
 
-def installed_domains() -> dict[str, EntryPoint]:
-    """Return the entry points of the domains that are installed, by name."""
-    return {entry.name: entry for entry in entry_points(group=GROUP)}
+def installed(group: str = GROUP) -> dict[str, EntryPoint]:
+    """Return the entry points of a group by name, by default the domains."""
+    return {entry.name: entry for entry in entry_points(group=group)}
 
 
 def domain_for(name: str, robot: Path | str | None) -> Domain:
@@ -340,7 +340,7 @@ def find_domain(name: str = DEFAULT) -> Domain:
     """
     if "/" in name or name.endswith(_ENDINGS):
         domain = declared_domain(Path(name))
-        if domain.name in installed_domains():
+        if domain.name in installed():
             raise DomainError(
                 f"{name}: name: expected none of the installed domains, whose models have that name, "
                 f"got {domain.name!r}"
@@ -354,7 +354,7 @@ def find_domain(name: str = DEFAULT) -> Domain:
 
 def _loaded(group: str, name: str, place: str) -> Any:
     """Return what the entry point of this name refers to; raise DomainError if there is none."""
-    found = {entry.name: entry for entry in entry_points(group=group)}
+    found = installed(group)
     if name not in found:
         raise DomainError(
             f"{place}: expected an entry point of {group}, one of {sorted(found)}, got {quoted(name)}"

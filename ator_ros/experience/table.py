@@ -97,6 +97,12 @@ def goal_variables_of_columns(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(name for name in found if name)
 
 
+def columns_among(names: Iterable[str]) -> dict[str, str]:
+    """Return `columns` for the objects and goal variables whose columns are among `names`."""
+    there = list(names)
+    return columns(objects_of_columns(there), goal_variables_of_columns(there))
+
+
 # The table
 
 KIND = "experience"
@@ -189,16 +195,6 @@ class Experience:
     metadata: dict[str, Any]
     remarks: tuple[str, ...] = ()
 
-    @property
-    def objects(self) -> tuple[str, ...]:
-        """The objects whose places it holds."""
-        return objects_of_columns(self.frame.columns)
-
-    @property
-    def goal_variables(self) -> tuple[str, ...]:
-        """The goal variables beyond pose and speed whose values it holds."""
-        return goal_variables_of_columns(self.frame.columns)
-
     def of(self, action: str) -> pd.DataFrame:
         """Return the rows of one action; none where there are no episodes of it."""
         return self.frame[self.frame["action"] == action].reset_index(drop=True)
@@ -257,9 +253,7 @@ def join(frames: Iterable[pd.DataFrame]) -> pd.DataFrame:
     if not parts:
         return pd.DataFrame({name: pd.Series(dtype=float) for name in columns(())})
     joined = pd.concat(parts, ignore_index=True)
-    there = joined.columns
-    ordered = joined[list(columns(objects_of_columns(there), goal_variables_of_columns(there)))]
-    return ordered.astype(_TYPES)
+    return joined[list(columns_among(joined.columns))].astype(_TYPES)
 
 
 def library_versions() -> dict[str, str]:
@@ -281,7 +275,7 @@ def write_experience(path: Path | str, experience: Experience) -> None:
     table = pa.Table.from_pandas(experience.frame, preserve_index=False)
     metadata = {
         **header(KIND),
-        "columns": columns(experience.objects, experience.goal_variables),
+        "columns": columns_among(experience.frame.columns),
         **experience.metadata,
     }
     text = json.dumps(metadata, sort_keys=True).encode()
@@ -308,9 +302,7 @@ def read_experience(path: Path | str) -> Experience:
     try:
         with pq.ParquetFile(path) as file:
             metadata = _metadata(path, (file.schema_arrow.metadata or {}).get(_KEY))
-            names = file.schema_arrow.names
-            known = columns(objects_of_columns(names), goal_variables_of_columns(names))
-            table = file.read(columns=list(known))
+            table = file.read(columns=list(columns_among(file.schema_arrow.names)))
             frame = table.replace_schema_metadata(None).to_pandas()  # pandas' own may be damaged
     except (OSError, UnicodeError, pa.ArrowException) as error:
         raise ExperienceError(f"{expected}: {printable(error, 200)}") from error

@@ -23,6 +23,7 @@ from ator_ros.experience.table import (
     ExperienceError,
     columns,
     object_columns,
+    objects_of_columns,
     read_experience,
     write_experience,
 )
@@ -52,7 +53,7 @@ def test_a_domain_of_any_objects_is_collected_and_learned(installed: Domain, tmp
     assert collect.main([*words, "--out", str(table)]) == 0
     experience = read_experience(table)
     assert experience.metadata["domain"] == installed.name
-    assert experience.objects == installed.objects
+    assert objects_of_columns(experience.frame) == installed.objects
     assert list(experience.frame.columns) == list(columns(installed.objects))
     assert not [name for name in experience.frame.columns if name.startswith("ball")]
     places = experience.frame[object_columns(installed.objects)]
@@ -92,7 +93,7 @@ def test_records_of_any_action_are_learned(tmp_path: Path) -> None:
     write_records(tmp_path / "bag", store, records)
     experience = read_recording(tmp_path / "bag", ROBOT, PARCELS)
     assert experience.metadata["domain"] == "parcels"
-    assert experience.objects == ("box", "cart", "station")
+    assert objects_of_columns(experience.frame) == ("box", "cart", "station")
     rows = experience.of("dock")
     assert set(rows["hold"]) == {0}
     assert rows[["station_x", "station_y", "box_x", "box_y"]].iloc[3].tolist() == [2.0, 0.5, 0.5, 1.0]

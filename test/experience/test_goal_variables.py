@@ -88,7 +88,7 @@ def test_values_are_experience_columns(collected: Experience, tmp_path: Path) ->
     file = tmp_path / "table.parquet"
     write_experience(file, collected)
     read = read_experience(file)
-    assert read.goal_variables == ("cruise",)
+    assert goal_variables_of_columns(read.frame) == ("cruise",)
     assert read.frame["cruiseg"].tolist() == collected.frame["cruiseg"].tolist()
     assert read.frame["cruiseg"].between(CRUISE.low, CRUISE.high).all()
     assert read.frame.groupby("episode")["cruiseg"].nunique().eq(1).all()

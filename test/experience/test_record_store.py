@@ -15,6 +15,7 @@ from stored import INFO, ROBOT, episodes, stored
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.recordings import read_sources
 from ator_ros.experience.store import NUMBER, STORE, RecordStore, read_records, read_store
+from ator_ros.experience.table import goal_variables_of_columns
 from ator_ros.files import FileError
 
 
@@ -38,7 +39,7 @@ def test_declared_goal_variables_are_kept(tmp_path: Path) -> None:
     rows = read_store(tmp_path).frame
     assert rows["forceg"].tolist()[:3] == [2.5] * 3
     assert rows["forceg"].isna().tolist() == [False] * 3 + [True] * 2
-    assert read_store(tmp_path).goal_variables == ("force",)
+    assert goal_variables_of_columns(read_store(tmp_path).frame) == ("force",)
 
 
 def test_train_reads_the_store(tmp_path: Path) -> None:
