@@ -25,6 +25,7 @@ TOUR = find_domain("tour")
 ROBOT = TOUR.robot()
 LIBRARY = TOUR.library(ROBOT)
 HALL = (DeclaredPlace((-2.0, 2.0), (-1.0, 1.0)),)
+PLACE = {"x": [0.0], "y": [0.0]}
 DOCK = DeclaredPlace((3.0,), (0.5,), (1.5,))
 
 
@@ -94,7 +95,7 @@ def test_a_tour_has_four_to_six_stations_two_of_them_bound() -> None:
     [
         (lambda: DeclaredPlace((1.0, 0.0), (0.0,)), "x: expected .*least, greatest"),
         (
-            lambda: structured({"start": [], "goal": [], "apart": -1.0}, DeclaredDrives),
+            lambda: structured({"start": [PLACE], "goal": [PLACE], "apart": -1.0}, DeclaredDrives),
             "apart: expected a number",
         ),
         (lambda: DeclaredChain("tour", HALL, ()), "steps: expected 1 to 32"),
