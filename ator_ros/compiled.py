@@ -1,4 +1,4 @@
-"""Compilation of numerical functions with numba, and parallel loops.
+"""Compilation of numerical functions with numba.
 
 Division by zero gives infinity, as in numpy. Machine code is cached on disk.
 """
@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -53,11 +51,6 @@ def inlined(function: Function) -> Function:
     return compiled(function, forceinline=True)
 
 
-def unlocked(function: Function) -> Function:
-    """Compile `function` to run without the GIL, in parallel with other threads."""
-    return compiled(function, nogil=True)
-
-
 def elementwise(function: Function) -> Function:
     """Compile `function` for compiled callers only; Python calls it with numpy arrays of any shape.
 
@@ -66,38 +59,3 @@ def elementwise(function: Function) -> Function:
     """
     made: Function = register_jitable(error_model="numpy")(function)
     return made
-
-
-_pools: list[ThreadPoolExecutor] = []
-"""The worker threads of `parallel_for`, if there are any."""
-_CHUNKS = 16  # greatest number: a core that is done takes the next one
-
-
-def use_cores(most: int) -> int:
-    """Run `parallel_for` on up to `most` cores from now on; return how many there are.
-
-    The default is one core, because tools start a process for each core.
-    """
-    count = max(1, min(most, len(os.sched_getaffinity(0))))
-    _pools[:] = [ThreadPoolExecutor(count)] if count > 1 else []
-    return count
-
-
-def parallel_for(run: Callable[[int, int], None], count: int, least: int) -> None:
-    """Call `run(first, end)` for chunks of `count` items, on all cores of `use_cores`.
-
-    Parameters
-    ----------
-    run : callable
-        Computes the items from `first` to `end`; compiled with `unlocked`, otherwise nothing runs in
-        parallel. Items are independent, so results do not depend on the chunks.
-    count, least : int
-        Number of items, and least number per chunk. Fewer than three chunks run on one core, since waking a
-        thread takes longer.
-    """
-    if not _pools or count < 3 * least:
-        run(0, count)
-        return
-    size = max(least, -(-count // _CHUNKS))
-    starts = range(0, count, size)
-    deque(_pools[0].map(run, starts, (min(first + size, count) for first in starts)), maxlen=0)

@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status
-from ator_ros.compiled import use_cores
 from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of, objects_of
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
@@ -57,7 +56,6 @@ def refinement(requests: int) -> Rows:
     """Measure search, prediction and gate; each request is another random situation."""
     tools, library = tools_of(SOURCE)
     refiner, names = tools.refiner(gated=True), list(tools.domain.chains)
-    use_cores(2)  # as the node does
     gc.collect()
     gc.freeze()
     for name, (kind, opened) in CASES.items():
@@ -78,7 +76,6 @@ def refinement(requests: int) -> Rows:
             times.append(time.perf_counter() - began)
         yield f"refinement, {length} steps, all open", f"least {1000.0 * min(times):.1f} ms"
     gc.unfreeze()
-    use_cores(1)
 
 
 def long_chain(library: TopLibrary, steps: int) -> tuple[World, TopChain]:

@@ -15,13 +15,13 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ator_ros.compiled import compiled, inlined, parallel_for, unlocked
+from ator_ros.compiled import compiled, inlined
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import (
     Rates,
@@ -309,7 +309,7 @@ class _Offset(NamedTuple):
     before: float
 
 
-@unlocked
+@compiled
 def search_fastest(
     ends: FloatArray,
     shapes: Rows,
@@ -319,8 +319,6 @@ def search_fastest(
     missed: tuple[float, float],
     hold: float,
     result: FloatArray,
-    first: int,
-    end: int,
 ) -> None:
     """Find the fastest path for each of n pairs of ends.
 
@@ -336,8 +334,6 @@ def search_fastest(
         See `fastest_paths`.
     result : ndarray, shape (2, n)
         Becomes the time in s, and the sum of the angles turned in rad.
-    first, end : int
-        The ends to search between.
     """
     count = len(others) - 1
     firsts, most = shapes[:count], max(1, (others[1:] - others[:-1]).max())
@@ -345,11 +341,11 @@ def search_fastest(
     other_entries, other_exits = np.empty(most, dtype=_END), np.empty(most, dtype=_END)
     gaps, nowhere = np.empty(WIDTH, dtype=np.float32), np.zeros(WIDTH, dtype=np.float32)
     likely = 0  # the last fastest group is tried first: its time prunes most others
-    for at in range(first, end):
+    for at in range(ends.shape[1]):
         x, y, turn, speed, arrival = ends[0, at], ends[1, at], ends[2, at], ends[3, at], ends[4, at]
-        if at == first or speed != ends[3, at - 1]:
+        if at == 0 or speed != ends[3, at - 1]:
             _set_speed(entries, speed, firsts, tables, rules)
-        if at == first or arrival != ends[4, at - 1]:
+        if at == 0 or arrival != ends[4, at - 1]:
             _set_arrival(exits, arrival, firsts, tables, rules)
         time, turned, likely = _fastest(
             x, y, turn, hold, np.inf, likely, entries, exits, gaps, nowhere, firsts, tables, rules
@@ -522,7 +518,7 @@ def needed_shapes(grid: ShapeSet, ends: FloatArray, *, hold: float) -> list[list
     alone, never = np.ones(2, dtype=np.intp), (np.inf, 0.0)
     for number in range(len(times)):
         row = grid.rows[number : number + 1]
-        search_fastest(ends, row, alone, grid.tables, grid.rules, never, hold, result, 0, count)
+        search_fastest(ends, row, alone, grid.tables, grid.rules, never, hold, result)
         times[number] = result[0]
     least = times.min(axis=0)
     reached = np.isfinite(least)
@@ -558,10 +554,6 @@ def drawn_ends(like: FloatArray, count: int, rng: np.random.Generator) -> FloatA
     return np.stack((distance * np.cos(bearing), distance * np.sin(bearing), turn, *speeds))
 
 
-_CHUNK = 16
-"""Least number of ends per chunk: about 60 microseconds."""
-
-
 def fastest_paths(ends: FloatArray, shapes: ShapeSet, *, hold: float) -> FloatArray:
     """Return the fastest path of these shapes for each of n pairs of ends.
 
@@ -579,16 +571,5 @@ def fastest_paths(ends: FloatArray, shapes: ShapeSet, *, hold: float) -> FloatAr
         Their times in s, and the sums of the angles of both turns in rad.
     """
     result = np.empty((2, ends.shape[1]))
-    search = partial(
-        search_fastest,
-        ends,
-        shapes.rows,
-        shapes.others,
-        shapes.tables,
-        shapes.rules,
-        shapes.missed,
-        hold,
-        result,
-    )
-    parallel_for(search, ends.shape[1], _CHUNK)
+    search_fastest(ends, shapes.rows, shapes.others, shapes.tables, shapes.rules, shapes.missed, hold, result)
     return result

@@ -13,7 +13,6 @@ from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import PlanChains, RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.compiled import use_cores
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import warm_up_refinement
 from ator_ros.nodes import messages
@@ -64,7 +63,6 @@ PARAMETERS = (
         live=True,
     ),
     Parameter("deadline", 0.05, "real s after which the best chain found is the answer", 0.001, 60.0),
-    Parameter("cores", 2, "how many cores search at once; the node itself takes one", 1, 64),
 )
 
 _WARNING_PERIOD = 2.0
@@ -90,7 +88,6 @@ class RefinementNode(Node):
     def __init__(self) -> None:
         super().__init__("refinement", automatically_declare_parameters_from_overrides=True)
         self._settings = declare_parameters(self, PARAMETERS)
-        use_cores(self._settings["cores"])
         self._robot = robot = robot_of(self._settings)
         self._fence = fence_of(self._settings, robot)
         self._domain = domain = domain_of(self._settings)
