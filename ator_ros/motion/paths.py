@@ -198,11 +198,14 @@ def _search(
                         across1, across2,
                     )  # fmt: skip
                     last = total - first
-                    time1, time2, slack, driving, drive = driven(
-                        first, last, c * ahead + s * aside, one, two, along1, along2, rates
-                    )
-                    time = straight + time1 + time2 + driving
-                    if slack < least_slack or time > longest:
+                    time1 = turn_time(abs(first), one.rate, rates.aw)
+                    time2 = turn_time(abs(last), two.rate, rates.aw)
+                    lane = c * ahead + s * aside - one.speed * time1 - two.speed * time2
+                    drive = drive_length(lane, first, last, entry, exit_, along1, along2)
+                    before = speed_after(one.speed, one.change, time1, rates.v)
+                    after = speed_after(two.speed, two.change, time2, rates.v)
+                    time = straight + time1 + time2 + drive_time(drive, before, after, rates)
+                    if drive - change_distance(before, after, rates) < least_slack or time > longest:
                         continue
                     if count == len(found):
                         shorter, found = found, np.empty((2 * count, 6))
@@ -315,28 +318,3 @@ def drive_length(
     begin, share1 = place_of(row1, first)
     end, share2 = place_of(row2, -last)  # the last turn is driven from the goal
     return lane - look_up(along1, begin, share1) - look_up(along2, end, share2)
-
-
-@compiled
-def driven(
-    first: float,
-    last: float,
-    lane: float,
-    one: Turning,
-    two: Turning,
-    along1: FloatArray,
-    along2: FloatArray,
-    rates: Rates,
-) -> tuple[float, float, float, float, float]:
-    """Return times (s) of both turns, the drive's slack (m), its time (s) and its length (m).
-
-    `lane` is how far in m the end of the last turn lies ahead in the direction of the drive. The slack is by
-    how much the drive is longer than its change of speed needs.
-    """
-    time1, time2 = turn_time(abs(first), one.rate, rates.aw), turn_time(abs(last), two.rate, rates.aw)
-    lane -= one.speed * time1 + two.speed * time2
-    drive = drive_length(lane, first, last, one.row, two.row, along1, along2)
-    before = speed_after(one.speed, one.change, time1, rates.v)
-    after = speed_after(two.speed, two.change, time2, rates.v)
-    slack = drive - change_distance(before, after, rates)
-    return time1, time2, slack, drive_time(drive, before, after, rates), drive
