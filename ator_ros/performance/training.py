@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import itertools
 import math
 from collections.abc import Sequence
 from functools import partial
@@ -38,9 +37,9 @@ _SMOOTHINGS = (5.0, 60.0)
 the jumps between them: much smoothing is better, unless an action changes its behavior at thresholds."""
 _FOLDS, _FEW_FOLDS = 10, 3
 _BASE = "path_time"
-_EARLIEST = ((1.5, 0.85), (4.5, 1.0))
-"""Two ways to clip what drives take longer than their path: median absolute deviations below the median, and
-a weight of the error. A drive that is much faster drove a shape that was not chosen. Unclipped, it lowers
+_EARLIEST = 3.0
+"""By how many median absolute deviations less than usual a drive may take, compared with its path; what is
+beyond is clipped. A drive that is much faster drove a shape that was not chosen. Unclipped, it lowers
 predictions nearby, and a search finds what is predicted too short."""
 _NEVER = (0.05, 0.25)
 """Share of the drives, and of their usual duration: an action does not follow its path if so many are faster
@@ -135,31 +134,27 @@ def duration_tree(table: pd.DataFrame, durations: FloatArray) -> ModelTree:
     share, faster = _NEVER
     if np.quantile(late, share, method="lower") < -faster * np.median(durations):
         extrapolation = 0.0 if _BASE in table else 1.0
-        return narrowed(_best_learning(table, durations, [(durations, 1.0)], extrapolation=extrapolation))
+        return narrowed(_best_learning(table, durations, durations, extrapolation=extrapolation))
     usual = float(np.median(late))
     spread = float(np.median(np.abs(late - usual)))
-    cuts = [(np.maximum(late, usual - most * spread), weight) for most, weight in _EARLIEST]
-    return narrowed(dataclasses.replace(_best_learning(table, late, cuts, extrapolation=0.0), base=_BASE))
+    clipped = np.maximum(late, usual - _EARLIEST * spread)
+    return narrowed(dataclasses.replace(_best_learning(table, late, clipped, extrapolation=0.0), base=_BASE))
 
 
 def _best_learning(
-    table: pd.DataFrame,
-    values: FloatArray,
-    targets: Sequence[tuple[FloatArray, float]],
-    *,
-    extrapolation: float,
+    table: pd.DataFrame, values: FloatArray, target: FloatArray, *, extrapolation: float
 ) -> ModelTree:
-    """Return the tree, of all `_SMOOTHINGS` and weighted `targets`, that predicts `values` best."""
+    """Return the tree, of all `_SMOOTHINGS`, that is learned of `target` and predicts `values` best."""
     fold, tried = np.arange(len(values)) % _FEW_FOLDS, []
-    for smoothing, (target, weight) in itertools.product(_SMOOTHINGS, targets):
+    for smoothing in _SMOOTHINGS:
         learner = ModelTreeRegressor(smoothing=smoothing, extrapolation=extrapolation)
         missed = 0.0
         for number in range(_FEW_FOLDS):
             held = fold == number
             learner.fit(table[~held], target[~held])
-            missed += weight * float(np.abs(learner.predict(table[held]) - values[held]).sum())
-        tried.append((missed, learner, target))
-    _, learner, target = min(tried, key=lambda each: each[0])
+            missed += float(np.abs(learner.predict(table[held]) - values[held]).sum())
+        tried.append((missed, learner))
+    _, learner = min(tried, key=lambda each: each[0])
     tree: ModelTree = learner.fit(table, target).tree_
     return tree
 
