@@ -112,8 +112,9 @@ def turn_tables(limits: Limits, profiles: tuple[TurnProfile, ...], *, forward: b
     return TurnTables(turns, fractions, float(speeds[0]), len(speeds))
 
 
-_DETOUR = 7.2
-"""Cost, in m of driving at full speed, of each m that a drive passes an object at the goal too near."""
+_DETOUR, _CRAMPED = 7.2, 2.0
+"""Costs, in m of driving at full speed, of each m that a drive passes an object at the goal too near, and of
+each m that a drive forward lacks for its change of speed: the robot turns at other speeds then."""
 
 
 class Shape(NamedTuple):
@@ -156,14 +157,15 @@ SHAPE = np.dtype(
 class Rules(NamedTuple):
     """Parameters of all shapes of a set; see `ShapeSet`.
 
-    run: NaN if it is as long as needed. detour: s per m that a straight drive passes too near the object.
-    aimed: whether the paths end with the drive, at any heading.
+    run: NaN if it is as long as needed. detour, cramped: s per m that a straight drive passes too near the
+    object, and that it lacks for its change of speed. aimed: whether the paths end with the drive, at any heading.
     """
 
     rates: Rates
     run: float
     passing: float
     detour: float
+    cramped: float
     forward: bool
     aimed: bool
 
@@ -235,8 +237,8 @@ class ShapeSet:
     def rules(self) -> Rules:
         """What holds for all shapes."""
         run = np.nan if self.run is None else self.run
-        detour = _DETOUR / self.limits.v
-        return Rules(rates_of(self.limits), run, self.passing, detour, self.forward, self.aimed)
+        detour, cramped = _DETOUR / self.limits.v, _CRAMPED / self.limits.v
+        return Rules(rates_of(self.limits), run, self.passing, detour, cramped, self.forward, self.aimed)
 
 
 _END = np.dtype([("speed", float), ("length", float), ("time", float), ("row", np.intp)])
@@ -283,8 +285,6 @@ def _before_run(share: float, arrival: float, rules: Rules) -> tuple[float, floa
     return least + share * (greatest - least), rules.run
 
 
-_ROOM = 0.02
-"""Room in m that a drive forward needs beyond its change of speed: a search finds what fits only just."""
 _FULL_TURN = 2.0 * math.pi
 _MOST_TURNED = math.radians(450.0)
 _STEP = np.float32(STEP)
@@ -482,8 +482,12 @@ def _time(
         return np.inf
     before = speed_after(entry["speed"], shape["first_change"], time1, rates.v)
     after = speed_after(exit_["speed"], shape["last_change"], time2, rates.v)
-    if rules.forward and length < change_distance(before, after, rates) + _ROOM:
-        return np.inf
+    if rules.forward:
+        least = change_distance(before, after, rates)
+        if length < 0.0:
+            return np.inf
+        result += rules.cramped * max(least - length, 0.0)
+        length = max(length, least)
     result += drive_time(length, before, after, rates)
     if rules.passing > 0.0:
         begin, share = place_of(entry["row"], first)
