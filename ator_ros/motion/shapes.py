@@ -158,7 +158,8 @@ class Rules(NamedTuple):
     """Parameters of all shapes of a set; see `ShapeSet`.
 
     run: NaN if it is as long as needed. detour, cramped: s per m that a straight drive passes too near the
-    object, and that it lacks for its change of speed. aimed: whether the paths end with the drive, at any heading.
+    object, and that it lacks for its change of speed. aimed: whether the paths end with the drive, at any
+    heading.
     """
 
     rates: Rates
