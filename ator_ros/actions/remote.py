@@ -12,7 +12,6 @@ from ator_ros.actions.base import Action, ActionError, Goal, Step
 from ator_ros.actions.goal_variables import GOAL_VARIABLES
 from ator_ros.files import is_name
 from ator_ros.printable import printable, quoted
-from ator_ros.robot.description import Robot
 from ator_ros.schema import Within, require
 from ator_ros.world.state import World
 
@@ -153,21 +152,17 @@ class RemoteCall:
 
 
 class UnreachableAction(Action):
-    """An action whose server cannot be used, for example without ROS: it never starts."""
+    """An action whose server can be used over ROS only: without ROS it never starts."""
 
     name = "remote"
 
-    def __init__(self, robot: Robot, why: str = "its action server can be used over ROS only") -> None:
-        super().__init__(robot)
-        self._why = why
-
     def start(self, world: World, goal: Goal) -> None:  # noqa: ARG002
         """Raise ActionError."""
-        raise ActionError(self._why)
+        raise ActionError("its action server can be used over ROS only")
 
-    def step(self, world: World) -> Step:  # noqa: ARG002
+    def step(self, world: World) -> Step:
         """Raise ActionError: it has not started."""
-        raise ActionError(self._why)
+        raise NotImplementedError
 
 
 # Results

@@ -133,8 +133,7 @@ class Diagnosis:
     """Names the most likely cause if an input of a node is missing; "odom" is the robot."""
 
     def __init__(self, node: Node, subscribed: Subscriptions) -> None:
-        self._node, self._tf = node, subscribed.tf
-        self._inputs, self._receptions = subscribed.inputs, subscribed.receptions
+        self._node, self._tf, self._inputs = node, subscribed.tf, subscribed.inputs
 
     @property
     def topics(self) -> dict[str, Any]:
@@ -146,7 +145,7 @@ class Diagnosis:
 
         `timeout` is the real s within which messages are expected; after half of it the robot pauses.
         """
-        gaps, topic = self._receptions[name].gaps, self._inputs[name].topic
+        gaps, topic = self._inputs[name].gaps, self._inputs[name].topic
         if len(gaps) < GAPS or min(gaps) <= 0.5 * timeout:
             return ""
         return (
@@ -156,9 +155,9 @@ class Diagnosis:
 
     def cause(self, name: str, timeout: float) -> str:
         """Return why an input is missing, in one sentence; `timeout` is its longest allowed gap in real s."""
-        item, reception, node = self._inputs[name], self._receptions[name], self._node
+        item, node = self._inputs[name], self._node
         topic, kind = item.topic, item.kind
-        if item.frames is not None and reception.error is None and node.count_publishers(topic):
+        if item.frames is not None and item.error is None and node.count_publishers(topic):
             return self._tf.lacking(*item.frames)
         infos = node.get_publishers_info_by_topic(topic)
         senders = [info for info in infos if info.topic_type == type_name(kind)]
@@ -168,16 +167,16 @@ class Diagnosis:
         reasons = [incompatibility(info.qos_profile, item.qos) for info in senders]
         if all(reasons):
             return f"{topic}: the quality of service of {sender} does not fit: {reasons[0]}"
-        if reception.error is not None:
+        if item.error is not None:
             advice = ""
-            if isinstance(reception.error, FrameError) and topic == "odom":
-                advice = f"; set frame:={reception.error.got} (of calibrate: --frame {reception.error.got})"
-            return f"messages of {sender} are ignored: {reception.error}{advice}"
-        if math.isinf(reception.last):
+            if isinstance(item.error, FrameError) and topic == "odom":
+                advice = f"; set frame:={item.error.got} (of calibrate: --frame {item.error.got})"
+            return f"messages of {sender} are ignored: {item.error}{advice}"
+        if math.isinf(item.last):
             return f"{topic}: {sender} publishes it, but sends no messages"
-        if reception.last > reception.advanced:
+        if item.last > item.advanced:
             return (
-                f"{topic}: the stamps of {sender} stay at {reception.stamp:.2f} s: expected stamps that "
+                f"{topic}: the stamps of {sender} stay at {item.stamp:.2f} s: expected stamps that "
                 "advance; is the simulation paused, or does the driver not set them?"
             )
         paused = f"{topic}: {sender} sends no more messages: it is paused, blocked or has ended"

@@ -93,24 +93,18 @@ TYPES: dict[str, Any] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Input:
-    """Where a node gets the robot or an object from: a topic and its type, or two frames in tf."""
-
-    topic: str
-    kind: Any
-    qos: QoSProfile
-    frames: tuple[str, str] | None = None
-
-
 @dataclass(slots=True)
-class Reception:
-    """The last messages of one topic.
+class Input:
+    """Where a node gets the robot or an object from, and the last messages: a topic, or two frames in tf.
 
     `last` is the real time in s of the last message, `advanced` that of the last one with a new `stamp` (s),
     and `gaps` are the real s between the last of those. `error` is why the last message was ignored.
     """
 
+    topic: str
+    kind: Any
+    qos: QoSProfile
+    frames: tuple[str, str] | None = None
     last: float = -math.inf
     advanced: float = math.nan
     stamp: float = math.nan
@@ -148,8 +142,6 @@ class Subscriptions:
     ----------
     inputs : dict of str to Input
         Where each of them comes from, by name; "odom" is the robot.
-    receptions : dict of str to Reception
-        The last messages of each.
 
     Raises
     ------
@@ -190,7 +182,6 @@ class Subscriptions:
         else:
             velocity = RobotVelocity(robot.limits.v, robot.limits.w)
             self._follow("odom", frames, partial(robot_from_placement, velocity), take_robot)
-        self.receptions = {name: Reception() for name in self.inputs}
 
     def _subscribe(self, name: str, item: Input, read: Callable[..., Any], take: Callable[..., None]) -> None:
         self.inputs[name] = item
@@ -203,13 +194,13 @@ class Subscriptions:
         self.tf.follow(*frames, partial(self._read, name, read, take))
 
     def _read(self, name: str, read: Callable[..., Any], take: Callable[..., None], *message: Any) -> None:
-        now, reception = time.monotonic(), self.receptions[name]
+        now, item = time.monotonic(), self.inputs[name]
         try:
             stamp, state = read(*message)
-            reception.read(stamp, now)
+            item.read(stamp, now)
             take(stamp, state)
         except (MessageError, StampError) as error:
-            reception.reject(error, now)
+            item.reject(error, now)
             self._warn(f"ignored: {error}")
 
     def _take_odometry(self, stamp: float, robot: RobotState) -> None:

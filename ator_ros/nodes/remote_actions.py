@@ -19,10 +19,9 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
-from ator_ros.actions.remote import RemoteCall, UnreachableAction, failure_in
-from ator_ros.actions.situation import ActionFactory
+from ator_ros.actions.remote import RemoteCall, failure_in
 from ator_ros.domains.domain import Domain
-from ator_ros.nodes.remote_messages import RemoteError, interface_of
+from ator_ros.nodes.remote_messages import RemoteError, RemoteInterface
 from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import STOP, World
@@ -59,15 +58,13 @@ class RemoteServers:
         """Return the libraries of all action sets, in which remote actions are executed by their servers."""
         libraries = {}
         for name, specs in self._domain.action_sets.items():
-            remote = {spec.name: self._factory(spec.remote) for spec in specs if spec.remote is not None}
+            remote = {
+                spec.name: partial(RemoteAction, server=self._servers[spec.remote])
+                for spec in specs
+                if spec.remote is not None
+            }
             libraries[name] = self._domain.library(robot, name, remote)
         return libraries
-
-    def _factory(self, call: RemoteCall) -> ActionFactory:
-        server = self._servers[call]
-        if server.fault:
-            return partial(UnreachableAction, why=server.fault)
-        return partial(RemoteAction, server=server)
 
     def ending(self) -> bool:
         """Return whether a server may still move the robot though its goal was canceled."""
@@ -171,10 +168,11 @@ class RemoteServer:
         self.fault = ""
         self._node = node
         self._seen = -math.inf
-        self._ending: list[tuple[RemoteGoal, float]] = []
+        self._released: RemoteGoal | None = None
+        self._until = 0.0
         try:
-            kind, self._writer = interface_of(call, frame)
-            self._client = ActionClient(node, kind, call.server)
+            self._interface = RemoteInterface(call, frame)
+            self._client = ActionClient(node, self._interface.kind, call.server)
             self._cancel = node.create_client(CancelGoal, f"{call.server}/_action/cancel_goal")
         except (RemoteError, NameValidationException) as error:
             self.fault = f"action server {call.server}: {error}"
@@ -202,31 +200,30 @@ class RemoteServer:
 
     def send(self, goal: Goal) -> RemoteGoal:
         """Send a goal."""
-        message = self._writer.written(goal)
+        message = self._interface.written(goal)
         return RemoteGoal(self._client, message, self._cancel, self.timeouts.silence)
 
     def release(self, sent: RemoteGoal) -> None:
         """Cancel a goal that may not be over; until it is, or its time is up, the server counts as ending."""
         if sent.release() and self.present():
-            self._ending.append((sent, time.monotonic() + self.timeouts.cancel))
+            self._released, self._until = sent, time.monotonic() + self.timeouts.cancel
 
     def ending(self) -> bool:
         """Return whether a canceled goal may still be executed."""
-        self._ending = [(sent, until) for sent, until in self._ending if not sent.over]
-        return bool(self._ending) and self.present() and not self._overdue()
+        return self._is_canceling() and self.present() and time.monotonic() <= self._until
 
     def warning(self) -> str:
         """Return a warning, once, that the server has ignored a cancellation; empty if it has not."""
-        if not (self._ending and self._overdue()):
+        if not self._is_canceling() or time.monotonic() <= self._until:
             return ""
-        self._ending = []
+        self._released = None
         return (
             f"{self.name} did not end its goal within {self.timeouts.cancel:g} s of its cancellation: "
             "it may still move the robot"
         )
 
-    def _overdue(self) -> bool:
-        return time.monotonic() > max(until for _, until in self._ending)
+    def _is_canceling(self) -> bool:
+        return self._released is not None and not self._released.over
 
 
 class RemoteGoal:

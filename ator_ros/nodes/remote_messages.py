@@ -25,8 +25,35 @@ class RemoteError(ValueError):
     """An action server that cannot be used as declared; the message says what was expected and what came."""
 
 
-def action_type_of(name: str) -> Any:
-    """Import an action type, as nav2_msgs/action/NavigateToPose; raises RemoteError."""
+class RemoteInterface:
+    """The action type `kind` of a server, and its goals; states are in the frame `frame`.
+
+    Raises RemoteError if the type is not installed, lacks a field that is written or read, or has one that
+    cannot hold its value.
+    """
+
+    def __init__(self, call: RemoteCall, frame: str) -> None:
+        self.kind = _action_type(call.type)
+        self._writers = [
+            (filling.field, _writer(filling, self.kind.Goal, frame, f"goal[{number}]"))
+            for number, filling in enumerate(call.goal)
+        ]
+        for number, expected in enumerate(call.success.fields):
+            where = f"success.fields[{number}]"
+            _fitting(expected.equals, _type_at(self.kind.Result, expected.field, where), where)
+        if call.success.reason is not None:
+            _type_at(self.kind.Result, call.success.reason, "success.reason")
+
+    def written(self, goal: Goal) -> Any:
+        """Return the message for `goal`."""
+        message = self.kind.Goal()
+        for path, value in self._writers:
+            _put(message, path, value(goal))
+        return message
+
+
+def _action_type(name: str) -> Any:
+    """Import an action type, as nav2_msgs/action/NavigateToPose."""
     package, folder, kind = name.split("/")
     try:
         return getattr(importlib.import_module(f"{package}.{folder}"), kind)
@@ -37,27 +64,6 @@ def action_type_of(name: str) -> Any:
         ) from error
     except AttributeError as error:
         raise RemoteError(f"type: expected an action of {package}, got {quoted(kind)}") from error
-
-
-class GoalWriter:
-    """Writes the goals of a server, whose message is of the type `kind`; states are in the frame `frame`.
-
-    Raises RemoteError if the message lacks a field, or a field cannot hold what is to be written.
-    """
-
-    def __init__(self, call: RemoteCall, kind: Any, frame: str) -> None:
-        self._kind = kind
-        self._writers = [
-            (filling.field, _writer(filling, kind, frame, f"goal[{number}]"))
-            for number, filling in enumerate(call.goal)
-        ]
-
-    def written(self, goal: Goal) -> Any:
-        """Return the message for `goal`."""
-        message = self._kind()
-        for path, value in self._writers:
-            _put(message, path, value(goal))
-        return message
 
 
 def _writer(filling: Filling, kind: Any, frame: str, where: str) -> Callable[[Goal], Any]:
@@ -85,15 +91,6 @@ def _pose(goal: Goal, kind: str, frame: str) -> Any:
     stamped = PoseStamped(pose=pose)
     stamped.header.frame_id = frame
     return stamped
-
-
-def check_result(call: RemoteCall, kind: Any) -> None:
-    """Make sure that the result's message has the fields that are read; raises RemoteError."""
-    for number, expected in enumerate(call.success.fields):
-        where = f"success.fields[{number}]"
-        _fitting(expected.equals, _type_at(kind, expected.field, where), where)
-    if call.success.reason is not None:
-        _type_at(kind, call.success.reason, "success.reason")
 
 
 # Paths; types are named as by `get_fields_and_field_types`
@@ -158,17 +155,3 @@ def _fitting(value: Any, slot: str, where: str) -> Any:
 def _require(holds: bool, where: str, expected: str, got: str) -> None:
     if not holds:
         raise RemoteError(f"{where}: expected {expected}, got {got}")
-
-
-def interface_of(call: RemoteCall, frame: str) -> tuple[Any, GoalWriter]:
-    """Return the action type of a server, and what writes its goals in `frame`.
-
-    Raises
-    ------
-    RemoteError
-        The type is not installed, or has no such field.
-    """
-    kind: Any = action_type_of(call.type)
-    writer = GoalWriter(call, kind.Goal, frame)
-    check_result(call, kind.Result)
-    return kind, writer

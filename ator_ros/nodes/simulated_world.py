@@ -11,7 +11,7 @@ from ator_ros.simulation.sensors import Sensors
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.world import messages
 from ator_ros.world.messages import MessageError
-from ator_ros.world.state import STOP, Command, World
+from ator_ros.world.state import STOP, World
 
 _FASTEST = 10.0
 """Greatest speed in m/s that an object is placed with: in one step of the physics it moves by its radius."""
@@ -19,10 +19,9 @@ _FASTEST = 10.0
 
 @dataclass
 class SimulatedRobot:
-    """One robot of the world: its name ("" where there is no other), description, sensors and start."""
+    """One robot of the world: its name ("" where there is no other), sensors and start."""
 
     name: str
-    robot: Robot
     sensors: Sensors
     start: Pose
     observed: World = field(init=False)
@@ -31,54 +30,54 @@ class SimulatedRobot:
 class SimulatedWorld:
     """One world that can be reset; every placement is checked before anything changes.
 
-    The scene is that of the first robot. `object_starts` are the positions in m of the objects at the start
-    and after a reset. MessageError is raised for a start outside the floor, or bodies that overlap at the
-    start.
+    All `robots` are of the description `robot`. `object_starts` are the positions in m of the objects at the
+    start and after a reset. MessageError is raised for a start outside the floor, or bodies that overlap at
+    the start.
+
+    Attributes
+    ----------
+    simulation : Simulation
+        What is simulated; a reset makes a new one.
     """
 
     def __init__(
-        self, robots: Sequence[SimulatedRobot], object_starts: Mapping[str, tuple[float, float]]
+        self,
+        robot: Robot,
+        robots: Sequence[SimulatedRobot],
+        object_starts: Mapping[str, tuple[float, float]],
     ) -> None:
-        self.robots = tuple(robots)
-        self._floor = robots[0].robot.scene.area.floor
-        self._object_starts = object_starts
+        self.robot, self.robots, self._object_starts = robot, tuple(robots), object_starts
         self._idle = set[str]()
-        for robot in self.robots:
-            self._check_inside(robot.start.x, robot.start.y, f"robot_start {robot.name}".strip())
+        for each in self.robots:
+            self._check_inside(each.start.x, each.start.y, f"robot_start {each.name}".strip())
         for name, place in object_starts.items():
             self._check_inside(*place, f"{name}_start")
         self._begin()
         for name, place in object_starts.items():
-            _check_clear(self._simulation.object_overlap(name, *place), f"{name}_start")
-        for number, robot in enumerate(self.robots):
-            overlap = self._simulation.robot_overlap(robot.start, number=number)
-            _check_clear(overlap, f"robot_start {robot.name}".strip())
+            _check_clear(self.simulation.object_overlap(name, *place), f"{name}_start")
+        for number, each in enumerate(self.robots):
+            overlap = self.simulation.robot_overlap(each.start, number=number)
+            _check_clear(overlap, f"robot_start {each.name}".strip())
 
     def _begin(self) -> None:
-        first, *others = (each.robot for each in self.robots)
-        self._simulation = Simulation(first, others=others)
+        self.simulation = Simulation(self.robot, others=[self.robot] * (len(self.robots) - 1))
         for number, robot in enumerate(self.robots):
-            self._simulation.place_robot(robot.start, number=number)
+            self.simulation.place_robot(robot.start, number=number)
         for name, place in self._object_starts.items():
-            self._simulation.place_object(name, *place)
+            self.simulation.place_object(name, *place)
         for number in range(len(self.robots)):
             self._reset_sensors(number)
 
     def _reset_sensors(self, number: int) -> None:
         robot = self.robots[number]
         robot.sensors.reset()
-        robot.observed = robot.sensors.observe(self._simulation.world(number=number))
+        robot.observed = robot.sensors.observe(self.simulation.world(number=number))
 
     def _observe_object(self, name: str) -> None:
         """Reset the sensors of all robots for one object; their odometry stays."""
         for number, robot in enumerate(self.robots):
             robot.sensors.placed(name)
-            robot.observed = robot.sensors.observe(self._simulation.world(number=number))
-
-    @property
-    def time(self) -> float:
-        """Simulated time in s since the start or the last reset."""
-        return self._simulation.time
+            robot.observed = robot.sensors.observe(self.simulation.world(number=number))
 
     def awaited(self) -> set[int]:
         """Return the numbers of the robots whose next command a tick waits for: a command holds for them.
@@ -87,30 +86,22 @@ class SimulatedWorld:
         """
         unawaited = (None, STOP) if len(self.robots) > 1 else (None,)
         numbers = range(len(self.robots))
-        return {number for number in numbers if self._simulation.commanded(number=number) not in unawaited}
+        return {number for number in numbers if self.simulation.commanded(number=number) not in unawaited}
 
     def tick(self) -> set[str]:
         """Advance by one control tick; return the names of the robots that have come to stand."""
-        self._simulation.tick()
+        self.simulation.tick()
         former, self._idle = self._idle, set()
         for number, robot in enumerate(self.robots):
-            world = self._simulation.world(number=number)
+            world = self.simulation.world(number=number)
             robot.observed = robot.sensors.observe(world)
-            if world.robot.is_standing and self._simulation.commanded(number=number) in (None, STOP):
+            if world.robot.is_standing and self.simulation.commanded(number=number) in (None, STOP):
                 self._idle.add(robot.name)
         return self._idle - former
 
-    def wheel_angles(self, number: int) -> list[float]:
-        """Return the angles of a robot's left and right wheel in rad."""
-        return self._simulation.wheel_angles(number)
-
-    def command(self, command: Command, number: int) -> None:
-        """Send a base a velocity command."""
-        self._simulation.command(command, number=number)
-
     def reset(self) -> None:
         """Make a new world; its time starts at 0."""
-        self._simulation.close()
+        self.simulation.close()
         self._begin()
 
     def place_robot(self, pose: Pose, number: int, *, v: float, w: float) -> None:
@@ -118,12 +109,12 @@ class SimulatedWorld:
 
         MessageError is raised outside the floor, in another body, or beyond the robot's limits.
         """
-        limits = self.robots[number].robot.limits
+        limits = self.robot.limits
         self._check_inside(pose.x, pose.y, "pose.pose.position")
         messages.number(v, "v", low=-limits.v, high=limits.v, unit="m/s")
         messages.number(w, "w", low=-limits.w, high=limits.w, unit="rad/s")
-        _check_clear(self._simulation.robot_overlap(pose, number=number), "pose.pose.position")
-        self._simulation.place_robot(pose, v=v, w=w, number=number)
+        _check_clear(self.simulation.robot_overlap(pose, number=number), "pose.pose.position")
+        self.simulation.place_robot(pose, v=v, w=w, number=number)
         self._reset_sensors(number)
 
     def place_object(self, name: str, x: float, y: float, *, vx: float, vy: float) -> None:
@@ -134,17 +125,17 @@ class SimulatedWorld:
         self._check_inside(x, y, "position.point")
         for axis, value in (("x", vx), ("y", vy)):
             messages.number(value, f"velocity.{axis}", low=-_FASTEST, high=_FASTEST, unit="m/s")
-        _check_clear(self._simulation.object_overlap(name, x, y), "position.point")
-        self._simulation.place_object(name, x, y, vx=vx, vy=vy)
+        _check_clear(self.simulation.object_overlap(name, x, y), "position.point")
+        self.simulation.place_object(name, x, y, vx=vx, vy=vy)
         self._observe_object(name)
 
     def remove_object(self, name: str) -> None:
         """Take an object off the floor."""
-        self._simulation.remove_object(name)
+        self.simulation.remove_object(name)
         self._observe_object(name)
 
     def _check_inside(self, x: float, y: float, where: str) -> None:
-        x_min, y_min, x_max, y_max = self._floor
+        x_min, y_min, x_max, y_max = self.robot.scene.area.floor
         messages.number(x, f"{where}.x", low=x_min, high=x_max, unit="m")
         messages.number(y, f"{where}.y", low=y_min, high=y_max, unit="m")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -59,7 +58,6 @@ _COMMON = (
     DOMAIN,
     ROBOT,
     Parameter("robots", [""], "names of the robots, namespaces of their topics and frames; '': none"),
-    Parameter("descriptions", [""], "files of robots' descriptions; missing or empty: what `robot` names"),
     # The maximum is faster than any computer.
     Parameter(
         "real_time_factor",
@@ -148,18 +146,25 @@ class SimulationNode(Node):
         commands = {topics.resolved("cmd_vel"): Twist for topics in self._topics}
         self._diagnostics = Diagnostics(self, self._health, commands)
         speed = f"at {factor:g} times real time" if factor else "as fast as possible"
-        who = [f"{r.robot.name} as {r.name}" if r.name else r.robot.name for r in self._world.robots]
+        robot = self._world.robot
+        names = ", ".join(each.name for each in self._world.robots)
         domain = domain_for(settings["domain"], settings["robot"]).name
         self.get_logger().info(
-            f"simulating {', '.join(who)} {speed} (domain {domain}, ROS domain "
+            f"simulating {robot.name}{f' as {names}' if names else ''} {speed} (domain {domain}, ROS domain "
             f"{self.context.get_domain_id()}): cmd_vel to "
-            f"{', '.join(('odom', *self._world.robots[0].robot.scene.objects))}"
+            f"{', '.join(('odom', *robot.scene.objects))}"
         )
 
     def _topics_of(self, number: int) -> RobotTopics:
         """Offer topics and services of one robot."""
-        robot, settings = self._world.robots[number], self._settings
-        topics = RobotTopics(self, robot, frame=settings["frame"], robot_frame=settings["robot_frame"])
+        settings, robot = self._settings, self._world.robot
+        topics = RobotTopics(
+            self,
+            robot,
+            self._world.robots[number],
+            frame=settings["frame"],
+            robot_frame=settings["robot_frame"],
+        )
         callback = partial(self._command, number)
         self.create_subscription(Twist, topics.resolved("cmd_vel"), callback, SENSOR_DATA)
         services: dict[str, tuple[type[Any], Callable[[Any], str]]] = {
@@ -167,7 +172,7 @@ class SimulationNode(Node):
             "reset": (Trigger, self._reset),
             "pause": (SetBool, self._pause),
         }
-        for name in robot.robot.scene.objects:
+        for name in robot.scene.objects:
             services[f"place_{name}"] = PlaceObject, partial(self._place_object, number, name)
         for name, (kind, handle) in services.items():
             callback = partial(self._serve, handle)
@@ -189,7 +194,7 @@ class SimulationNode(Node):
         else:
             self._ticks.began(now)
             for name in self._world.tick():
-                self.get_logger().debug(f"{self._world.time:.2f} s: {name or 'robot'} stands")
+                self.get_logger().debug(f"{self._world.simulation.time:.2f} s: {name or 'robot'} stands")
             self._ticks.took(time.monotonic() - now)
             self._schedule(now)
         self._publish()
@@ -208,20 +213,20 @@ class SimulationNode(Node):
 
     def _publish(self) -> None:
         if self._clock_publisher is not None:
-            self._clock_publisher.publish(Clock(clock=stamp_of(self._world.time)))
+            self._clock_publisher.publish(Clock(clock=stamp_of(self._world.simulation.time)))
         for number, topics in enumerate(self._topics):
-            topics.publish(self._world.wheel_angles(number))
+            topics.publish(self._world.simulation.wheel_angles(number))
 
     # Commands and services
 
     def _command(self, number: int, message: Twist) -> None:
         try:
             command = checks.command_from(message, self._topics[number].resolved("cmd_vel"))
-            self._world.command(command, number)
+            self._world.simulation.command(command, number=number)
         except MessageError as error:
             self._reject(str(error))
             return
-        self.get_logger().debug(f"{self._world.time:.2f} s: {command}")
+        self.get_logger().debug(f"{self._world.simulation.time:.2f} s: {command}")
         if number not in self._awaited and command == STOP:
             return  # stop commands do not advance the clock
         self._awaited.discard(number)
@@ -272,7 +277,7 @@ class SimulationNode(Node):
     def _health(self) -> Health:
         return Health(
             values={
-                "simulated time (s)": f"{self._world.time:.2f}",
+                "simulated time (s)": f"{self._world.simulation.time:.2f}",
                 "paused": self._paused,
                 **self._ticks.diagnostics(),
                 "last error": self._rejected,
@@ -306,27 +311,14 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
     return tuple(parameters)
 
 
-def robots_of(settings: Mapping[str, Any]) -> dict[str, Robot]:
-    """Return the robots by name, all in the scene of the first; raises SetupError."""
-    names, files = settings["robots"], settings["descriptions"]
+def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
+    """Return the world at its start; what its robots observe errs independently. Raises SetupError."""
+    robot, names = robot_of(settings), settings["robots"]
     if len(set(names)) < len(names) or not all(is_name(name) for name in names if name or len(names) > 1):
         raise SetupError(
             f"parameter robots: expected different names of letters, digits and _, got {quoted(list(names))}"
         )
-    if len(files) > len(names):
-        raise SetupError(f"parameter descriptions: expected at most {len(names)} files, got {len(files)}")
-    robots = {
-        name: robot_of({**settings, ROBOT.name: file or settings[ROBOT.name]})
-        for name, file in itertools.zip_longest(names, files, fillvalue="")
-    }
-    scene = robots[names[0]].scene
-    return {name: dataclasses.replace(robot, scene=scene) for name, robot in robots.items()}
-
-
-def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
-    """Return the world at its start; what its robots observe errs independently. Raises SetupError."""
-    robots = robots_of(settings)
-    scene = next(iter(robots.values())).scene
+    scene = robot.scene
     config = SensorConfig(
         drift=settings["drift"],
         heading_drift=settings["heading_drift"],
@@ -336,10 +328,10 @@ def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
             for name in scene.objects
         },
     )
-    starts = _starts(settings["robot_start"], len(robots), scene.area)
-    simulated = [
-        SimulatedRobot(name, robot, Sensors(config, settings["seed"] + number), start)
-        for number, ((name, robot), start) in enumerate(zip(robots.items(), starts, strict=True))
+    starts = _starts(settings["robot_start"], len(names), scene.area)
+    robots = [
+        SimulatedRobot(name, Sensors(config, settings["seed"] + number), start)
+        for number, (name, start) in enumerate(zip(names, starts, strict=True))
     ]
     try:
         places = {}
@@ -347,7 +339,7 @@ def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
             start = settings[f"{name}_start"]
             checks.count(start, f"parameter {name}_start", least=2, most=2)
             places[name] = scene.area.at(*start)[:2]
-        return SimulatedWorld(simulated, places)
+        return SimulatedWorld(robot, robots, places)
     except MessageError as error:
         raise SetupError(str(error)) from error
 
@@ -374,13 +366,14 @@ class RobotTopics:
     share `tf`, in which their frames are children of the frame `world`.
     """
 
-    def __init__(self, node: Node, robot: SimulatedRobot, *, frame: str, robot_frame: str) -> None:
-        self._robot, described = robot, robot.robot
+    def __init__(
+        self, node: Node, description: Robot, robot: SimulatedRobot, *, frame: str, robot_frame: str
+    ) -> None:
+        self._robot, self._scene = robot, description.scene
         self.frame, self.robot_frame = self.resolved(frame), self.resolved(robot_frame)
         self._odom = node.create_publisher(Odometry, self.resolved("odom"), NEWEST)
         self._objects = {
-            name: node.create_publisher(Odometry, self.resolved(name), NEWEST)
-            for name in described.scene.objects
+            name: node.create_publisher(Odometry, self.resolved(name), NEWEST) for name in self._scene.objects
         }
         self._joints = node.create_publisher(JointState, self.resolved("joint_states"), RESULTS)
         self._tf = node.create_publisher(TFMessage, "tf", RESULTS)
@@ -389,7 +382,7 @@ class RobotTopics:
             origin = transform_of(0.0, Pose(0.0, 0.0, 0.0), frame=WORLD, child=self.frame)
             self._fixed.publish(TFMessage(transforms=[origin]))
         self._description = node.create_publisher(String, self.resolved("robot_description"), LATCHED)
-        self._description.publish(String(data=robot_urdf(described)))
+        self._description.publish(String(data=robot_urdf(description)))
 
     def resolved(self, name: str) -> str:
         """Return the name of a topic, a service or a frame of this robot."""
@@ -400,8 +393,7 @@ class RobotTopics:
         world, state = self._robot.observed, self._robot.observed.robot
         # Objects come first: subscribers that act on odom then have the objects of the same tick.
         for name, there in world.objects.items():
-            height = self._robot.robot.scene.radius(name)
-            message = object_odometry_of(world.time, there, frame=self.frame, height=height)
+            message = object_odometry_of(world.time, there, frame=self.frame, height=self._scene.radius(name))
             self._objects[name].publish(message)
         self._odom.publish(odometry_of(world.time, state, frame=self.frame, child=self.robot_frame))
         if self._tf.get_subscription_count():

@@ -25,7 +25,7 @@ from ator_ros.experience.collect import episode_generator
 from ator_ros.experience.records import ENDED, episode_of
 from ator_ros.experience.table import ExperienceError, episode_frame
 from ator_ros.nodes.network import RANGE, THIS_MACHINE, NodesError, free_domain, stay_on_this_machine
-from ator_ros.nodes.remote_messages import RemoteError, interface_of
+from ator_ros.nodes.remote_messages import RemoteError, RemoteInterface
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import top_of
@@ -199,7 +199,7 @@ def drives(
         if spec.remote is None:
             continue
         try:
-            interface_of(spec.remote, FRAME)
+            RemoteInterface(spec.remote, FRAME)
         except RemoteError as error:
             raise ExperienceError(f"{spec.name}: action server {spec.remote.server}: {error}") from error
     servers = domain.remote_servers(source.action_set)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,7 +14,7 @@ from ator_ros.actions.base import Goal
 from ator_ros.actions.remote import failure_in
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.geometry import Pose
-from ator_ros.nodes.remote_messages import GoalWriter, check_result
+from ator_ros.nodes.remote_messages import RemoteInterface
 
 PAGE = (ROOT / "docs" / "remote_actions.md").read_text(encoding="utf-8")
 FILES = re.findall(r"^```yaml\n(.*?)^```$", PAGE, flags=re.MULTILINE | re.DOTALL)
@@ -52,10 +53,11 @@ def test_each_file_is_a_domain(tmp_path: Path, text: str) -> None:
     assert {top.action for top in domain.tops} <= set(domain.actions())
 
 
-def test_the_file_for_nav2_matches_its_types(tmp_path: Path) -> None:
+def test_the_file_for_nav2_matches_its_types(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     remote = domain_in(tmp_path, FILES[0]).actions()["navigate_to_pose"].remote
-    sent = GoalWriter(remote, GOAL, "map").written(Goal(Pose(1.0, 2.0, 0.0)))
+    types = SimpleNamespace(NavigateToPose=SimpleNamespace(Goal=GOAL, Result=RESULT))
+    monkeypatch.setitem(sys.modules, "nav2_msgs.action", types)
+    sent = RemoteInterface(remote, "map").written(Goal(Pose(1.0, 2.0, 0.0)))
     assert (sent.pose.header.frame_id, sent.pose.pose.position.y, sent.behavior_tree) == ("map", 2.0, "")
-    check_result(remote, RESULT)
     assert failure_in(remote, SUCCEEDED, RESULT(error_code=0)) is None
     assert failure_in(remote, SUCCEEDED, RESULT(error_code=9003)) == "error_code: expected 0, got 9003"

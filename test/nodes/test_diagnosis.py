@@ -12,7 +12,7 @@ from ros_client import Client
 
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.diagnostics import Diagnosis, rival_senders
-from ator_ros.nodes.inputs import Input, Reception, TfListener
+from ator_ros.nodes.inputs import Input, TfListener
 from ator_ros.nodes.qos import NEWEST, SENSOR_DATA
 
 RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
@@ -29,13 +29,12 @@ def received(
     qos: QoSProfile = SENSOR_DATA,
 ) -> Diagnosis:
     """Return the diagnosis of odometry with these stamps and one ignored message."""
-    odom = Reception()
+    odom = Input("odom", Odometry, qos)
     for number, stamp in enumerate(stamps):
         odom.read(stamp, number * every)
     if error is not None:
         odom.reject(error, len(stamps) * every)
-    inputs = {"odom": Input("odom", Odometry, qos)}
-    subscribed: Any = SimpleNamespace(inputs=inputs, receptions={"odom": odom}, tf=TfListener(client.node))
+    subscribed: Any = SimpleNamespace(inputs={"odom": odom}, tf=TfListener(client.node))
     return Diagnosis(client.node, subscribed)
 
 

@@ -11,19 +11,14 @@ from ator_interfaces.action import ExecuteChain
 from ator_ros.actions.base import Goal
 from ator_ros.actions.remote import Expectation, Filling, Success, failure_in
 from ator_ros.geometry import Pose
-from ator_ros.nodes.remote_messages import (
-    GoalWriter,
-    RemoteError,
-    action_type_of,
-    check_result,
-)
+from ator_ros.nodes.remote_messages import RemoteError, RemoteInterface
 
 GOAL = Goal(Pose(1.0, -2.0, 0.0), 0.4)
 SUCCEEDED, ABORTED = 4, 6
 
 
 def written(*fillings: Filling) -> ExecuteChain.Goal:
-    return GoalWriter(declared(goal=fillings), ExecuteChain.Goal, "odom").written(GOAL)
+    return RemoteInterface(declared(goal=fillings), "odom").written(GOAL)
 
 
 def test_poses_have_the_frame_of_the_states_unless_declared() -> None:
@@ -74,7 +69,7 @@ def test_a_goal_that_does_not_match_its_type_is_reported(filling: Filling, expec
 )
 def test_a_missing_type_is_reported(name: str, expected: str) -> None:
     with pytest.raises(RemoteError, match=f"^type: .*{expected}"):
-        action_type_of(name)
+        RemoteInterface(declared(type=name), "odom")
 
 
 @pytest.mark.parametrize(
@@ -90,7 +85,7 @@ def test_a_missing_type_is_reported(name: str, expected: str) -> None:
 )
 def test_an_invalid_success_declaration_is_reported(success: Success, expected: str) -> None:
     with pytest.raises(RemoteError, match=f"^{expected}"):
-        check_result(declared(success=success), ExecuteChain.Result)
+        RemoteInterface(declared(success=success), "odom")
 
 
 def failure(status: int, success: Success, **values: Any) -> str | None:

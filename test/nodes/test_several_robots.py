@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from conftest import Host
@@ -17,7 +16,6 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.parameters import SetupError
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.simulation import parameters_for, world_of
-from ator_ros.resources import share_folder
 
 NAMES = ("ann", "bob")
 EACH_LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -69,7 +67,6 @@ def settings(**changes: object) -> dict[str, object]:
         ({"robots": ["/ann"]}, "parameter robots: expected"),
         ({"robots": ["a", "b"], "robot_start": [0.0, 0.0, 0.0, 1.0]}, "robot_start: expected finite x"),
         ({"robots": ["ann", "bob"], "robot_start": [-2.0, 0.0, 0.0] * 2}, "robot_start ann: .* robot"),
-        ({"descriptions": ["", ""]}, "parameter descriptions: expected at most 1 files, got 2"),
     ],
 )
 def test_invalid_settings_are_rejected_at_the_start(changes: dict[str, object], expected: str) -> None:
@@ -77,13 +74,7 @@ def test_invalid_settings_are_rejected_at_the_start(changes: dict[str, object], 
         world_of(settings(**changes))
 
 
-def test_robots_may_differ_and_start_beside_each_other(tmp_path: Path) -> None:
-    shipped = (share_folder() / "config" / "pioneer.yaml").read_text(encoding="utf-8")
-    file = tmp_path / "quick.yaml"
-    file.write_text(shipped.replace("pioneer_3dx", "quick").replace("v: 1.2 ", "v: 1.9 "), encoding="utf-8")
-    values = settings(robots=["ann", "bob", "eve"], descriptions=["", str(file)])
-    first, second, third = world_of(values).robots
-    assert [first.name, second.name, third.name] == ["ann", "bob", "eve"]
-    assert [robot.robot.limits.v for robot in (first, second, third)] == [1.2, 1.9, 1.2]
-    assert second.robot.scene == first.robot.scene
-    assert [robot.start for robot in (first, second, third)] == [Pose(-2.0, y, 0.0) for y in (0.0, 1.0, 2.0)]
+def test_robots_start_beside_each_other() -> None:
+    robots = world_of(settings(robots=["ann", "bob", "eve"])).robots
+    starts = {name: Pose(-2.0, y, 0.0) for name, y in (("ann", 0.0), ("bob", 1.0), ("eve", 2.0))}
+    assert {robot.name: robot.start for robot in robots} == starts

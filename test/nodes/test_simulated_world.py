@@ -26,8 +26,8 @@ BAY = ROBOT.scene.bays[0]
 def single(
     start: Pose = START, ball: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[SimulatedWorld, SimulatedRobot]:
-    robot = SimulatedRobot("", ROBOT, Sensors(SensorConfig(), 1), start)
-    return SimulatedWorld([robot], {"ball": ball}), robot
+    robot = SimulatedRobot("", Sensors(SensorConfig(), 1), start)
+    return SimulatedWorld(ROBOT, [robot], {"ball": ball}), robot
 
 
 def speeds_after_a_second(world: SimulatedWorld, robot: SimulatedRobot) -> tuple[float, float]:
