@@ -98,18 +98,14 @@ class Editor:
             self._edited(self.draft.with_object(name, pose.x, pose.y))
         self.backend.place_object(name, pose.x, pose.y)
 
-    def edit(self, change: Callable[[Draft], Draft]) -> None:
-        """Change the draft."""
-        self._edited(change(self.draft))
+    def edit(self, change: Callable[..., Draft], *arguments: object) -> None:
+        """Change the draft: `change` is called with it and the arguments, and returns the new one."""
+        self._edited(change(self.draft, *arguments))
 
     def move_goal(self, step: int, pose: Pose) -> None:
         """Move the goal of a step, unless a chain is executed: both chains of a race have the same goals."""
         if not self.executing:
-            self.edit(lambda draft: draft.with_goal(step, pose))
-
-    def use_actions(self, action_set: str) -> None:
-        """Execute the chain with the actions of another set."""
-        self.edit(lambda draft: draft.with_library(self.libraries[action_set]))
+            self.edit(Draft.with_goal, step, pose)
 
     def _edited(self, draft: Draft) -> None:
         self.draft, self._stale = draft, True
@@ -150,10 +146,6 @@ class Editor:
     def run(self) -> Run | None:
         """The newest execution; None without one."""
         return self.runs[-1] if self.runs else None
-
-    def ghost(self) -> Pose | None:
-        """Return where the first of a race was as long after its start as the second is now."""
-        return self.runs[0].pose_at(self.runs[1].elapsed) if len(self.runs) == 2 else None
 
     @property
     def verdict(self) -> str:

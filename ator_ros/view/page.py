@@ -72,7 +72,6 @@ class Page:
         self._chain = Canvas(server, "/chain", area)
         self._trails = Canvas(server, "/trails", area, 0.03)
         self._model = RobotModel(server, "/robot", urdf, area)
-        self._ghost = RobotModel(server, "/ghost", urdf, area, ghost=True)
         self._robots = robots
         self._others = {name: RobotModel(server, f"/robots/{name}", urdf, area) for name in robots}
         self._objects = {}
@@ -119,7 +118,6 @@ class Page:
 
     def _show_world(self, world: World) -> None:
         self._model.show(world.robot.pose)
-        self._ghost.show(self._editor.ghost())
         for name, model in self._others.items():
             other = self._robots[name]
             state = None if other is self._editor.backend else other.world()
@@ -220,7 +218,7 @@ class Page:
         self._on_change(index, lambda value: editor.situation(index=int(value)))
         self._button("Random situation", lambda: editor.situation(seed=random.randrange(_MOST_SEED)))
         sets = gui.add_dropdown("Actions", tuple(editor.libraries), initial_value=editor.draft.action_set)
-        self._on_change(sets, editor.use_actions)
+        self._on_change(sets, lambda name: editor.edit(Draft.with_library, editor.libraries[name]))
         return seed
 
     def _weights(self) -> None:
@@ -228,10 +226,7 @@ class Page:
         labels = {"success": "success (s per failure)", "accuracy": "accuracy (s per m)"}
         for name, weight in usual.items():
             field = self._gui.add_number(labels.get(name, name), weight, min=0.0, max=MOST_WEIGHT, step=0.1)
-            self._on_change(field, partial(self._set_weight, name))
-
-    def _set_weight(self, measure: str, weight: float) -> None:
-        self._editor.edit(lambda draft: draft.with_weight(measure, weight))
+            self._on_change(field, partial(self._editor.edit, Draft.with_weight, name))
 
     def _show_draft(self) -> None:
         """Show the draft's seed, and a box for each variable that can be opened."""

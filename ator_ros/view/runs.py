@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
 import itertools
 import math
 import re
@@ -72,17 +71,17 @@ class Run:
         present, with open variables.
     problem : str
         Why it has no end that the executor reports: it could not start, or is lost; else empty.
-    times, poses : list
-        Seconds since the start, ascending, and where the robot was then.
+    poses : list of Pose
+        Where the robot was, since the start.
     """
 
     label: str
     record: Any = None
     draft: Draft | None = None
     problem: str = ""
-    times: list[float] = field(default_factory=list)
     poses: list[Pose] = field(default_factory=list)
     _start: float = math.nan
+    _newest: float = math.nan
 
     @property
     def ended(self) -> bool:
@@ -124,11 +123,10 @@ class Run:
 
     def record_pose(self, time: float, pose: Pose) -> None:
         """Record the robot's pose at `time` s; a clock that goes back restarts the trail."""
-        if math.isnan(self._start) or (self.times and time < self._start + self.times[-1]):
+        if not time >= self._newest:
             self._start = time
-            self.times.clear()
             self.poses.clear()
-        self.times.append(time - self._start)
+        self._newest = time
         self.poses.append(pose)
 
     @property
@@ -136,13 +134,7 @@ class Run:
         """Seconds since its start; its duration once that is known."""
         if not math.isnan(self.duration):
             return self.duration
-        return self.times[-1] if self.times else 0.0
-
-    def pose_at(self, seconds: float) -> Pose | None:
-        """Return the pose so long after the start; None if nothing was recorded."""
-        if not self.poses:
-            return None
-        return self.poses[min(bisect.bisect_left(self.times, seconds), len(self.poses) - 1)]
+        return self._newest - self._start if self.poses else 0.0
 
 
 # The history of executed chains

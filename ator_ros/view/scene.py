@@ -26,7 +26,6 @@ _CAMERA_HEIGHT = 0.85
 """Height of the camera as a share of the area's length."""
 _FLOOR = (72, 122, 84)
 _ABOVE_FLOOR = 0.04
-_GHOST = (0.62, 0.64, 0.68, 0.35)
 _KNOB_RADIUS, _KNOB_DISTANCE = 0.09, 0.35
 _OPACITY = 0.35
 
@@ -70,12 +69,6 @@ def serve(domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 808
     return server
 
 
-def _wxyz(yaw: float) -> tuple[float, float, float, float]:
-    """Return the quaternion of a heading in rad in viser's order."""
-    x, y, z, w = quaternion_from_yaw(yaw)
-    return w, x, y, z
-
-
 # Shapes and robots
 
 
@@ -109,30 +102,36 @@ class Canvas:
                 self._shown[name] = self._scene.add_line_segments(node, places, paint, thickness=shape.width)
 
 
-class RobotModel:
-    """A robot in the scene, from its URDF; a ghost is pale."""
+class Movable:
+    """An item of the scene; the center of `area` is the origin of the page."""
 
-    def __init__(
-        self, server: viser.ViserServer, name: str, urdf: str, area: Area, *, ghost: bool = False
-    ) -> None:
-        self._area = area
-        self._frame = server.scene.add_frame(name, show_axes=False, visible=not ghost)
-        model = yourdfpy.URDF.load(io.BytesIO(urdf.encode()))
-        color = _GHOST if ghost else None
-        ViserUrdf(server, model, root_node_name=name, mesh_color_override=color)
+    def __init__(self, server: viser.ViserServer, name: str, area: Area) -> None:
+        self._area, self._pose = area, Pose(math.inf, math.inf, 0.0)
+        self._frame = server.scene.add_frame(name, show_axes=False)
 
     def show(self, pose: Pose | None) -> None:
         """Show it at a pose; None hides it."""
         self._frame.visible = pose is not None
         if pose is not None:
+            self._pose = pose
             self._frame.position = (pose.x - self._area.x, pose.y - self._area.y, 0.0)
-            self._frame.wxyz = _wxyz(pose.yaw)
+            x, y, z, w = quaternion_from_yaw(pose.yaw)
+            self._frame.wxyz = w, x, y, z
+
+
+class RobotModel(Movable):
+    """A robot in the scene, from its URDF."""
+
+    def __init__(self, server: viser.ViserServer, name: str, urdf: str, area: Area) -> None:
+        super().__init__(server, name, area)
+        model = yourdfpy.URDF.load(io.BytesIO(urdf.encode()))
+        ViserUrdf(server, model, root_node_name=name)
 
 
 # Handles
 
 
-class Handle:
+class Handle(Movable):
     """A disc on the floor that can be dragged, with a knob that turns it, or a sphere, without a heading.
 
     `moved` is called with the new pose. Sizes are in m.
@@ -150,11 +149,9 @@ class Handle:
         moved: Callable[[Pose], None],
         sphere: bool = False,
     ) -> None:
-        self._moved, self._height, self._area = moved, height, area
-        self._pose = Pose(math.inf, math.inf, 0.0)
-        self._offset = (0.0, 0.0)
+        super().__init__(server, name, area)
+        self._moved, self._height, self._offset = moved, height, (0.0, 0.0)
         scene, place, body = server.scene, (0.0, 0.0, height / 2.0), f"{name}/body"
-        self._frame = scene.add_frame(name, show_axes=False)
         if sphere:
             scene.add_icosphere(body, radius, color, position=place).on_drag("left")(self._drag)
             return
@@ -163,14 +160,6 @@ class Handle:
         place = (radius + _KNOB_DISTANCE, 0.0, _KNOB_RADIUS)
         knob = scene.add_icosphere(f"{name}/knob", _KNOB_RADIUS, color, position=place)
         knob.on_drag("left")(self._turn)
-
-    def show(self, pose: Pose | None) -> None:
-        """Show it at a pose; None hides it."""
-        self._frame.visible = pose is not None
-        if pose is not None:
-            self._pose = pose
-            self._frame.position = (pose.x - self._area.x, pose.y - self._area.y, 0.0)
-            self._frame.wxyz = _wxyz(pose.yaw)
 
     async def _drag(self, event: Any) -> None:  # a coroutine, so that events come in order
         place = self._pointed(event, self._height)

@@ -77,9 +77,9 @@ def test_the_best_alternative_is_chosen_and_executed(editor: Editor, backend: In
 
 
 def test_weights_are_those_of_all_situations(editor: Editor, backend: InProcessBackend) -> None:
-    editor.step([lambda: editor.edit(lambda draft: draft.with_weight("duration", 0.0))])
+    editor.step([lambda: editor.edit(Draft.with_weight, "duration", 0.0)])
     assert "expected at least one weight above 0" in editor.problem
-    editor.step([lambda: editor.edit(lambda draft: draft.with_weight("duration", 2.0)), editor.reset])
+    editor.step([lambda: editor.edit(Draft.with_weight, "duration", 2.0), editor.reset])
     editor.step([lambda: editor.situation(seed=3)])
     assert backend.refined[-1].weights == {"duration": 2.0}
     assert editor.problem == ""
@@ -87,7 +87,7 @@ def test_weights_are_those_of_all_situations(editor: Editor, backend: InProcessB
 
 COMMANDS: dict[str, Callable[[Editor], object]] = {
     "an unknown step": lambda editor: editor.move_goal(7, Pose(0.0, 0.0, 0.0)),
-    "an unknown action set": lambda editor: editor.use_actions("chess"),
+    "an unknown chain": lambda editor: editor.situation(chain="chess"),
     "a negative seed": lambda editor: editor.situation(seed=-5),
 }
 
@@ -127,16 +127,9 @@ def test_a_race_gives_two_times_from_the_same_start(editor: Editor, backend: InP
     assert not editor.runs
 
 
-def test_the_ghost_is_at_the_pose_of_the_first_run_at_the_same_time(editor: Editor) -> None:
-    first, second = Run(NAIVE), Run(REFINED)
-    for tick in range(5):
-        first.record_pose(10.0 + tick, Pose(tick, 0.0, 0.0))
-    assert first.pose_at(2.0) == Pose(2, 0.0, 0.0)
-    assert first.pose_at(99.0) == Pose(4, 0.0, 0.0)
-    assert second.pose_at(0.0) is None
-    first.record = record_of(code=Outcome.SUCCEEDED, duration=4.0)
-    second.record = record_of(code=Outcome.FAILED, duration=5.0)
-    editor.runs = [first, second]
+def test_a_race_with_a_failure_has_no_gain(editor: Editor) -> None:
+    outcomes = {NAIVE: Outcome.SUCCEEDED, REFINED: Outcome.FAILED}
+    editor.runs = [Run(label, record_of(code=code, duration=4.0)) for label, code in outcomes.items()]
     assert editor.verdict == "refined failed"
 
 
