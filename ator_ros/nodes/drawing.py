@@ -51,7 +51,7 @@ class ExecutionDrawing:
         self._scene, self._frame = robot.scene, frame
         self._path = LazyPublisher(node, Path, "planned_path")
         self._chain = LazyPublisher(node, MarkerArray, "chain_markers")
-        self._objects = node.create_publisher(MarkerArray, "object_markers", LATCHED)
+        self._objects = LazyPublisher(node, MarkerArray, "object_markers")
         self._surroundings = LazyPublisher(node, MarkerArray, "scene_markers")
         self._surroundings.publish(lambda: marker_array(surroundings(domain, robot), "scene", frame))
         self._under_way = LazyPublisher(node, ChainPerformance, "chain_under_way")
@@ -72,12 +72,10 @@ class ExecutionDrawing:
 
     def objects(self, world: World) -> None:
         """Draw the objects of the newest state, if it is time for it."""
-        early = abs(world.time - self._objects_at) < _PERIOD - _ROUNDING
-        if early or not self._objects.get_subscription_count():
-            return
-        self._objects_at = world.time
-        spheres = (_sphere(there, self._scene.radius(name)) for name, there in world.objects.items())
-        self._objects.publish(_array(spheres, "objects", self._frame))
+        if abs(world.time - self._objects_at) >= _PERIOD - _ROUNDING:
+            self._objects_at = world.time
+            spheres = (_sphere(there, self._scene.radius(name)) for name, there in world.objects.items())
+            self._objects.publish(lambda: _array(spheres, "objects", self._frame))
 
     def _chain_message(self, run: Supervisor) -> MarkerArray:
         shapes: list[Segments] = []

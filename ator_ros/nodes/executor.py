@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -215,7 +215,11 @@ class ExecutorNode(Node):
         try:
             world = self._inputs.robot(stamp, robot, now)
         except ClockJumpError as error:
-            self._take_jump(error)
+            self._warn(str(error))
+            self._motion.reset()
+            # A goal that waits for its first state goes on, as after a restart of the simulation.
+            if self._run is not None and self._run.supervisor.phase is not Phase.WAITING:
+                self._end(Ending.INPUT_LOST, str(error))
             return
         if world is None:
             return
@@ -258,14 +262,6 @@ class ExecutorNode(Node):
         new = now - max(self._inputs.since, self._commands.changed) < grace
         return run.supervisor.phase is Phase.WAITING and new
 
-    def _take_jump(self, jump: ClockJumpError) -> None:
-        """Reset the state after odometry's clock has jumped."""
-        self._warn(str(jump))
-        self._motion.reset()
-        # A goal that waits for its first state goes on, as after a restart of the simulation.
-        if self._run is not None and self._run.supervisor.phase is not Phase.WAITING:
-            self._end(Ending.INPUT_LOST, str(jump))
-
     def _watch(self) -> None:
         for warning in self._remotes.warnings():
             self._warn(warning)
@@ -295,7 +291,10 @@ class ExecutorNode(Node):
                 self._rolling,
             )
         except MessageError as error:  # the running goal continues
-            return self._refused(handle, str(error))
+            self._warn(f"refused: {error}")
+            result = unstarted(handle, Ending.REFUSED, str(error), frame=self._settings["frame"])
+            self._chains.publish(result.record)
+            return concluded(result, handle)
         self._inputs.take_timeouts(self._settings)
         self._motion.begin(self._settings["latency"], preempts=self._run is not None)
         self._end(Ending.PREEMPTED, _PREEMPTED, at_once=True)
@@ -309,13 +308,6 @@ class ExecutorNode(Node):
         """Return what predicts chains with the models in use, by action set."""
         present = self._sets.present.items()
         return {name: Predictor(self._libraries[name].robot, read.models) for name, read in present}
-
-    def _refused(self, handle: ServerGoalHandle, reason: str) -> Any:
-        """Return the result of a goal that cannot be used."""
-        self._warn(f"refused: {reason}")
-        result = unstarted(handle, Ending.REFUSED, reason, frame=self._settings["frame"])
-        self._chains.publish(result.record)
-        return concluded(result, handle)
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         if self._run is None or self._run.handle is not handle:
@@ -395,7 +387,10 @@ class ExecutorNode(Node):
         known = {} if self._world is None else self._world.objects
         values: dict[str, object] = {
             "odom": "none yet" if silence is None else f"{1000.0 * silence:.0f} ms ago",
-            **{name: self._knowledge(name, known) for name in self._domain.objects},
+            **{
+                name: ("overdue" if name in self._inputs.overdue else "known") if name in known else "unknown"
+                for name in self._domain.objects
+            },
             **self._rolling.diagnostics(),
             **self._ticks.diagnostics(),
             "goal": "none" if self._run is None else self._run.supervisor.phase.value,
@@ -424,11 +419,6 @@ class ExecutorNode(Node):
             error=stale and self._run is not None,
             values=values,
         )
-
-    def _knowledge(self, name: str, known: Container[str]) -> str:
-        if name not in known:
-            return "unknown"
-        return "overdue" if name in self._inputs.overdue else "known"
 
     def stop(self) -> None:
         """Stop the robot and end the running goal, before the node ends."""

@@ -120,10 +120,6 @@ class Input:
             self.gaps.append(now - self.advanced)
         self.stamp, self.advanced = stamp, now
 
-    def reject(self, error: Exception, now: float) -> None:
-        """Record a message that was ignored."""
-        self.last, self.error = now, error
-
 
 class Subscriptions:
     """Subscribes to the state of a robot and of the objects of `sources`.
@@ -200,7 +196,7 @@ class Subscriptions:
             item.read(stamp, now)
             take(stamp, state)
         except (MessageError, StampError) as error:
-            item.reject(error, now)
+            item.last, item.error = now, error
             self._warn(f"ignored: {error}")
 
     def _take_odometry(self, stamp: float, robot: RobotState) -> None:

@@ -80,7 +80,7 @@ class LearningNode(Node):
             self._learner = Learner(
                 folder,
                 StoreInfo(robot.digest(), self._domain.name),
-                lambda: RoundProcess(folder, time=_now(), **named),
+                lambda: RoundProcess(folder, time=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), **named),
                 batch=settings["batch"],
                 most=settings["most_episodes"],
             )
@@ -144,10 +144,6 @@ class LearningNode(Node):
                 f"{self._learner.lost} of {self._learner.taken} records are lost: the disk had no room"
             )
         self._open.close()
-
-
-def _now() -> str:
-    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def main(args: list[str] | None = None) -> None:

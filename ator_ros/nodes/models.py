@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -23,7 +22,6 @@ from ator_ros.performance.model_file import (
     NoModelsError,
     RobotMismatchWarning,
     load_models,
-    model_path,
     models_folder,
 )
 from ator_ros.refinement.gate import NO_GATE, Gate, gate_in
@@ -39,7 +37,7 @@ _PERIOD = 0.5
 
 @dataclass(frozen=True)
 class ModelSet:
-    """The performance models of one action set, by action, its gate, and the digest of the models' files.
+    """The performance models of one action set, by action, and its gate.
 
     `absent` is why there are none. `problem` is what is wrong: a damaged file, another robot. It is no
     problem to have none.
@@ -49,7 +47,6 @@ class ModelSet:
     gate: Gate = NO_GATE
     absent: str = ""
     problem: str = ""
-    digest: str = ""
 
 
 class LearnedSets:
@@ -103,14 +100,12 @@ class LearnedSets:
         name, warn, known = library.action_set, self._node.get_logger().warning, self._domain.known_features
         models: Mapping[str, PerformanceModel] = {}
         gate: Gate = NO_GATE
-        absent = problem = digest = ""
+        absent = problem = ""
         try:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", RobotMismatchWarning)
                 models = load_models(library.robot, known, action_set=name, folder=place)
             problem = str(caught[0].message) if caught else ""  # models of another robot mostly come together
-            content = b"".join((place / model_path(action, name)).read_bytes() for action in models)
-            digest = hashlib.sha256(content).hexdigest()[:16]
         except NoModelsError as error:
             absent = str(error)
         except (FileError, OSError) as error:
@@ -121,7 +116,7 @@ class LearnedSets:
             gate = gate_in(models_folder(place, name), name)
         except FileError as error:
             warn(f"no gate, refining whenever a gain is predicted: {error}")
-        read = ModelSet(models, gate, absent, problem, digest)
+        read = ModelSet(models, gate, absent, problem)
         if models:
             self._warm_up(library, read)
         return read
@@ -171,10 +166,6 @@ class LearnedSets:
             f"models of {name}": ", ".join(read.models) or read.problem or "no models"
             for name, read in self.present.items()
         }
-        values |= {
-            f"models digest of {name}": read.digest for name, read in self.present.items() if read.digest
-        }
-        values["robot digest"] = next(iter(self._libraries.values())).robot.digest()
         if self._folder is not None:
             values["learned set"] = "none yet" if self._manifest is None else _described(self._manifest)
         return values

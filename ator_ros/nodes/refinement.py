@@ -40,7 +40,7 @@ from ator_ros.printable import printable
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.gate import NO_GATE
 from ator_ros.refinement.objective import MOST_WEIGHT
-from ator_ros.refinement.refiner import Refinement, Refiner, Selection, choose
+from ator_ros.refinement.refiner import Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
 from ator_ros.tops.conditions import state_variables
 from ator_ros.tops.library import TopLibrary
@@ -98,8 +98,12 @@ class RefinementNode(Node):
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
         self._answered, self._cut_short, self._last_error = 0, 0, ""
         self._markers = LazyPublisher(self, MarkerArray, "refinement_markers")
-        self.create_service(RefineSubgoal, "refine_subgoal", self._serve_refinement, qos_profile=SERVICES)
-        self.create_service(PlanChains, "plan_chains", self._serve_plan, qos_profile=SERVICES)
+        for kind, name, answer in (
+            (RefineSubgoal, "refine_subgoal", self._refine),
+            (PlanChains, "plan_chains", self._plan),
+        ):
+            serve = functools.partial(self._serve, answer)
+            self.create_service(kind, name, serve, qos_profile=SERVICES)
         self._diagnostics = Diagnostics(self, self._health)
         self.get_logger().info(
             f"refining chains for {robot.name} (domain {domain.name}, ROS domain "
@@ -126,32 +130,24 @@ class RefinementNode(Node):
     def _warm_up(self, library: TopLibrary, read: ModelSet) -> None:
         warm_up_refinement(library, self._refiner(read))
 
-    def _serve_refinement(self, request: RefineSubgoal.Request, _: Any) -> RefineSubgoal.Response:
+    def _serve(self, answer: Callable[[Any], Any], request: Any, response: Any) -> Any:
+        """Answer a request, or say why it has no answer; a defect must not end the node."""
         started = time.monotonic()
-        answer = self._answer(self._refine, request)
-        response = messages.refused(answer, request.chain) if isinstance(answer, str) else answer
-        response.computation_time = time.monotonic() - started
-        return response
-
-    def _serve_plan(self, request: PlanChains.Request, _: Any) -> PlanChains.Response:
-        started = time.monotonic()
-        answer = self._answer(self._plan, request)
-        response = PlanChains.Response(reason=answer) if isinstance(answer, str) else answer
-        response.computation_time = time.monotonic() - started
-        return response
-
-    def _answer(self, answer: Callable[[Any], Any], request: Any) -> Any:
-        """Return the answer to a request, or why there is none; a defect must not end the node."""
+        reason = ""
         try:
-            return answer(request)
+            response = answer(request)
         except (MessageError, RefinementError, PlanningError) as error:
             reason = printable(str(error), _LONGEST_REASON)
             self.get_logger().warning(f"refused: {reason}", throttle_duration_sec=_WARNING_PERIOD)
         except Exception as error:
             reason = f"internal error: {printable(repr(error), _LONGEST_REASON)}"
             self.get_logger().error(traceback.format_exc(), throttle_duration_sec=_WARNING_PERIOD)
-        self._last_error = reason
-        return reason
+        if reason:
+            self._last_error = reason
+            plan = isinstance(request, PlanChains.Request)
+            response = PlanChains.Response(reason=reason) if plan else messages.refused(reason, request.chain)
+        response.computation_time = time.monotonic() - started
+        return response
 
     def _refine(self, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
         end = time.monotonic() + self._settings["deadline"]
@@ -166,7 +162,9 @@ class RefinementNode(Node):
         )
         self._answered += 1
         self._cut_short += not choice.refinement.complete
-        self._markers.publish(functools.partial(markers_of, choice.refinement, request, frame))
+        start, found = pose_from(request.situation.robot, "situation.robot"), choice.refinement
+        shapes = functools.partial(refinement_shapes, start, found.original, found.chain, found.curves)
+        self._markers.publish(lambda: marker_array(shapes(), "refinement", frame))
         return messages.answer_of(choice, request, action_set=action_set, frame=frame)
 
     def _plan(self, request: PlanChains.Request) -> PlanChains.Response:
@@ -217,13 +215,6 @@ def refine_request(
     placeholders = not request.as_given
     chains = (chain, *others)
     return choose(refiner, world, chains, objective, placeholders=placeholders, deadline=deadline)
-
-
-def markers_of(refinement: Refinement, request: RefineSubgoal.Request, frame: str) -> MarkerArray:
-    """Return markers of the naive chain, the chain to execute, and the predicted times by heading."""
-    start = pose_from(request.situation.robot, "situation.robot")
-    shapes = refinement_shapes(start, refinement.original, refinement.chain, refinement.curves)
-    return marker_array(shapes, "refinement", frame)
 
 
 def main(args: list[str] | None = None) -> None:

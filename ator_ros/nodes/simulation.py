@@ -157,14 +157,8 @@ class SimulationNode(Node):
 
     def _topics_of(self, number: int) -> RobotTopics:
         """Offer topics and services of one robot."""
-        settings, robot = self._settings, self._world.robot
-        topics = RobotTopics(
-            self,
-            robot,
-            self._world.robots[number],
-            frame=settings["frame"],
-            robot_frame=settings["robot_frame"],
-        )
+        scene = self._world.robot.scene
+        topics = RobotTopics(self, self._world.robot, self._world.robots[number], self._settings)
         callback = partial(self._command, number)
         self.create_subscription(Twist, topics.resolved("cmd_vel"), callback, SENSOR_DATA)
         services: dict[str, tuple[type[Any], Callable[[Any], str]]] = {
@@ -172,7 +166,7 @@ class SimulationNode(Node):
             "reset": (Trigger, self._reset),
             "pause": (SetBool, self._pause),
         }
-        for name in robot.scene.objects:
+        for name in scene.objects:
             services[f"place_{name}"] = PlaceObject, partial(self._place_object, number, name)
         for name, (kind, handle) in services.items():
             callback = partial(self._serve, handle)
@@ -362,15 +356,15 @@ def _starts(numbers: Sequence[float], count: int, area: Area) -> list[Pose]:
 class RobotTopics:
     """Publishes what the sensors of one robot observe, tf, joint states and the URDF.
 
-    The robot's name is put before its topics, `frame` (of odometry) and `robot_frame`. Robots of one node
+    The robot's name is put before its topics and the frames in `settings`. Robots of one node
     share `tf`, in which their frames are children of the frame `world`.
     """
 
     def __init__(
-        self, node: Node, description: Robot, robot: SimulatedRobot, *, frame: str, robot_frame: str
+        self, node: Node, description: Robot, robot: SimulatedRobot, settings: Mapping[str, Any]
     ) -> None:
         self._robot, self._scene = robot, description.scene
-        self.frame, self.robot_frame = self.resolved(frame), self.resolved(robot_frame)
+        self.frame, self.robot_frame = map(self.resolved, (settings["frame"], settings["robot_frame"]))
         self._odom = node.create_publisher(Odometry, self.resolved("odom"), NEWEST)
         self._objects = {
             name: node.create_publisher(Odometry, self.resolved(name), NEWEST) for name in self._scene.objects

@@ -33,7 +33,7 @@ def received(
     for number, stamp in enumerate(stamps):
         odom.read(stamp, number * every)
     if error is not None:
-        odom.reject(error, len(stamps) * every)
+        odom.last, odom.error = len(stamps) * every, error
     subscribed: Any = SimpleNamespace(inputs={"odom": odom}, tf=TfListener(client.node))
     return Diagnosis(client.node, subscribed)
 

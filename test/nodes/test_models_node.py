@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from pathlib import Path
 
 import pytest
@@ -46,9 +45,6 @@ def test_an_action_set_without_models_is_no_error(host: Host, client: Client, mo
     values = {value.key: value.value for value in status.values}
     assert values["models of default"] == "dribbleBall, goToPose, shoot"
     assert values["models of bezier"] == "no models"
-    assert values["robot digest"] == load_robot().digest()
-    assert re.fullmatch("[0-9a-f]{16}", values["models digest of default"])
-    assert "models digest of bezier" not in values
     assert status.message.startswith(
         {"executor": "odom is missing; no node pub", "refinement": "running"}[name]
     )
