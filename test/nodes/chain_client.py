@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from geometry_msgs.msg import Twist
@@ -33,6 +34,11 @@ def chain_of_the_paper() -> list[TopCall]:
     ]
 
 
+#: Takes minutes of simulated time, since the simulation does not wait for the test's process, so that all
+#: events of a test occur before the chain's end.
+PATROL = [call("goToPose", Pose(2.5, 1.5, 0.0)), call("goToPose", Pose(-2.5, 1.5, 3.1))] * 16
+
+
 class SentGoal:
     """An accepted goal, with its feedback."""
 
@@ -45,6 +51,10 @@ class SentGoal:
         future = self._client.within(self.handle.cancel_goal_async)
         self._client.eventually(future.done, "an answer to cancel")
         assert future.result().goals_canceling
+
+    def wait_for_status(self, words: str) -> None:
+        """Wait until the feedback contains these words."""
+        self._client.eventually(lambda: any(words in each.status for each in self.feedback), words)
 
     def ended(self) -> bool:
         """Return whether the goal has ended."""
@@ -87,6 +97,16 @@ class ChainClient:
         """Wait until the executor's publishers are discovered."""
         for topic in ("performance/action", "performance/chain", "cmd_vel"):
             self.ros.eventually(lambda name=topic: self.ros.node.count_publishers(name), topic)
+
+    def place(self, robot: Pose) -> None:
+        """Place the robot, and the ball at (0, 0), and wait until the executor has received that."""
+        self.ros.place(robot=robot, ball=(0.0, 0.0))
+        self.ros.eventually(
+            lambda: self.standing() and self.ros.robot().pose.distance(robot) < 0.01
+            and math.hypot(self.ros.ball().x, self.ros.ball().y) < 0.01,
+            "robot and ball are placed",
+        )  # fmt: skip
+        self.wait_for_newer_odometry()
 
     def wait_for_newer_odometry(self) -> None:
         """Wait for a few messages, so that no older ones remain in an executor's queue."""

@@ -13,6 +13,7 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
 from ator_ros.performance.model_file import save_model
+from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.robot.description import load_robot
 
 
@@ -36,6 +37,15 @@ def request_of_the_paper(yaw: float = 0.0) -> RefineSubgoal.Request:
         call("goToBall", Pose(0.0, 0.0, yaw), opened=("yaw",)),
         call("dribbleBall", Pose(0.5, 2.0, 1.5)),
     ]
+    return request
+
+
+def worst_request() -> RefineSubgoal.Request:
+    """Return a request for all free variables of the longest chain, the most expensive one."""
+    request = RefineSubgoal.Request(situation=request_of_the_paper().situation)
+    for step in range(LONGEST_CHAIN):
+        goal = Pose(0.1 * ((step + 1) // 2), 0.0, 0.3)
+        request.chain.calls.append(call("dribbleBall" if step % 2 else "goToBall", goal, opened=("*",)))
     return request
 
 

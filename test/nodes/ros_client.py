@@ -11,8 +11,11 @@ from action_msgs.srv import CancelGoal
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from process import PATIENCE
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from spin_thread import SpinThread
 
 from ator_interfaces.srv import PlaceObject, PlaceRobot
@@ -127,6 +130,12 @@ class Client:
             client.remove_pending_request(future)
             return None
         return future.result()
+
+    def set_parameters(self, node: str, **values: Any) -> list[SetParametersResult]:
+        """Set parameters of a node; return its answers."""
+        wanted = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        request = SetParameters.Request(parameters=wanted)
+        return list(self.call(SetParameters, f"{node}/set_parameters", request).results)
 
     def wait_for_discovery_by(self, action: str) -> None:
         """Wait until an action server has discovered this node's action client."""

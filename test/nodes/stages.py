@@ -31,7 +31,7 @@ def waiting(arena: Arena, client: ArenaClient) -> SentGoal:
         lambda: len(client.ros.robots) > count + 50, "no ball for longer than any timeout here"
     )
     sent = client.send(CHAIN)
-    client.ros.eventually(lambda: has_status(sent, "waiting for the ball"), "the goal waits")
+    sent.wait_for_status("waiting for the ball")
     return sent
 
 
@@ -40,7 +40,7 @@ def refining(arena: Arena, client: ArenaClient) -> SentGoal:
     client.place()
     arena.nodes["refinement"].send(signal.SIGSTOP)
     sent = client.send(CHAIN, refine=True)
-    client.ros.eventually(lambda: has_status(sent, "waiting for refinement"), "the goal is being refined")
+    sent.wait_for_status("waiting for refinement")
     return sent
 
 
@@ -71,8 +71,3 @@ def shoot(arena: Arena, client: ArenaClient) -> SentGoal:
 
 MOVING = (approach, dribble, shoot)
 STAGES = (waiting, refining, *MOVING)
-
-
-def has_status(sent: SentGoal, words: str) -> bool:
-    """Return whether a goal's feedback contained these words."""
-    return any(words in message.status for message in sent.feedback)

@@ -37,13 +37,7 @@ def chains(shared: tuple[Processes, Client]) -> ChainClient:
 @pytest.fixture(autouse=True)
 def placed(chains: ChainClient) -> None:
     """Place robot and ball at rest before every test."""
-    chains.ros.place(robot=START, ball=(0.0, 0.0))
-    chains.ros.eventually(
-        lambda: chains.standing() and chains.ros.robot().pose.distance(START) < 0.01
-        and abs(chains.ros.ball().x) + abs(chains.ros.ball().y) < 0.01,
-        "robot and ball are placed",
-    )  # fmt: skip
-    chains.wait_for_newer_odometry()
+    chains.place(START)
 
 
 def until(chains: ChainClient, sent: SentGoal, top: str) -> None:

@@ -8,7 +8,7 @@ import time
 
 import pytest
 from action_msgs.msg import GoalStatus, GoalStatusArray
-from chain_client import ChainClient, SentGoal, call, chain_of_the_paper
+from chain_client import PATROL, ChainClient, SentGoal, call, chain_of_the_paper
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Path
 from process import Process, Processes
@@ -23,10 +23,6 @@ from ator_ros.nodes.qos import LATCHED, RESULTS
 
 pytestmark = pytest.mark.node
 
-FAR = call("goToPose", Pose(2.5, 1.5, 0.0))
-#: Takes minutes of simulated time, since the simulation does not wait for this process, so that all events
-#: of a test occur before the chain's end.
-PATROL = [FAR, call("goToPose", Pose(-2.5, 1.5, 3.1))] * 16
 SETTINGS = {
     # Long, since the machine may be busy with other tests.
     "executor": {"odom_timeout": 1.5, "refinement_timeout": 1.0},
@@ -48,13 +44,7 @@ def chains(shared: tuple[Processes, Client], simulation: Process) -> ChainClient
 @pytest.fixture(autouse=True)
 def placed(chains: ChainClient) -> None:
     """Place robot and ball at rest at the start of the chains before every test."""
-    chains.ros.place(robot=Pose(-2.0, 0.0, 0.0), ball=(0.0, 0.0))
-    chains.ros.eventually(
-        lambda: chains.standing() and chains.ros.robot().pose.distance(Pose(-2.0, 0.0, 0.0)) < 0.01
-        and math.hypot(chains.ros.ball().x, chains.ros.ball().y) < 0.01,
-        "robot and ball are placed",
-    )  # fmt: skip
-    chains.wait_for_newer_odometry()
+    chains.place(Pose(-2.0, 0.0, 0.0))
 
 
 def test_a_chain_runs_to_its_end_and_is_recorded(chains: ChainClient) -> None:

@@ -9,8 +9,6 @@ from chain_client import call
 from conftest import Start
 from diagnostic_msgs.msg import DiagnosticArray
 from hall import Hall
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
@@ -22,9 +20,7 @@ def test_a_chain_is_executed_by_a_server_while_cmd_vel_is_silent(hall: Hall) -> 
     sent = hall.chains.send([call("visit", first), call("visit", second)])
     hall.client.eventually(lambda: server.goals, "a goal")
     commands = len(hall.chains.commands)
-    hall.client.eventually(
-        lambda: any("executed by drive" in message.status for message in sent.feedback), "feedback"
-    )
+    sent.wait_for_status("executed by drive")
     time.sleep(0.3)
     assert len(hall.chains.commands) <= commands + 1  # one may have been in transit
     hall.reach(server, 1, first)
@@ -43,9 +39,7 @@ def test_a_canceled_goal_ends_with_its_server_or_a_timeout(hall: Hall, cancels: 
     server = hall.serve(cancels=cancels)
     sent = hall.chains.send([call("visit", Pose(1.0, 0.5, 0.3))])
     hall.client.eventually(lambda: server.goals, "a goal")
-    hall.client.eventually(
-        lambda: any("executed by drive" in message.status for message in sent.feedback), "feedback"
-    )
+    sent.wait_for_status("executed by drive")
     began = time.monotonic()
     sent.cancel()
     hall.client.eventually(lambda: server.canceled, "a cancellation")
@@ -61,9 +55,7 @@ def test_a_canceled_goal_ends_with_its_server_or_a_timeout(hall: Hall, cancels: 
 def test_a_newer_goal_waits_for_the_active_server(hall: Hall) -> None:
     server = hall.serve()
     old = hall.chains.send([call("visit", Pose(1.0, 0.5, 0.3))])
-    hall.client.eventually(
-        lambda: any("executed by drive" in message.status for message in old.feedback), "feedback"
-    )
+    old.wait_for_status("executed by drive")
     new = hall.chains.send([call("visit", Pose(2.0, 0.5, 0.3))])
     assert old.outcome().code == Outcome.PREEMPTED
     hall.client.eventually(lambda: server.canceled, "a cancellation")
@@ -79,10 +71,7 @@ LIVE |= {"action_timeout": 1.0, "refine_again_after": 0.0, "cart_timeout": 1.0}
 
 @pytest.mark.parametrize(("x", "code"), [(9.0, Outcome.OUT_OF_BOUNDS), (0.1, Outcome.FAILED)])
 def test_the_fence_and_a_changed_time_limit_end_a_goal(hall: Hall, x: float, code: int) -> None:
-    wanted = [Parameter(name, value=value).to_parameter_msg() for name, value in LIVE.items()]
-    request = SetParameters.Request(parameters=wanted)
-    results = hall.client.call(SetParameters, "executor/set_parameters", request).results
-    assert all(result.successful for result in results)
+    assert all(result.successful for result in hall.client.set_parameters("executor", **LIVE))
     server = hall.serve()
     sent = hall.chains.send([call("visit", Pose(1.0, 0.5, 0.3))])
     hall.client.eventually(lambda: server.goals, "a goal")
@@ -97,9 +86,7 @@ def test_a_killed_server_is_detected_within_seconds(hall: Hall, start: Start) ->
     """DDS lists it for 20 s, after which the reason would differ; `silence` is 1.5 s."""
     server = start("drive_to_server")
     sent = hall.chains.send([call("deliver", Pose(2.0, 0.5, 0.3))])
-    hall.client.eventually(
-        lambda: any("executed by drive_to" in message.status for message in sent.feedback), "feedback"
-    )
+    sent.wait_for_status("executed by drive_to")
     time.sleep(2.0)
     assert not sent.ended()
     server.kill()

@@ -6,16 +6,12 @@ import math
 import signal
 
 import pytest
-from chain_client import ChainClient, call
+from chain_client import PATROL, ChainClient
 from conftest import Host, Start
 from ros_client import Client
 from selection import few
 
 from ator_interfaces.msg import Outcome
-from ator_ros.geometry import Pose
-
-#: Takes minutes of simulated time.
-PATROL = [call("goToPose", Pose(2.5, 1.5, 0.0)), call("goToPose", Pose(-2.5, 1.5, 3.1))] * 16
 
 
 @pytest.mark.parametrize("number", few([signal.SIGTERM, signal.SIGINT], signal.SIGTERM))

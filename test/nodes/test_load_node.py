@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from load import short_request, worst_request
 from process import PATIENCE, Processes
 from rclpy.action import ActionClient
+from refinement_requests import request_of_the_paper, worst_request
 from ros_client import Client
 
 from ator_interfaces.action import ExecuteChain
@@ -48,7 +48,7 @@ def answers(futures: Sequence[Any], patience: float = PATIENCE) -> list[Any]:
 
 
 def test_each_of_many_requests_is_answered(requests: Any) -> None:
-    responses = answers([requests.call_async(short_request()) for _ in range(500)])
+    responses = answers([requests.call_async(request_of_the_paper()) for _ in range(500)])
     assert len(responses) == 500
     assert all(answer.accepted for answer in responses)
 
@@ -64,9 +64,9 @@ def test_a_long_chain_is_answered_at_its_deadline_with_a_note(requests: Any) -> 
 
 
 def test_a_too_large_request_is_rejected_in_a_short_line(requests: Any) -> None:
-    long = short_request()
+    long = request_of_the_paper()
     long.chain.calls = long.chain.calls * 1000
-    text = short_request()
+    text = request_of_the_paper()
     text.chain.calls[0].top = "\x1b" * 10_000_000
     answers = [requests.call(request, timeout_sec=PATIENCE) for request in (long, text)]
     assert not any(answer.accepted for answer in answers)
@@ -79,7 +79,7 @@ def test_each_of_many_goals_is_accepted_and_has_a_result(nodes: Client) -> None:
     server = ActionClient(client.node, ExecuteChain, "execute_chain", **depths)
     assert server.wait_for_server(timeout_sec=PATIENCE)
     client.wait_for_discovery_by("execute_chain")
-    goal = ExecuteChain.Goal(chain=short_request().chain)
+    goal = ExecuteChain.Goal(chain=request_of_the_paper().chain)
     handles = answers(client.within(lambda: [server.send_goal_async(goal) for _ in range(number)]))
     assert len([handle for handle in handles if handle.accepted]) == number
     assert len(answers(client.within(lambda: [handle.cancel_goal_async() for handle in handles]))) == number

@@ -8,8 +8,6 @@ import pytest
 from conftest import Host
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from process import Processes
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue, SetParametersResult
-from rcl_interfaces.srv import SetParameters
 from refinement_requests import refine, request_of_the_paper, save_small_models
 from ros_client import Client
 from visualization_msgs.msg import MarkerArray
@@ -66,16 +64,8 @@ def test_an_open_angle_is_compared_with_the_fastest_approach(service_client: Cli
     assert first.after.duration <= first.before.duration
 
 
-def set_parameters(service_client: Client, **values: ParameterValue) -> list[SetParametersResult]:
-    wanted = [Parameter(name=name, value=value) for name, value in values.items()]
-    request = SetParameters.Request(parameters=wanted)
-    return list(service_client.call(SetParameters, "refinement/set_parameters", request).results)
-
-
 def test_startup_parameters_are_read_only(service_client: Client) -> None:
-    models = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="/etc")
-    frame = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="moon")
-    results = set_parameters(service_client, models=models, frame=frame)
+    results = service_client.set_parameters("refinement", models="/etc", frame="moon")
     assert [result.successful for result in results] == [False] * 2
     assert all("read-only" in result.reason for result in results)
 
@@ -86,12 +76,9 @@ def test_the_gate_can_be_disabled_at_runtime(host: Host, client: Client, tmp_pat
     host("refinement", models=tmp_path, deadline=20.0)
     request = request_of_the_paper(yaw=3.0)
     assert not refine(client, request).refined
-    opened = ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=False)
-    assert [result.successful for result in set_parameters(client, gate=opened)] == [True]
-    assert refine(client, request).refined
-    closed = ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=True)
-    assert [result.successful for result in set_parameters(client, gate=closed)] == [True]
-    assert not refine(client, request).refined
+    for gate in (False, True):
+        assert [result.successful for result in client.set_parameters("refinement", gate=gate)] == [True]
+        assert refine(client, request).refined is not gate
 
 
 def test_the_failure_cost_is_the_parameter_unless_requested(
@@ -102,10 +89,9 @@ def test_the_failure_cost_is_the_parameter_unless_requested(
     request = request_of_the_paper(yaw=3.0)
     request.objective.success = 100.0
     by_request = refine(client, request).cost_before
-    cost = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=100.0)
     request.objective.success = -1.0
     assert refine(client, request).cost_before < by_request
-    assert [result.successful for result in set_parameters(client, failure_cost=cost)] == [True]
+    assert [each.successful for each in client.set_parameters("refinement", failure_cost=100.0)] == [True]
     assert refine(client, request).cost_before == pytest.approx(by_request)
 
 

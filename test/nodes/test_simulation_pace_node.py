@@ -6,8 +6,6 @@ import time
 
 import pytest
 from conftest import Host
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
 from ros_client import Client
 
 pytestmark = pytest.mark.node
@@ -17,15 +15,15 @@ def test_the_real_time_factor_can_be_changed_at_runtime(host: Host, client: Clie
     host("simulation", real_time_factor=0.1)
     client.robot()
     before = client.robots[-1][0]
-    assert not set_factor(client, -1.0)
-    assert set_factor(client, 20.0)
-    assert not set_number(client, "seed", 5.0)
+    assert not is_set(client, real_time_factor=-1.0)
+    assert is_set(client, real_time_factor=20.0)
+    assert not is_set(client, seed=5.0)
     client.eventually(lambda: client.robots[-1][0] > before + 5.0, "time goes on")
 
 
 def test_as_fast_as_possible_waits_for_commands(host: Host, client: Client) -> None:
     host("simulation", real_time_factor=0.0, command_wait=0.5)
-    assert set_number(client, "command_wait", 10.0)
+    assert is_set(client, command_wait=10.0)
     steer_a_little(client)
     # Earlier messages may still be in transit.
     client.eventually(lambda: is_silent(client), "the simulation waits", patience=9.0)
@@ -47,16 +45,9 @@ def pace(client: Client, seconds: float) -> float:
     return (client.robots[-1][0] - before) / (time.monotonic() - began)
 
 
-def set_factor(client: Client, factor: float) -> bool:
-    """Set the real-time factor; return whether the node accepts it."""
-    return set_number(client, "real_time_factor", factor)
-
-
-def set_number(client: Client, name: str, number: float) -> bool:
+def is_set(client: Client, **value: float) -> bool:
     """Set a parameter; return whether the node accepts it."""
-    value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=number)
-    request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
-    (result,) = client.call(SetParameters, "simulation/set_parameters", request).results
+    (result,) = client.set_parameters("simulation", **value)
     return bool(result.successful)
 
 
