@@ -28,7 +28,8 @@ from ator_ros.tools.command_line import (
 
 UNGATED = ("refined", "refined_speed")
 """Policies without a gate, from whose runs a gate is learned."""
-GAINS = (0.0, 0.02, 0.05, 0.08, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
+GAINS = (0.05, 0.08, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
+"""Least predicted gains in s that are tried: less than a control tick shows in no execution."""
 SPREAD_FACTORS = (0.0, 0.25, 0.5, 1.0)
 KEPT = 0.97
 """Least share of the ungated gain that a gate keeps, with and without refined speeds."""
