@@ -218,14 +218,17 @@ def _search(
 
 @compiled
 def _fill_befores(befores: NDArray[np.float32], x: float, y: float, entries: Ends, aw: float) -> None:
-    """Write how far to the left of the end of each entry, and ahead, the goal (x, y) lies, in m."""
+    """Write how far to the left of the end of each entry, and ahead, the goal (x, y) lies, in m.
+
+    Ahead, the distance counts that its turn adds to its time at the speed at which it begins.
+    """
     (along, across), sides = entries.turns, entries.sides
     for entry in range(befores.shape[1]):
         ahead, row = x - sides[0, entry], entry * ENTRIES + EDGE - _STRIDE * (_POINTS // 2)
         for step in range(_POINTS):
-            at, kept = row + _STRIDE * step, sides[2, entry] * turn_time(_GRID[step], sides[4, entry], aw)
+            at, coasted = row + _STRIDE * step, sides[2, entry] * turn_time(_GRID[step], sides[4, entry], aw)
             befores[0, entry, step] = _COS[step] * y - _SIN[step] * ahead - across[at]
-            befores[1, entry, step] = _COS[step] * ahead + _SIN[step] * y - along[at] - kept
+            befores[1, entry, step] = _COS[step] * ahead + _SIN[step] * y - along[at] - coasted
 
 
 @compiled
@@ -243,9 +246,9 @@ def _fill_afters(afters: NDArray[np.float32], total: float, exits: Ends, aw: flo
         cos, sin = math.cos(angle), math.sin(angle)
         for exit_ in range(afters.shape[1]):
             low, share = place_of(exit_, angle)
-            length, kept = sides[0, exit_], sides[2, exit_] * turn_time(angle, sides[4, exit_], aw)
+            length, coasted = sides[0, exit_], sides[2, exit_] * turn_time(angle, sides[4, exit_], aw)
             afters[0, exit_, step] = length * sin - look_up(across, low, share)
-            afters[1, exit_, step] = -length * cos - look_up(along, low, share) - kept
+            afters[1, exit_, step] = -length * cos - look_up(along, low, share) - coasted
 
 
 @compiled

@@ -112,7 +112,7 @@ def turn_tables(limits: Limits, profiles: tuple[TurnProfile, ...], *, forward: b
     return TurnTables(turns, fractions, float(speeds[0]), len(speeds))
 
 
-_DETOUR, _CRAMPED = 7.2, 2.0
+_DETOUR, _SHORTFALL = 7.2, 2.0
 """Costs, in m of driving at full speed, of each m that a drive passes an object at the goal too near, and of
 each m that a drive forward lacks for its change of speed: the robot turns at other speeds then."""
 
@@ -157,18 +157,17 @@ SHAPE = np.dtype(
 class Rules(NamedTuple):
     """Parameters of all shapes of a set; see `ShapeSet`.
 
-    run: NaN if it is as long as needed. detour, cramped: s per m that a straight drive passes too near the
-    object, and that it lacks for its change of speed. aimed: whether the paths end with the drive, at any
-    heading.
+    run: NaN if it is as long as needed. detour, shortfall: cost in s of each m by which a drive passes too
+    near the object, and by which a drive forward is too short for its change of speed.
     """
 
     rates: Rates
     run: float
     passing: float
     detour: float
-    cramped: float
+    shortfall: float
     forward: bool
-    aimed: bool
+    free_heading: bool
 
 
 @dataclass(frozen=True)
@@ -185,7 +184,7 @@ class ShapeSet:
         Distance in m that the straight drive keeps from an object at the goal; 0 where there is none.
     forward : bool
         Whether the robot never drives backward.
-    aimed : bool
+    free_heading : bool
         Whether the heading at the destination does not matter: there is no last turn, and the drive leads the
         object in front of the robot there.
     """
@@ -195,7 +194,7 @@ class ShapeSet:
     run: float | None = 0.0
     passing: float = 0.0
     forward: bool = False
-    aimed: bool = False
+    free_heading: bool = False
 
     @cached_property
     def _shapes(self) -> tuple[Shape, ...]:
@@ -238,8 +237,8 @@ class ShapeSet:
     def rules(self) -> Rules:
         """What holds for all shapes."""
         run = np.nan if self.run is None else self.run
-        detour, cramped = _DETOUR / self.limits.v, _CRAMPED / self.limits.v
-        return Rules(rates_of(self.limits), run, self.passing, detour, cramped, self.forward, self.aimed)
+        costs = _DETOUR / self.limits.v, _SHORTFALL / self.limits.v
+        return Rules(rates_of(self.limits), run, self.passing, *costs, self.forward, self.free_heading)
 
 
 _END = np.dtype([("speed", float), ("length", float), ("time", float), ("row", np.intp)])
@@ -340,7 +339,7 @@ def search_fastest(
     firsts, most = shapes[:count], max(1, (others[1:] - others[:-1]).max())
     entries, exits = np.empty(count, dtype=_END), np.empty(count, dtype=_END)
     other_entries, other_exits = np.empty(most, dtype=_END), np.empty(most, dtype=_END)
-    gaps, nowhere = np.empty(WIDTH, dtype=np.float32), np.zeros(WIDTH, dtype=np.float32)
+    gaps, zeros = np.empty(WIDTH, dtype=np.float32), np.zeros(WIDTH, dtype=np.float32)
     likely = 0  # the last fastest group is tried first: its time prunes most others
     for at in range(ends.shape[1]):
         x, y, turn, speed, arrival = ends[0, at], ends[1, at], ends[2, at], ends[3, at], ends[4, at]
@@ -349,14 +348,14 @@ def search_fastest(
         if at == 0 or arrival != ends[4, at - 1]:
             _set_arrival(exits, arrival, firsts, tables, rules)
         time, turned, likely = _fastest(
-            x, y, turn, hold, np.inf, likely, entries, exits, gaps, nowhere, firsts, tables, rules
+            x, y, turn, hold, np.inf, likely, entries, exits, gaps, zeros, firsts, tables, rules
         )
         if others[likely] < others[likely + 1]:
             group = shapes[others[likely] : others[likely + 1]]
             _set_speed(other_entries, speed, group, tables, rules)
             _set_arrival(other_exits, arrival, group, tables, rules)
             faster, angles, _ = _fastest(
-                x, y, turn, hold, time, 0, other_entries, other_exits, gaps, nowhere, group, tables, rules
+                x, y, turn, hold, time, 0, other_entries, other_exits, gaps, zeros, group, tables, rules
             )
             if faster < time:
                 time, turned = faster, angles
@@ -376,7 +375,7 @@ def _fastest(
     entries: Rows,
     exits: Rows,
     gaps: RealArray,
-    nowhere: RealArray,
+    zeros: RealArray,
     shapes: Rows,
     tables: TurnTables,
     rules: Rules,
@@ -397,18 +396,18 @@ def _fastest(
         if straight == np.inf:
             continue
         ahead, aside = object_x - entry["length"], object_y
-        if rules.aimed:
+        if rules.free_heading:
             offset = _Offset(ahead, aside, ahead, aside, hold)
         else:
             to_x, to_y = x - entry["length"] - exit_["length"] * cos, y - exit_["length"] * sin
             offset = _Offset(to_x, to_y, ahead, aside, 0.0)
         rate = max(shape["first_rate"], shape["last_rate"])
-        for around in range(1 if rules.aimed else 3 if rules.forward else 2):
-            total = 0.0 if rules.aimed else totals[around]
+        for around in range(1 if rules.free_heading else 3 if rules.forward else 2):
+            total = 0.0 if rules.free_heading else totals[around]
             if straight + turn_time(abs(total), rate, rules.rates.aw) > best:
                 continue
-            if rules.aimed:
-                far = nowhere
+            if rules.free_heading:
+                far = zeros
             else:
                 fraction, column = windows[around]
                 far = tables.fractions[exit_["row"], fraction, column : column + WIDTH]
@@ -419,7 +418,7 @@ def _fastest(
                 step = math.frexp(float(roots & -roots))[1] - 1
                 roots &= roots - 1
                 first = TURNS[step] + _STEP * (gaps[step] / (gaps[step] - gaps[step + 1]))
-                last = 0.0 if rules.aimed else total - first
+                last = 0.0 if rules.free_heading else total - first
                 angles = abs(first) + abs(last)
                 if abs(last) < WIDEST and angles < _MOST_TURNED:
                     time = _time(
@@ -476,8 +475,8 @@ def _time(
     if result > best:
         return np.inf
     cos, sin = math.cos(first), math.sin(first)
-    kept = entry["speed"] * time1
-    lane = cos * offset.x + sin * offset.y - offset.before - kept - exit_["speed"] * time2
+    coasted = entry["speed"] * time1
+    lane = cos * offset.x + sin * offset.y - offset.before - coasted - exit_["speed"] * time2
     length = drive_length(lane, first, last, entry["row"], exit_["row"], along, along)
     if result + abs(length) * (1.0 / rates.v) > best:
         return np.inf
@@ -487,12 +486,12 @@ def _time(
         least = change_distance(before, after, rates)
         if length < 0.0:
             return np.inf
-        result += rules.cramped * max(least - length, 0.0)
+        result += rules.shortfall * max(least - length, 0.0)
         length = max(length, least)
     result += drive_time(length, before, after, rates)
     if rules.passing > 0.0:
         begin, share = place_of(entry["row"], first)
-        to_object = cos * offset.object_x + sin * offset.object_y - look_up(along, begin, share) - kept
+        to_object = cos * offset.object_x + sin * offset.object_y - look_up(along, begin, share) - coasted
         if min(length, 0.0) < to_object < max(length, 0.0):
             beside = cos * offset.object_y - sin * offset.object_x - look_up(across, begin, share)
             result += rules.detour * max(rules.passing - abs(beside), 0.0)

@@ -46,7 +46,7 @@ class DrivingStyle:
     ----------
     forward : bool
         Whether it never drives backward.
-    aimed : bool
+    free_heading : bool
         Whether it ends at any heading, as a shot does: its paths have no last turn.
     run : float
         Length in m of the straight run up to the object held at the goal, of an action that also drives
@@ -62,7 +62,7 @@ class DrivingStyle:
     drives: StoredGroups
     approaches: StoredGroups = ()
     forward: bool = False
-    aimed: bool = False
+    free_heading: bool = False
     run: Annotated[float, Within(0.0)] = 0.0
     passing: Annotated[float, Within(0.0)] = 0.0
 
@@ -77,7 +77,7 @@ class DrivingStyle:
         """The paths to a pose."""
         run = None if self.forward else 0.0
         shapes = _restored(self.drives)
-        return ShapeSet(self.limits, shapes, run=run, forward=self.forward, aimed=self.aimed)
+        return ShapeSet(self.limits, shapes, run=run, forward=self.forward, free_heading=self.free_heading)
 
     @cached_property
     def approach_paths(self) -> ShapeSet:
@@ -141,7 +141,7 @@ def free_shapes(limits: Limits, runs: Iterable[float] = (0.0,)) -> list[Shape]:
 
 
 def forward_shapes(
-    limits: Limits, first_rate: TurnRates, last_rate: TurnRates, *, aimed: bool = False
+    limits: Limits, first_rate: TurnRates, last_rate: TurnRates, *, free_heading: bool = False
 ) -> list[Shape]:
     """Return the shapes of paths forward, whose turns are as fast as `first_rate` and `last_rate` allow."""
     begins = [
@@ -170,7 +170,7 @@ def forward_shapes(
         )
         for loss in _LOSSES
     ]
-    ends = [(0.0, limits.w, math.nan, -math.inf)] if aimed else ends
+    ends = [(0.0, limits.w, math.nan, -math.inf)] if free_heading else ends
     slowest = _SLOWEST * limits.w
     return [
         Shape(TurnProfile(gain, rate), TurnProfile(loss, other), share, entry, start, arrival)

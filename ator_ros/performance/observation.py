@@ -64,14 +64,15 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
         turns = _turns(rows, limits)
         first, last = _rates(turns.start, turns.gain, turns), _rates(turns.end, turns.loss, turns)
         known = np.isfinite(starts[["position_error", "heading_error"]]).any()
-        aimed = bool(known["position_error"] and not known["heading_error"])  # its TOP leaves that free
-        shapes = forward_shapes(limits, first, last, aimed=aimed)
+        alike = holding.all() or not holding.any()  # what comes to the goal: the object held, or the robot
+        free_heading = bool(alike and known["position_error"] and not known["heading_error"])
+        shapes = forward_shapes(limits, first, last, free_heading=free_heading)
         if not shapes:  # of an action whose odometry shows no turns, too
-            shapes = forward_shapes(limits, _on_the_spot, _on_the_spot, aimed=aimed)
-        paths = ShapeSet(limits, (), run=None, forward=True, aimed=aimed)
+            shapes = forward_shapes(limits, _on_the_spot, _on_the_spot, free_heading=free_heading)
+        paths = ShapeSet(limits, (), run=None, forward=True, free_heading=free_heading)
         hold = robot.hold if holding.any() else 0.0
         drives = chosen_shapes(shapes, paths, _geometry(starts, robot).ends, hold=hold)
-        return DrivingStyle(limits, drives, forward=True, aimed=aimed)
+        return DrivingStyle(limits, drives, forward=True, free_heading=free_heading)
     free = starts if holding.all() else starts[~holding]
     ends = _geometry(free, robot).ends
     driving = DrivingStyle(limits, chosen_shapes(free_shapes(limits), ShapeSet(limits, ()), ends, hold=0.0))

@@ -37,13 +37,13 @@ _SMOOTHINGS = (5.0, 60.0)
 the jumps between them: much smoothing is better, unless an action changes its behavior at thresholds."""
 _FOLDS, _FEW_FOLDS = 10, 3
 _BASE = "path_time"
-_EARLIEST = 3.0
-"""By how many median absolute deviations less than usual a drive may take, compared with its path; what is
-beyond is clipped. A drive that is much faster drove a shape that was not chosen. Unclipped, it lowers
-predictions nearby, and a search finds what is predicted too short."""
-_NEVER = (0.05, 0.25)
-"""Share of the drives, and of their usual duration: an action does not follow its path if so many are faster
-by so much."""
+_CLIPPED = 3.0
+"""Median absolute deviations below the median at which what drives take longer than their paths is clipped.
+A drive that is much faster drove a shape that was not chosen. Unclipped, it lowers predictions nearby, and a
+search finds what is predicted too short."""
+_SOME, _MUCH_FASTER = 0.05, 0.25
+"""An action does not follow its path if this share of its drives is faster than their paths by that share of
+the median duration."""
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
 LEAST_EPISODES = 20
@@ -131,13 +131,12 @@ def duration_tree(table: pd.DataFrame, durations: FloatArray) -> ModelTree:
     An action that does not follow its path to the end, such as a shot, is learned as it is.
     """
     late = durations - table[_BASE].to_numpy() if _BASE in table else np.full(len(table), -math.inf)
-    share, faster = _NEVER
-    if np.quantile(late, share, method="lower") < -faster * np.median(durations):
+    if np.quantile(late, _SOME, method="lower") < -_MUCH_FASTER * np.median(durations):
         extrapolation = 0.0 if _BASE in table else 1.0
         return narrowed(_best_learning(table, durations, durations, extrapolation=extrapolation))
     usual = float(np.median(late))
     spread = float(np.median(np.abs(late - usual)))
-    clipped = np.maximum(late, usual - _EARLIEST * spread)
+    clipped = np.maximum(late, usual - _CLIPPED * spread)
     return narrowed(dataclasses.replace(_best_learning(table, late, clipped, extrapolation=0.0), base=_BASE))
 
 

@@ -84,8 +84,8 @@ def test_paths_turn_only_as_the_action_was_seen_to_turn() -> None:
 def test_paths_of_an_action_that_ends_at_any_heading_have_no_last_turn() -> None:
     seen = observed_driving(episodes().assign(heading_error=np.nan), ROBOT)
     turns = observed_driving(episodes(), ROBOT)
-    assert seen.aimed
-    assert not turns.aimed
+    assert seen.free_heading
+    assert not turns.free_heading
     times = [time_to(2.0, 1.0, yaw, seen) for yaw in (-2.0, 0.0, 0.5, 3.0)]
     assert max(times) == min(times) < min(time_to(2.0, 1.0, yaw, turns) for yaw in (-2.0, 0.0, 3.0))
     # What is held shall come there: the robot itself stops before.
