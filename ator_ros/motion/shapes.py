@@ -285,6 +285,8 @@ def _before_run(share: float, arrival: float, rules: Rules) -> tuple[float, floa
     return least + share * (greatest - least), rules.run
 
 
+_ROOM = 0.02
+"""Room in m beyond its change of speed that a drive needs after which no turn follows to make up for it."""
 _FULL_TURN = 2.0 * math.pi
 _MOST_TURNED = math.radians(450.0)
 _STEP = np.float32(STEP)
@@ -484,7 +486,7 @@ def _time(
     after = speed_after(exit_["speed"], shape["last_change"], time2, rates.v)
     if rules.forward:
         least = change_distance(before, after, rates)
-        if length < 0.0:
+        if length < (least + _ROOM if rules.free_heading else 0.0):
             return np.inf
         result += rules.shortfall * max(least - length, 0.0)
         length = max(length, least)
