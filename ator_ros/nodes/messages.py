@@ -222,12 +222,11 @@ def _statement(term: msg.GoalTerm, variables: Sequence[str], where: str) -> Goal
 
 
 def objective_from(objective: msg.Objective, failure_cost: float = 0.0) -> Objective:
-    """Read an objective; a `success` below 0 stands for `failure_cost` (s)."""
+    """Read an objective; a `success` below 0 stands for `failure_cost` (s), where models predict it."""
     weights = {name: float(getattr(objective, name)) for name in objective.get_fields_and_field_types()}
-    if weights["success"] < 0.0:
-        weights["success"] = failure_cost
+    optional = frozenset({"success"} if weights["success"] < 0.0 else ())
     try:
-        return Objective(weights)
+        return Objective(weights | dict.fromkeys(optional, failure_cost), optional)
     except RefinementError as error:
         raise MessageError(str(error)) from error
 

@@ -27,6 +27,8 @@ class Objective:
     weights : mapping
         Of "duration" without unit (seconds count as they are), of "success" in s per failure, of "accuracy"
         in s per m. By default only duration counts.
+    where_predicted : frozenset of str
+        Measures that count only for models that predict them; models must predict the others.
 
     Raises
     ------
@@ -36,6 +38,7 @@ class Objective:
     """
 
     weights: Mapping[str, float] = field(default_factory=lambda: {"duration": 1.0})
+    where_predicted: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         for name, weight in self.weights.items():
@@ -60,15 +63,15 @@ class Objective:
         Raises
         ------
         RefinementError
-            The performance model does not predict a measure that has a weight; only success beside others
-            counts where it is predicted.
+            The performance model does not predict a measure that has a weight and is not among
+            `where_predicted`, or no measure that has a weight.
         """
         terms = []
         for name in self.needs:
             values = getattr(prediction, name, None)
             if values is not None:
                 terms.append(self.weights[name] * (1.0 - values if name == "success" else values))
-            elif name != "success" or len(self.needs) == 1:
+            elif name not in self.where_predicted or len(self.needs) == 1:
                 raise RefinementError(f"objective: expected models that predict {name}, got none")
         return np.asarray(sum(terms[1:], start=terms[0]), dtype=float)
 
@@ -79,6 +82,6 @@ def expected_time(failure_cost: float) -> Objective:
     Parameters
     ----------
     failure_cost : float
-        Time in s that one failure costs, such as the time limit of a chain.
+        Time in s that one failure costs, such as the time limit of a chain; only for models that predict it.
     """
-    return Objective({"duration": 1.0, "success": failure_cost})
+    return Objective({"duration": 1.0, "success": failure_cost}, frozenset({"success"}))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from refinement_fakes import (
     ANGLE,
@@ -25,7 +27,7 @@ from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.gate import Gate
-from ator_ros.refinement.objective import Objective
+from ator_ros.refinement.objective import Objective, expected_time
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import USUAL_RANGES, declared_ranges
@@ -88,6 +90,13 @@ def test_failures_cost_time_unless_the_objective_changes_that() -> None:
     assert careful.refine(world(), two_steps(BOTH)).chain.calls[0].goal.speed == 0.0
     fast = careful.refine(world(), two_steps(BOTH), Objective({"duration": 1.0}))
     assert fast.chain.calls[0].goal.speed > 0.3
+
+
+def test_success_that_no_model_predicts_counts_only_by_default() -> None:
+    prediction = SimpleNamespace(duration=np.array([2.0]))
+    assert expected_time(30.0).cost(prediction) == [2.0]
+    with pytest.raises(RefinementError, match="expected models that predict success"):
+        Objective({"duration": 1.0, "success": 30.0}).cost(prediction)
 
 
 @pytest.mark.parametrize(
