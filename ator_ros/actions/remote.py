@@ -160,9 +160,9 @@ class UnreachableAction(Action):
         """Raise ActionError."""
         raise ActionError("its action server can be used over ROS only")
 
-    def step(self, world: World) -> Step:
-        """Raise ActionError: it has not started."""
-        raise NotImplementedError
+    def step(self, world: World) -> Step:  # noqa: ARG002
+        """Raise ActionError: it never starts."""
+        raise ActionError("its action server can be used over ROS only")
 
 
 # Results

@@ -354,11 +354,12 @@ class DeclaredServer:
     folder: str = ""
 
     def __post_init__(self) -> None:
-        """Check that there is either an executable or a command."""
+        """Check that there is either an executable or a command, and a folder only with a command."""
         if self.command:
             alone = not (self.package or self.executable)
             require(alone, "command", "none beside package and executable", self.command)
             return
+        require(not self.folder, "folder", "none without `command`", self.folder)
         require(is_name(self.package), "package", "a package (or `command`)", self.package)
         named = re.fullmatch(r"\w[\w.-]*", self.executable)
         require(named is not None, "executable", "an executable as for `ros2 run`", self.executable)

@@ -203,7 +203,7 @@ def _read(
             for topic, message in _messages(readers, roles.keys()):
                 for role in roles[topic]:
                     reader.take(role, message)
-    except ImportError:
+    except ImportError:  # a package is missing or broken; the recording may be fine
         raise
     except Exception as error:  # a damaged file raises anything
         expected = "a recording of ros2 bag record -s mcap (mcap recover repairs one that was cut off)"

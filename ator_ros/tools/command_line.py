@@ -67,7 +67,7 @@ def guarded(program: str, work: Callable[[], object], *, interrupted: str = "not
     except KeyboardInterrupt:
         print(f"{program}: interrupted; {interrupted}", file=sys.stderr)
         return INTERRUPTED
-    except ModuleNotFoundError as error:
+    except ImportError as error:
         print(f"{program}: {error}: docs/install.md says how to install it", file=sys.stderr)
         return 1
     except EXPECTED_ERRORS as error:

@@ -14,6 +14,7 @@ from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.running import run_situations
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.statistics import labels
+from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.gate import GATE, Gate, save_gate
 from ator_ros.tools.command_line import (
@@ -56,7 +57,10 @@ class GateExamples(NamedTuple):
 
 
 def gate_examples(records: Iterable[Mapping[str, Any]]) -> GateExamples:
-    """Return the examples in records of `evaluate_trial`, with and without refined arrival speed."""
+    """Return the examples in records of `evaluate_trial`, with and without refined arrival speed.
+
+    Raises EvaluationError if none of the situations had a free variable.
+    """
     rows = []
     for record in records:
         naive = record["policies"]["naive"]["duration"]
@@ -64,6 +68,8 @@ def gate_examples(records: Iterable[Mapping[str, Any]]) -> GateExamples:
             run = record["policies"][policy]
             if "gain" in run:
                 rows.append((run["gain"], run["spread"], naive, run["duration"], kind))
+    if not rows:
+        raise EvaluationError("expected situations with a free variable, got none")
     return GateExamples(*map(np.array, zip(*rows, strict=True)))
 
 

@@ -62,9 +62,8 @@ class NodeProcesses:
         try:
             self._run(server.name, words, server.folder or None)
         except OSError as error:
-            raise NodesError(
-                f"servers: command: expected a program, got {server.name}: {error.strerror}"
-            ) from error
+            where = "servers: command" if server.command else f"servers: executable of {server.package}"
+            raise NodesError(f"{where}: expected a program, got {server.name}: {error.strerror}") from error
 
     def _run(self, name: str, words: Sequence[str], folder: str | None = None) -> None:
         with self._log(name).open("wb") as log:

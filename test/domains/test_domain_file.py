@@ -152,6 +152,7 @@ def test_a_top_without_a_declared_action_is_omitted(tmp_path: Path) -> None:
             [CHAIN | {"steps": [{"top": "fly", "goal": [PLACE]}]}],
             r"chains\[0\].steps\[0\].top: expected one of visit, fetch; got 'fly'",
         ),
+        ("servers", [{"package": "p", "executable": "e", "folder": "f"}], "folder: expected none without"),
         ("variables.1.low", None, r"variables\[1\]: low, high: expected both or neither"),
     ],
 )

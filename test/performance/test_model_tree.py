@@ -41,6 +41,8 @@ def test_finds_the_kinks_better_than_a_tree_of_constants():
     assert rmse(fresh_y, tree.predict(fresh_X)) < 0.03
     assert rmse(fresh_y, tree.predict(fresh_X)) < 0.5 * rmse(fresh_y, constants.predict(fresh_X))
     assert tree.tree_.n_leaves < constants.get_n_leaves() / 2
+    with pytest.raises(ValueError, match=r"expected features of shape \(n, 5\), got"):
+        tree.tree_.predict(fresh_X[:, :2])
 
 
 def test_extrapolation_stays_near_the_training_targets():

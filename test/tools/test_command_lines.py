@@ -30,6 +30,14 @@ NAMESPACE = "expected a namespace of letters"
 REFUSED = [
     *(("collect --episodes=" + text, NUMBER.format("episodes")) for text in ("-1", "1.5")),
     ("evaluate --oracle=1.5", NUMBER.format("oracle")),
+    (
+        "evaluate --oracle=3 --oracle-from=.",
+        "argument --oracle-from: not allowed with argument --oracle",
+    ),
+    (
+        "evaluate --oracle=3 --oracle-jointly --oracle-speeds 0.1",
+        "argument --oracle-speeds: not allowed with argument --oracle-jointly",
+    ),
     ("demo --situations=-1", NUMBER.format("situations")),
     *(("view --attach --robots " + name, NAMESPACE) for name in ("a-b", "../x")),
     *(("collect --out=" + place, NO_FILE.format("out")) for place in (".", "file/result", "file/a/result")),

@@ -17,10 +17,12 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.running import PARTIAL, run_situations
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import ToolsetSource
+from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.files import FileError
 from ator_ros.performance.model_file import save_model
 from ator_ros.refinement.gate import GATE, Gate, load_gate, save_gate
 from ator_ros.tools.evaluate import main
+from ator_ros.tools.gate import GAINS, gate_examples
 from ator_ros.tools.gate import main as gate_main
 
 ORACLE = ("--oracle", "4", "--oracle-speeds", "0.4", "--oracle-margin", "0.2")
@@ -108,7 +110,10 @@ def test_a_gate_is_learned(models: Path, tmp_path: Path) -> None:
     options = ["--situations", "10", "--seed", "305", "--jobs", "1", "--work", str(tmp_path / "work")]
     assert gate_main([*options, "--models", str(ours)]) == 0
     assert json.loads((ours / GATE).read_text())["training"]["seed"] == 305
-    assert load_gate(ours / GATE).gain >= 0.0
+    assert load_gate(ours / GATE).gain in GAINS
+    run = {"duration": 9.0}
+    with pytest.raises(EvaluationError, match="expected situations with a free variable, got none"):
+        gate_examples([{"policies": {"naive": run, "refined": run, "refined_speed": run}}])
 
 
 def test_the_oracle_of_an_earlier_evaluation_is_taken(

@@ -90,11 +90,17 @@ class ModelTree:
         array of int, shape (n,)
             Numbers of nodes.
         """
-        return self.evaluate(np.ascontiguousarray(X.T), np.arange(len(self.names)))[1]
+        return self.evaluate(*self._rows(X))[1]
 
     def predict(self, X: FloatArray) -> FloatArray:
         """Predict the target of each row, in its unit; shapes as in `apply`."""
-        return self.evaluate(np.ascontiguousarray(X.T), np.arange(len(self.names)))[0]
+        return self.evaluate(*self._rows(X))[0]
+
+    def _rows(self, X: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Return features, shape (n, n_features), as `evaluate` takes them."""
+        if X.ndim != 2 or X.shape[1] != len(self.names):
+            raise ValueError(f"expected features of shape (n, {len(self.names)}), got {X.shape}")
+        return np.ascontiguousarray(X.T), np.arange(len(self.names))
 
     def evaluate(self, rows: FloatArray, places: IntArray) -> tuple[FloatArray, IntArray]:
         """Return the prediction for n situations, and their leaves.
