@@ -14,7 +14,7 @@ from typing import Any
 
 import pandas as pd
 
-from ator_ros.domains.domain import Domain, find_domain, installed
+from ator_ros.domains.domain import GROUP, Domain, entry_points_of, find_domain
 from ator_ros.experience.table import read_experience
 from ator_ros.files import portable_command, write_text
 from ator_ros.performance.accuracy import accuracy
@@ -126,7 +126,7 @@ def _numbers(numbers: Mapping[str, Any]) -> str:
 
 def shipped(folder: Path, domain: Domain, robot: Robot) -> list[PerformanceModel]:
     """Return the models of a domain in a folder whose accuracy was measured."""
-    others = set(installed()) - {domain.name}  # their models lie in folders of their names
+    others = set(entry_points_of(GROUP)) - {domain.name}  # their models lie in folders of their names
     files = (path for path in folder.rglob("*.json") if path.relative_to(folder).parts[0] not in others)
     models = [load_model(path, robot, domain.known_features) for path in sorted(filter(is_model, files))]
     return [model for model in models if model.metadata["accuracy"]]

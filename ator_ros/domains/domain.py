@@ -301,8 +301,8 @@ class Domain:
         )
 
 
-def installed(group: str = GROUP) -> dict[str, EntryPoint]:
-    """Return the entry points of a group by name, by default the domains."""
+def entry_points_of(group: str) -> dict[str, EntryPoint]:
+    """Return the entry points of a group by name."""
     return {entry.name: entry for entry in entry_points(group=group)}
 
 
@@ -340,7 +340,7 @@ def find_domain(name: str = DEFAULT) -> Domain:
     """
     if "/" in name or name.endswith(_ENDINGS):
         domain = declared_domain(Path(name))
-        if domain.name in installed():
+        if domain.name in entry_points_of(GROUP):
             raise DomainError(
                 f"{name}: name: expected none of the installed domains, whose models have that name, "
                 f"got {domain.name!r}"
@@ -354,7 +354,7 @@ def find_domain(name: str = DEFAULT) -> Domain:
 
 def _loaded(group: str, name: str, place: str) -> Any:
     """Return what the entry point of this name refers to; raise DomainError if there is none."""
-    found = installed(group)
+    found = entry_points_of(group)
     if name not in found:
         raise DomainError(
             f"{place}: expected an entry point of {group}, one of {sorted(found)}, got {quoted(name)}"

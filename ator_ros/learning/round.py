@@ -184,22 +184,24 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
                     reasons[key], seen[key] = verdict.reason, int(rows[NUMBER].max()) + 1
             episodes[name] = max(verdict.episodes for verdict in verdicts.values())
             if model is not None:
-                training = {
-                    "command": "learning",
-                    "kind": "; ".join(
-                        f"{name}: {found.kind}" for name, found in verdicts.items() if found.kind
-                    ),
-                    "episodes": episodes[name],
-                    # Kept, since records of refined chains cover less of the ranges of starts.
-                    "starts": {} if current is None else current.metadata["training"].get("starts", {}),
-                }
-                metadata = {"action_set": action_set, "training": training, "versions": library_versions()}
+                metadata = _metadata(action_set, verdicts, episodes[name], current)
                 models[model_path(str(action), action_set)] = dataclasses.replace(model, metadata=metadata)
     made: Path | str = ""
     if models:
         made = _make_set(source, base, models)
         seal(made, Manifest("", time, episodes, seen, reasons))
     return {"made": str(made), "actions": actions}
+
+
+def _metadata(
+    action_set: str, verdicts: Verdicts, episodes: int, current: PerformanceModel | None
+) -> dict[str, Any]:
+    """Return the metadata of a better model than `current`."""
+    kinds = "; ".join(f"{measure}: {verdict.kind}" for measure, verdict in verdicts.items() if verdict.kind)
+    # The ranges of starts are kept, since records of refined chains cover less of them.
+    starts = {} if current is None else current.metadata["training"].get("starts", {})
+    training = {"command": "learning", "kind": kinds, "episodes": episodes, "starts": starts}
+    return {"action_set": action_set, "training": training, "versions": library_versions()}
 
 
 def _key(name: str, measure: str) -> str:

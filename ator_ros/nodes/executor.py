@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -387,10 +387,7 @@ class ExecutorNode(Node):
         known = {} if self._world is None else self._world.objects
         values: dict[str, object] = {
             "odom": "none yet" if silence is None else f"{1000.0 * silence:.0f} ms ago",
-            **{
-                name: ("overdue" if name in self._inputs.overdue else "known") if name in known else "unknown"
-                for name in self._domain.objects
-            },
+            **{name: self._knowledge(name, known) for name in self._domain.objects},
             **self._rolling.diagnostics(),
             **self._ticks.diagnostics(),
             "goal": "none" if self._run is None else self._run.supervisor.phase.value,
@@ -419,6 +416,12 @@ class ExecutorNode(Node):
             error=stale and self._run is not None,
             values=values,
         )
+
+    def _knowledge(self, name: str, known: Container[str]) -> str:
+        """Return whether an object is known, for diagnostics."""
+        if name not in known:
+            return "unknown"
+        return "overdue" if name in self._inputs.overdue else "known"
 
     def stop(self) -> None:
         """Stop the robot and end the running goal, before the node ends."""

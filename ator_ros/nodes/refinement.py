@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 import time
 import traceback
-from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
@@ -98,12 +96,8 @@ class RefinementNode(Node):
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
         self._answered, self._cut_short, self._last_error = 0, 0, ""
         self._markers = LazyPublisher(self, MarkerArray, "refinement_markers")
-        for kind, name, answer in (
-            (RefineSubgoal, "refine_subgoal", self._refine),
-            (PlanChains, "plan_chains", self._plan),
-        ):
-            serve = functools.partial(self._serve, answer)
-            self.create_service(kind, name, serve, qos_profile=SERVICES)
+        self.create_service(RefineSubgoal, "refine_subgoal", self._serve_refinement, qos_profile=SERVICES)
+        self.create_service(PlanChains, "plan_chains", self._serve_plan, qos_profile=SERVICES)
         self._diagnostics = Diagnostics(self, self._health)
         self.get_logger().info(
             f"refining chains for {robot.name} (domain {domain.name}, ROS domain "
@@ -130,24 +124,34 @@ class RefinementNode(Node):
     def _warm_up(self, library: TopLibrary, read: ModelSet) -> None:
         warm_up_refinement(library, self._refiner(read))
 
-    def _serve(self, answer: Callable[[Any], Any], request: Any, response: Any) -> Any:
-        """Answer a request, or say why it has no answer; a defect must not end the node."""
+    def _serve_refinement(self, request: RefineSubgoal.Request, _: Any) -> RefineSubgoal.Response:
         started = time.monotonic()
-        reason = ""
         try:
-            response = answer(request)
-        except (MessageError, RefinementError, PlanningError) as error:
-            reason = printable(str(error), _LONGEST_REASON)
-            self.get_logger().warning(f"refused: {reason}", throttle_duration_sec=_WARNING_PERIOD)
-        except Exception as error:
-            reason = f"internal error: {printable(repr(error), _LONGEST_REASON)}"
-            self.get_logger().error(traceback.format_exc(), throttle_duration_sec=_WARNING_PERIOD)
-        if reason:
-            self._last_error = reason
-            plan = isinstance(request, PlanChains.Request)
-            response = PlanChains.Response(reason=reason) if plan else messages.refused(reason, request.chain)
+            response = self._refine(request)
+        except Exception as error:  # a defect must not end the node
+            response = messages.refused(self._failure(error), request.chain)
         response.computation_time = time.monotonic() - started
         return response
+
+    def _serve_plan(self, request: PlanChains.Request, _: Any) -> PlanChains.Response:
+        started = time.monotonic()
+        try:
+            response = self._plan(request)
+        except Exception as error:  # a defect must not end the node
+            response = PlanChains.Response(reason=self._failure(error))
+        response.computation_time = time.monotonic() - started
+        return response
+
+    def _failure(self, error: Exception) -> str:
+        """Log and return why a request has no answer."""
+        if isinstance(error, MessageError | RefinementError | PlanningError):
+            reason = printable(str(error), _LONGEST_REASON)
+            self.get_logger().warning(f"refused: {reason}", throttle_duration_sec=_WARNING_PERIOD)
+        else:
+            reason = f"internal error: {printable(repr(error), _LONGEST_REASON)}"
+            self.get_logger().error(traceback.format_exc(), throttle_duration_sec=_WARNING_PERIOD)
+        self._last_error = reason
+        return reason
 
     def _refine(self, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
         end = time.monotonic() + self._settings["deadline"]
@@ -163,8 +167,11 @@ class RefinementNode(Node):
         self._answered += 1
         self._cut_short += not choice.refinement.complete
         start, found = pose_from(request.situation.robot, "situation.robot"), choice.refinement
-        shapes = functools.partial(refinement_shapes, start, found.original, found.chain, found.curves)
-        self._markers.publish(lambda: marker_array(shapes(), "refinement", frame))
+        self._markers.publish(
+            lambda: marker_array(
+                refinement_shapes(start, found.original, found.chain, found.curves), "refinement", frame
+            )
+        )
         return messages.answer_of(choice, request, action_set=action_set, frame=frame)
 
     def _plan(self, request: PlanChains.Request) -> PlanChains.Response:

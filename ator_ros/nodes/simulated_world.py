@@ -60,7 +60,7 @@ class SimulatedWorld:
             _check_clear(overlap, f"robot_start {each.name}".strip())
 
     def _begin(self) -> None:
-        self.simulation = Simulation(self.robot, others=[self.robot] * (len(self.robots) - 1))
+        self.simulation = Simulation(self.robot, robots=len(self.robots))
         for number, robot in enumerate(self.robots):
             self.simulation.place_robot(robot.start, number=number)
         for name, place in self._object_starts.items():

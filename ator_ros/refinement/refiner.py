@@ -171,20 +171,7 @@ class Refiner:
         names = names_of(chain, analysis.free)
         model = ChainModel(world, chain, self.robot, models=self.models, names=names, objective=objective)
         if not analysis.free:
-            [prediction] = model.predict(model.given)
-            reason = "nothing is open: the plan commits to every goal variable"
-            if any(call.open for call in chain.calls):
-                reason = f"nothing is free: {_described(chain, analysis.not_free)}"
-            return Refinement(
-                False,
-                reason + self._remarks(chain, analysis, ()),
-                original=chain,
-                best=chain,
-                before=prediction,
-                after=prediction,
-                not_free=analysis.not_free,
-                without_model=self._without_model(chain),
-            )
+            return self._left_alone(chain, analysis, model)
         if deadline():
             [before] = [after] = model.predict(model.given)
             optimum = unsearched(model.given, before.cost)
@@ -314,6 +301,23 @@ class Refiner:
                 if names
             ),
             complete=optimum.complete,
+        )
+
+    def _left_alone(self, chain: TopChain, analysis: Analysis, model: ChainModel) -> Refinement:
+        """Return the answer where nothing is free."""
+        [prediction] = model.predict(model.given)
+        reason = "nothing is open: the plan commits to every goal variable"
+        if any(call.open for call in chain.calls):
+            reason = f"nothing is free: {_described(chain, analysis.not_free)}"
+        return Refinement(
+            False,
+            reason + self._remarks(chain, analysis, ()),
+            original=chain,
+            best=chain,
+            before=prediction,
+            after=prediction,
+            not_free=analysis.not_free,
+            without_model=self._without_model(chain),
         )
 
     def _without_model(self, chain: TopChain) -> tuple[int, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from ator_ros.geometry import Pose
@@ -40,8 +40,10 @@ class Simulation:
 
     Parameters
     ----------
-    robot, others : Robot, sequence of Robot
-        The first robot, with the scene, and others, which stand far away until they are placed.
+    robot : Robot
+        The description of every robot, and the scene.
+    robots : int
+        How many there are. They stand far away until they are placed.
 
     Notes
     -----
@@ -49,19 +51,19 @@ class Simulation:
     speeds within a tick as firmware does, and Bullet takes the three steps in one call.
     """
 
-    def __init__(self, robot: Robot, *, others: Sequence[Robot] = ()) -> None:
+    def __init__(self, robot: Robot, *, robots: int = 1) -> None:
         self.robot = robot
         self._bullet = BulletClient()
         # The origin of the physics is the center of the area: far from it, contacts would be rounded.
         self._area = robot.scene.area
         self._away = max(_AWAY, self._area.width / 2 + self._area.margin + _AWAY / 2)
-        self._build((robot, *others))
+        self._build(robots)
         for number in range(len(self._bases)):
             self.place_robot(self._area.at(0.0, -self._away * number), number=number)
         for name in self._bodies:
             self.remove_object(name)
 
-    def _build(self, robots: Sequence[Robot]) -> None:
+    def _build(self, robots: int) -> None:
         bullet = self._bullet
         bullet.setGravity(0, 0, -GRAVITY)
         bullet.setPhysicsEngineParameter(
@@ -76,7 +78,7 @@ class Simulation:
         self._walls = [wall for bay in bays for wall in make_bay(bullet, bay)]
         self._bodies = {name: make_object(bullet, item) for name, item in scene.objects.items()}
         self._present: dict[str, bool] = {}
-        self._bases = [SimulatedBase(bullet, each, period=1.0 / PHYSICS_RATE) for each in robots]
+        self._bases = [SimulatedBase(bullet, self.robot, period=1.0 / PHYSICS_RATE) for _ in range(robots)]
         for base in self._bases:
             rest = [other.body for other in self._bases if other is not base]
             base.ignore(floor, (*self._bodies.values(), *self._walls, *rest))

@@ -60,21 +60,21 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
     parser.add_argument("--situations", type=whole(1), default=100, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=whole(), default=401, help="of the situations (default: %(default)s)")
-    whose = parser.add_mutually_exclusive_group()
-    whose.add_argument(
+    oracle_source = parser.add_mutually_exclusive_group()
+    oracle_source.add_argument(
         "--oracle", type=whole(), metavar="K", help="also execute K approach headings each time"
     )
-    whose.add_argument(
+    oracle_source.add_argument(
         "--oracle-from", type=Path, metavar="DIR",
         help="take the oracle of an earlier evaluation of the same situations, with other models perhaps",
     )  # fmt: skip
-    searched = parser.add_mutually_exclusive_group()
-    searched.add_argument(
+    oracle_grid = parser.add_mutually_exclusive_group()
+    oracle_grid.add_argument(
         "--oracle-jointly",
         action="store_true",
         help="K headings at every open step, jointly: where the robot stands between two actions",
     )
-    searched.add_argument(
+    oracle_grid.add_argument(
         "--oracle-speeds",
         type=number(0.0, 10.0),
         nargs="+",

@@ -101,7 +101,7 @@ def test_rolling_ball_decelerates_as_configured(simulation: Simulation, robot: R
 
 
 def test_robots_of_one_world_move_independently_and_share_the_ball(robot: Robot) -> None:
-    with Simulation(robot, others=[robot]) as world:
+    with Simulation(robot, robots=2) as world:
         world.place_robot(Pose(-1.0, 0.0, 0.0))
         world.place_robot(Pose(0.0, 1.0, math.pi / 2.0), number=1)
         world.place_object(BALL, 0.0, -1.0)
