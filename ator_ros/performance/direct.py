@@ -76,9 +76,17 @@ def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
         All DIRECT_VARIABLES by name, each a number or an array of shape (n,); others are ignored.
     further : iterable of str
         Names of further ones, which are wanted too.
+
+    Raises
+    ------
+    ValueError
+        A variable is missing.
     """
     names = (*DIRECT_VARIABLES, *further)
     if isinstance(direct, DirectTable) and direct.names == names:
         return direct
+    missing = [name for name in names if name not in direct]
+    if missing:
+        raise ValueError(f"direct variables: expected {', '.join(names)}; missing: {', '.join(missing)}")
     given = np.broadcast_arrays(*(np.asarray(direct[name], dtype=float).reshape(-1) for name in names))
     return DirectTable(names, np.stack(given))
