@@ -203,7 +203,9 @@ def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) ->
             errors = [_error(other, starts, robot) for other in tried]
             if min(errors) < _BETTER * least:
                 best, least = tried[int(np.argmin(errors))], min(errors)
-    return best if best.run == first.run else dataclasses.replace(approaching(best.run), passing=best.passing)
+    if best.run == first.run:  # its shapes are chosen already
+        return best
+    return dataclasses.replace(approaching(best.run), passing=best.passing)
 
 
 def _error(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> float:
