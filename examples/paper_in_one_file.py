@@ -1,13 +1,12 @@
 """The paper in one file: Stulp and Beetz, "Optimized Execution of Action Chains" (IJCAI 2005).
 
-A robot goes to a ball and dribbles it to a pose. The plan leaves open with which heading it arrives at the
-ball. This program learns from experience how long each of the two actions takes, chooses the heading with
-which the whole chain is predicted to be fastest, and prints the paper's Table 1 in small:
+A robot goes to a ball, with a heading that the plan leaves open, and dribbles it to a pose. This program
+learns from experience how long both actions take, chooses the heading with which the chain is predicted to be
+fastest, and prints the paper's Table 1 in small:
 
     scripts/run python examples/paper_in_one_file.py
 
-Comments name the sections of the paper. The simulation and the actions, which follow Bezier curves as the
-paper's do, are imported. The package does the same for any robot, action, chain and free variable.
+Comments name the sections of the paper. Simulation and actions, which follow Bezier curves, are imported.
 """
 
 from __future__ import annotations
@@ -315,8 +314,8 @@ def run(pool: Executor, episodes: int, situations: int, seed: int) -> None:
     for action in CHAIN:
         models[action] = learn(*experience(pool, action, seed, range(episodes)))
         table, durations = experience(pool, action, seed, range(episodes, episodes + episodes // 5))
-        error = np.mean(np.abs(models[action].predict(table) - durations))
-        print(f"\n{action}: mean absolute error {error:.2f} s in {len(durations)} new situations")
+        errors = np.abs(models[action].predict(table) - durations)
+        print(f"\n{action}: mean absolute error {errors.mean():.2f} s in {len(errors)} new situations")
         print(*rules(models[action]), sep="\n", flush=True)
     tasks = [random_task(seed, number) for number in range(2 * situations)]
     headings = list(zip(*(choose_headings(models, task) for task in tasks), strict=True))
@@ -325,7 +324,7 @@ def run(pool: Executor, episodes: int, situations: int, seed: int) -> None:
         for name, chosen in zip(("naive", "refined"), headings, strict=True)
     )
     print_table("Before filtering", naive[:situations], refined[:situations])
-    # A decision tree learns in which of these situations refinement pays. In others the chain stays naive.
+    # A tree learns in which of these refinement pays. In others the chain stays naive.
     pairs = zip(tasks, headings[0], strict=True)
     known = np.array([np.hstack(features_of_chains(task, [yaw]))[0] for task, yaw in pairs])
     tree = DecisionTreeClassifier(max_leaf_nodes=4, random_state=0)
@@ -337,12 +336,13 @@ def run(pool: Executor, episodes: int, situations: int, seed: int) -> None:
 def main() -> None:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--episodes", type=int, default=500, help="of each action, to learn from")
-    parser.add_argument("--situations", type=int, default=100, help="for each half of Table 1")
+    parser.add_argument("--episodes", type=int, default=500, help="of each action: 5 or more")
+    parser.add_argument("--situations", type=int, default=100, help="for each half of Table 1: 2 or more")
     parser.add_argument("--seed", type=int, default=1, help="of everything that is random")
-    parser.add_argument("--jobs", type=int, help="processes, by default one for each core")
     given = parser.parse_args()
-    with ProcessPoolExecutor(given.jobs) as pool:
+    if given.episodes < 5 or given.situations < 2:
+        parser.error("expected 5 or more episodes and 2 or more situations")
+    with ProcessPoolExecutor() as pool:
         run(pool, given.episodes, given.situations, given.seed)
 
 

@@ -105,7 +105,7 @@ def test_it_observes_what_the_product_observes(action: str) -> None:
 
 def test_it_prints_rules_and_table_1() -> None:
     command = [sys.executable, example.__file__]
-    command += ["--episodes", "30", "--situations", "2", "--jobs", "2"]
+    command += ["--episodes", "30", "--situations", "2"]
     printed = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout
     actions = re.findall(r"^(\w+): mean absolute error [\d.]+ s .*\nif .* then time = .*\*", printed, re.M)
     assert actions == list(example.CHAIN)

@@ -26,7 +26,7 @@ PAPER_TABLE_1 = (
 MEANING: Mapping[str, str] = {
     "naive": "heading at which the first action alone is fastest (the paper's unrefined choice)",
     "face_goal": "bearing of the next goal, from each subgoal",
-    "analytic": "search of headings with path times, nothing learned",
+    "analytic": "search of headings with path times, without trees",
     "analytic_speed": "the same for headings and arrival speeds",
     "refined": "subgoal refinement, headings only",
     "gated": "the same, where the gate expects it to pay",

@@ -55,7 +55,7 @@ TURNS: FloatArray = STEP * np.arange(-HALF, HALF + 1, dtype=float)
 
 
 class TurnProfile(NamedTuple):
-    """How a turn is driven: change of speed in m/s^2, held at the limit, and greatest turn rate in rad/s."""
+    """How a turn is driven: change of speed in m/s^2, up to the limit, and greatest turn rate in rad/s."""
 
     change: float
     rate: float
@@ -69,7 +69,8 @@ class TurnTables(NamedTuple):
     turns : TurnTable
         A row for each profile and speed.
     fractions : ndarray, shape (rows, FINE, columns)
-        Across, at turns that are whole steps apart, beginning with any entry; see `_window_of`.
+        The column `across`, rearranged so that entries of turns one step apart are contiguous, for each
+        entry to begin with; see `_window_of`.
     lowest : float
         First speed in m/s: 0 where the robot never drives backward.
     speeds : int
@@ -125,8 +126,9 @@ class Shape(NamedTuple):
     first, last : TurnProfile
         How the turns are driven; the last as seen from the goal, backward in time.
     share : float
-        Speed between last turn and run: between the least (0) and the greatest (1) from which the run can
-        reach its end speed, or a share of the limit if the run is as long as needed; NaN without a run.
+        Speed between last turn and run. For a run of a given length: from the least (0) to the greatest (1)
+        speed from which it can reach its end speed; for one as long as needed: a share of the limit. NaN
+        without a run.
     entry : float
         Speed in m/s to reach in a straight lead before the first turn; NaN where that begins at once.
     least_start, least_arrival : float
@@ -286,7 +288,7 @@ def _before_run(share: float, arrival: float, rules: Rules) -> tuple[float, floa
 
 
 _ROOM = 0.02
-"""Room in m beyond its change of speed that a drive needs after which no turn follows to make up for it."""
+"""Room in m that a drive needs beyond its change of speed if no last turn can make up for it."""
 _FULL_TURN = 2.0 * math.pi
 _MOST_TURNED = math.radians(450.0)
 _STEP = np.float32(STEP)
@@ -503,7 +505,7 @@ def _time(
 _GROUPS, _OTHERS = 16, 24
 """Greatest numbers of groups, and of other shapes in each; the time of a search grows with both."""
 _NEAR = 0.0005
-"""Choosing ends when the rest of the grid would save less than this share of the mean time."""
+"""Choosing ends when times are longer than those of the whole grid by less than this share on average."""
 _LATE = 3.0  # multiple of the least time, where no chosen shape leads to the destination
 
 
@@ -549,7 +551,8 @@ def _chosen(ratios: FloatArray, so_far: FloatArray, most: int) -> list[int]:
 def drawn_ends(like: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
     """Return ends of paths in all directions, (5, count), with the distances and speeds of others, (5, n).
 
-    Half of them are nearer. As many as of the others begin, and end, at rest; other speeds are evenly spread.
+    Half of the distances are scaled down at random. As many as of the others begin, and end, at rest; other
+    speeds are evenly spread.
     """
     some = like[:, rng.integers(0, like.shape[1], count)]
     distance = np.hypot(some[0], some[1]) * np.where(rng.random(count) < 0.5, rng.random(count), 1.0)

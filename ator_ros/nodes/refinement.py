@@ -183,7 +183,7 @@ class RefinementNode(Node):
         return PlanChains.Response(
             accepted=True,
             holds=not chains,
-            reason=f"{len(chains)} chains" if chains else "the goal holds already",
+            reason=f"{len(chains)} chain{'s' * (len(chains) > 1)}" if chains else "the goal holds already",
             chains=[messages.chain_of(chain, action_set=name, frame=frame) for chain in chains],
         )
 

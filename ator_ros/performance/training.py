@@ -33,15 +33,15 @@ from ator_ros.robot.description import Robot
 from ator_ros.world.state import CONTROL_PERIOD
 
 _SMOOTHINGS = (5.0, 60.0)
-"""Where M5' takes 15. With a few hundred starts the leaves are small, and a search along a heading runs into
+"""Smoothing constants to choose from (M5': 15). With a few hundred starts the leaves are small, and a search along a heading runs into
 the jumps between them: much smoothing is better, unless an action changes its behavior at thresholds."""
 _FOLDS, _FEW_FOLDS = 10, 3
 _BASE = "path_time"
 _CLIPPED = 3.0
-"""Median absolute deviations below the median at which what drives take longer than their paths is clipped.
-A drive that is much faster drove a shape that was not chosen. Unclipped, it lowers predictions nearby, and a
-search finds what is predicted too short."""
-_SOME, _MUCH_FASTER = 0.05, 0.25
+"""Median absolute deviations below the median at which duration less path time is clipped. A drive that is
+much faster drove a shape that was not chosen. Unclipped, it lowers predictions nearby, and a search finds
+what is predicted too short."""
+_FASTER_SHARE, _FASTER_BY = 0.05, 0.25
 """An action does not follow its path if this share of its drives is faster than their paths by that share of
 the median duration."""
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
@@ -57,7 +57,10 @@ _LEAST_AT_GOAL = 3
 """Episodes that show how long an action takes there."""
 _ALIKE = 0.15
 """Greatest difference in s of durations that count as the same there: three ticks."""
-_ENOUGH, _RARE = 15, 0.05  # episodes that make a deceleration known, or this share of them if that is less
+_BRAKING_EPISODES, _BRAKING_SHARE = (
+    15,
+    0.05,
+)  # episodes that make a deceleration known, or this share of them if that is less
 
 
 def train(
@@ -131,7 +134,7 @@ def duration_tree(table: pd.DataFrame, durations: FloatArray) -> ModelTree:
     An action that does not follow its path to the end, such as a shot, is learned as it is.
     """
     late = durations - table[_BASE].to_numpy() if _BASE in table else np.full(len(table), -math.inf)
-    if np.quantile(late, _SOME, method="lower") < -_MUCH_FASTER * np.median(durations):
+    if np.quantile(late, _FASTER_SHARE, method="lower") < -_FASTER_BY * np.median(durations):
         extrapolation = 0.0 if _BASE in table else 1.0
         return narrowed(_best_learning(table, durations, durations, extrapolation=extrapolation))
     usual = float(np.median(late))
@@ -180,7 +183,7 @@ def cross_validated_errors(rows: pd.DataFrame, model: PerformanceModel) -> Float
 
 
 def small_tree(table: pd.DataFrame, values: FloatArray, *, leaf: int = SMALL_LEAF) -> ModelTree:
-    """Learn a tree of at most eight leaves, for a measure that has little to do with the situation."""
+    """Learn a tree of at most eight leaves, for a measure that depends little on the situation."""
     tree = ModelTreeRegressor(max_leaves=8, min_samples_leaf=leaf, extrapolation=0.0)
     return narrowed(tree.fit(table, values).tree_)
 
@@ -272,7 +275,7 @@ def _braking(starts: pd.DataFrame, robot: Robot) -> float:
     """
     squares = starts["v"].to_numpy(dtype=float) ** 2 - starts["speedg"].to_numpy(dtype=float) ** 2
     asked = np.sort(np.maximum(squares, 0.0) / (2.0 * np.maximum(_distances(starts, robot), _NEAREST)))
-    beyond = min(_ENOUGH, math.ceil(_RARE * len(asked)))
+    beyond = min(_BRAKING_EPISODES, math.ceil(_BRAKING_SHARE * len(asked)))
     return float(asked[-beyond]) if beyond else 0.0
 
 
