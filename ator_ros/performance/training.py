@@ -33,8 +33,9 @@ from ator_ros.robot.description import Robot
 from ator_ros.world.state import CONTROL_PERIOD
 
 _SMOOTHINGS = (5.0, 60.0)
-"""Smoothing constants to choose from (M5': 15). With a few hundred starts the leaves are small, and a search along a heading runs into
-the jumps between them: much smoothing is better, unless an action changes its behavior at thresholds."""
+"""Smoothing constants to choose from (M5': 15). With a few hundred starts the leaves are small, and a search
+along a heading runs into the jumps between them: much smoothing is better, unless an action changes its
+behavior at thresholds."""
 _FOLDS, _FEW_FOLDS = 10, 3
 _BASE = "path_time"
 _CLIPPED = 3.0
