@@ -10,7 +10,7 @@ EXECUTABLES = {
     "examples": ("drive_to_server",),
     "nodes": ("simulation", "executor", "refinement", "learning", "goal_pose"),
     "tools": (
-        *("collect", "train", "gate", "evaluate"),
+        *("collect", "train", "evaluate"),
         *("calibrate", "study", "demo", "view", "plan"),
     ),
 }

@@ -1,6 +1,6 @@
 """Files: atomic writing, reading with limits, and `save` and `load` for our own formats.
 
-A file of ours is a JSON object whose first fields are ``format`` ("ator_ros gate") and ``schema_version``;
+A file of ours is a JSON object whose first fields are ``format`` ("ator_ros study") and ``schema_version``;
 the others are those of a dataclass, see `ator_ros.schema`.
 """
 
@@ -117,7 +117,7 @@ class FileError(ValueError):
 
 
 def header(kind: str) -> dict[str, Any]:
-    """Return the first fields of a file of this kind, such as "gate"."""
+    """Return the first fields of a file of this kind, such as "study"."""
     return {_FORMAT: f"ator_ros {kind}", _VERSION: VERSION}
 
 

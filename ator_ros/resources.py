@@ -38,7 +38,7 @@ def share_folder() -> Path:
 
 
 def resource_path(*parts: str) -> Path:
-    """Return the path of a shipped file or folder, as in ``resource_path("models", "gate.json")``.
+    """Return the path of a shipped file or folder, as in ``resource_path("models", "shoot.json")``.
 
     Raises
     ------

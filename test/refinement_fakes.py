@@ -48,6 +48,9 @@ class FakeModel:
             accuracy=np.zeros(len(duration)),
         )
 
+    def error_of_sum(self, direct: Mapping[str, Any], signs: Any) -> tuple[float, float]:
+        return 0.0, self._spread**2
+
 
 def turning_time(direct: Mapping[str, Any]) -> Any:
     """Turn, drive, turn, with a cost of speed differences."""

@@ -70,7 +70,7 @@ def write_report(folder: Path, result: Mapping[str, Any]) -> Path:
         ("pre", summary["command"]),
         (
             "p",
-            f"Seed {summary['seed']}, {result['executed']} chains executed, digest of robot, models and gate "
+            f"Seed {summary['seed']}, {result['executed']} chains executed, digest of robot and models "
             f"{result['digest']}. {versions}, on {result['machine']}.",
         ),
     ]

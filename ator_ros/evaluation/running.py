@@ -46,7 +46,7 @@ def run_situations(settings: Settings, *, situations: int, folder: Path) -> list
         A worker process was killed.
     """
     identity = {"settings": asdict(settings), "digest": settings.source.digest()}
-    expected = "results of the same settings, models and gate"
+    expected = "results of the same settings and models"
     with PartialResults(folder / PARTIAL, identity, expected) as partial:
         records = {record["index"]: record for record in partial.results}
         tasks = [(settings, index) for index in range(situations) if index not in records]

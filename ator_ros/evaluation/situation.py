@@ -23,7 +23,6 @@ from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
 from ator_ros.geometry import FloatArray, wrap_angle
 from ator_ros.refinement.chain_prediction import ChainModel
-from ator_ros.refinement.gate import gain_and_spread
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.search import least_path
 from ator_ros.tops.chain import TopChain
@@ -54,7 +53,7 @@ class Settings:
     oracle_speeds : tuple of float
         Arrival speeds in m/s that the oracle of heading and speed executes for each heading.
     source : ToolsetSource
-        Source of robot, actions, models and gate.
+        Source of robot, actions and models.
     joint_oracle : bool
         Whether the oracle searches all open headings jointly, by executing legs, for chains in which the
         robot stands between two actions.
@@ -103,7 +102,7 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
         "index"; "start": robot x, y, yaw, first goal x, y, second goal x, y, yaw, if there is one (m, rad);
         "policies": by name "duration" (s), "success", "reason", "error" (m), "chosen": heading, speed
         and declared goal variables of each intermediate subgoal, "actions": durations of the actions (s),
-        "predicted": duration of the chain (s), "gain" and "spread": what a gate decides from (s);
+        "predicted": duration of the chain (s), "gain" and "uncertainty": what a gate decides from (s);
         "oracle": "headings" (rad), "durations" (s), "best" (s) and "success"; "oracle_speed": "best" and
         "success"; "executed": number of chains executed.
     """
@@ -148,8 +147,8 @@ def _policy_record(choice: Choice, run: ChainRun) -> Record:
     if choice.predicted is not None:
         record["predicted"] = round(choice.predicted.duration, 3)
     if choice.refinement is not None and choice.refinement.free:
-        gain, spread = gain_and_spread(choice.refinement.before, choice.refinement.after)
-        record |= {"gain": round(gain, 5), "spread": round(spread, 5)}
+        found = choice.refinement
+        record |= {"gain": round(found.gain, 5), "uncertainty": round(found.uncertainty, 5)}
     return record
 
 

@@ -23,7 +23,7 @@ def open_variables(tools: Toolset, trials: Iterable[Trial]) -> list[dict[str, An
     Parameters
     ----------
     tools : Toolset
-        Learned models and their gate.
+        Learned models.
     trials : iterable of Trial
         Situations with chains.
 

@@ -1,4 +1,4 @@
-"""Robot, models and gate from which policies choose, read from files."""
+"""Robot and models from which policies choose, read from files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.trials import EvaluationError, random_trial
 from ator_ros.performance.model_file import load_model, load_models, models_folder
 from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain
-from ator_ros.refinement.gate import NO_GATE, Gate, gate_in
+from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
@@ -34,21 +34,18 @@ class Toolset:
         Sizes and limits.
     models : mapping
         Learned performance models by action.
-    gate : Gate
-        The gate of the gated policies.
     """
 
     domain: Domain
     robot: Robot
     models: Mapping[str, PredictsPerformance]
-    gate: Gate
 
     def refiner(self, *, gated: bool = False) -> Refiner:
-        """Return a refiner with these models, and with the gate if it is wanted."""
+        """Return a refiner with these models, and behind the gate if that is wanted."""
         return Refiner(
             self.robot,
             self.models,
-            self.gate if gated else NO_GATE,
+            Gate() if gated else NO_GATE,
             ranges=self.domain.ranges,
             failure_cost=self.domain.time_limit,
         )
@@ -60,7 +57,7 @@ class Toolset:
 
 @dataclass(frozen=True, kw_only=True)
 class ToolsetSource:
-    """Source of robot, actions, models and gate.
+    """Source of robot, actions and models.
 
     Attributes
     ----------
@@ -122,7 +119,7 @@ def make_library(robot: Robot, source: ToolsetSource) -> TopLibrary:
 
 
 def make_toolset(source: ToolsetSource) -> Toolset:
-    """Read models and gate.
+    """Read the models.
 
     Raises
     ------
@@ -131,7 +128,7 @@ def make_toolset(source: ToolsetSource) -> Toolset:
     """
     domain, robot, action_set = find_domain(source.domain), source.described(), source.action_set
     models = load_models(robot, domain.known_features, action_set=action_set, folder=source.top())
-    return Toolset(domain, robot, models, gate_in(source.folder(), action_set))
+    return Toolset(domain, robot, models)
 
 
 def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:

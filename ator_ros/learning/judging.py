@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -117,7 +118,7 @@ def _learned(data: TrainingData, names: Sequence[str], size: int, which: IntArra
         return None
     table, values = data.table[list(names)].iloc[which], data.values[which]
     if data.measure == "duration":
-        return duration_tree(table, values)
+        return duration_tree(table, values)[0]
     # Failures are rare, so small leaves are allowed.
     leaf = int(np.clip(len(which) // 6, _LEAST_LEAF, SMALL_LEAF))
     return small_tree(table, values, leaf=leaf)
@@ -143,7 +144,7 @@ def scaled(tree: ModelTree, slope: float, shift: float) -> ModelTree:
         lower=np.where(leaf, slope * tree.lower + shift, 0.0),
         upper=np.where(leaf, slope * tree.upper + shift, 0.0),
         spread=slope * tree.spread,
-        base_slope=slope * tree.base_slope,
+        base=tuple(dataclasses.replace(hinge, slope=slope * hinge.slope) for hinge in tree.base),
     )
 
 
@@ -195,12 +196,21 @@ class RoundVerdict:
     kind, tree
         Name and tree of the better candidate, if any; spreads of durations are as large as its errors on the
         tested records.
+    tested, errors : ndarray or None
+        Positions of the tested records, and what their values are more than the candidate predicted without
+        them.
     """
 
     episodes: int
     reason: str
     kind: str = ""
     tree: ModelTree | None = None
+    tested: IntArray | None = None
+    errors: FloatArray | None = None
+
+    def report(self) -> dict[str, Any]:
+        """Return what a round reports."""
+        return {"episodes": self.episodes, "reason": self.reason, "kind": self.kind}
 
 
 def judge(
@@ -262,7 +272,8 @@ def judge(
     assert tree is not None  # it was learned from fewer records
     if data.measure == "duration":
         tree = _with_observed_spread(tree, data, losses[:size, number])
-    return RoundVerdict(count, f"{name}: {loss} from {figures}", name, tree)
+    errors = data.values[test] - predicted[name]
+    return RoundVerdict(count, f"{name}: {loss} from {figures}", name, tree, test, errors)
 
 
 def _held_out(data: TrainingData, learn: Learn, test: IntArray) -> FloatArray:

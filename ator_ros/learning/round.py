@@ -29,6 +29,7 @@ from ator_ros.learning.sets import (
     sets_in,
 )
 from ator_ros.performance.driving import plain_driving
+from ator_ros.performance.errors import observed_errors
 from ator_ros.performance.features import PATHS, Feature, declared_by
 from ator_ros.performance.model import MEASURES, UNOBSERVED, PerformanceModel
 from ator_ros.performance.model_file import (
@@ -38,8 +39,8 @@ from ator_ros.performance.model_file import (
     models_folder,
     save_model,
 )
+from ator_ros.performance.training import error_features
 from ator_ros.performance.tree.nodes import ModelTree
-from ator_ros.refinement.gate import add_cautious_gate
 from ator_ros.robot.description import Robot
 
 _LEAST_RECORDS = 12  # to estimate the mean of a measure
@@ -96,7 +97,13 @@ def improved(
     trees = (trees or _means(data)) | better
     chosen = {measure: trees[measure] for measure in MEASURES if measure in trees}
     at_goal = current.at_goal if current is not None else UNOBSERVED
-    return verdicts, PerformanceModel(action, robot, chosen, known, driving=driving, at_goal=at_goal)
+    errors, found = current.errors if current is not None else None, verdicts["duration"]
+    if found.errors is not None:
+        names = error_features(chosen["duration"], known)
+        errors = observed_errors(names, data["duration"].table[names].to_numpy()[found.tested], found.errors)
+    return verdicts, PerformanceModel(
+        action, robot, chosen, known, driving=driving, at_goal=at_goal, errors=errors
+    )
 
 
 def _complete(rows: pd.DataFrame, features: Sequence[Feature]) -> pd.DataFrame:
@@ -179,7 +186,7 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
             )
             for measure, verdict in verdicts.items():
                 key = _key(name, measure)
-                actions[key] = {field: value for field, value in vars(verdict).items() if field != "tree"}
+                actions[key] = verdict.report()
                 if verdict.tree is not None:
                     reasons[key], seen[key] = verdict.reason, int(rows[NUMBER].max()) + 1
             episodes[name] = max(verdict.episodes for verdict in verdicts.values())
@@ -230,5 +237,4 @@ def _make_set(source: Source, base: Path, models: Mapping[Path, PerformanceModel
             shutil.copyfile(file, folder / file.name)
     for file, model in models.items():
         save_model(made / file, model)
-        add_cautious_gate((made / file).parent, model.metadata["action_set"], "learning")
     return made

@@ -1,4 +1,4 @@
-"""Sets of models and gates that were learned, in a folder of their own.
+"""Sets of models that were learned, in a folder of their own.
 
     FOLDER/sets/000003-1f0c…/    a set: laid out as models/, with set.manifest; never changed
     FOLDER/current               link to the set in use; replaced atomically

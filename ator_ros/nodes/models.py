@@ -22,9 +22,7 @@ from ator_ros.performance.model_file import (
     NoModelsError,
     RobotMismatchWarning,
     load_models,
-    models_folder,
 )
-from ator_ros.refinement.gate import NO_GATE, Gate, gate_in
 from ator_ros.tops.library import TopLibrary
 
 LEARNED = Parameter(
@@ -37,14 +35,13 @@ _PERIOD = 0.5
 
 @dataclass(frozen=True)
 class ModelSet:
-    """The performance models of one action set, by action, and its gate.
+    """The performance models of one action set, by action.
 
     `absent` is why there are none. `problem` is what is wrong: a damaged file, another robot. It is no
     problem to have none.
     """
 
     models: Mapping[str, PerformanceModel]
-    gate: Gate = NO_GATE
     absent: str = ""
     problem: str = ""
 
@@ -99,7 +96,6 @@ class LearnedSets:
     def _read(self, library: TopLibrary, place: Path) -> ModelSet:
         name, warn, known = library.action_set, self._node.get_logger().warning, self._domain.known_features
         models: Mapping[str, PerformanceModel] = {}
-        gate: Gate = NO_GATE
         absent = problem = ""
         try:
             with warnings.catch_warnings(record=True) as caught:
@@ -112,11 +108,7 @@ class LearnedSets:
             absent = problem = str(error)
         if problem and (absent or name == DEFAULT_SET):  # others are seldom used
             warn(f"action set {name}: {problem}")
-        try:
-            gate = gate_in(models_folder(place, name), name)
-        except FileError as error:
-            warn(f"no gate, refining whenever a gain is predicted: {error}")
-        read = ModelSet(models, gate, absent, problem)
+        read = ModelSet(models, absent, problem)
         if models:
             self._warm_up(library, read)
         return read

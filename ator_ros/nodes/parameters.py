@@ -91,7 +91,7 @@ DOMAIN = Parameter(
 )
 FRAME = Parameter("frame", "odom", "frame of odometry, objects and goals; an empty frame_id means it")
 ROBOT_FRAME = Parameter("robot_frame", "base_link", "the robot's own frame, in the middle of its axle")
-MODELS = Parameter("models", "", "folder of the performance models and the gate; empty: the shipped ones")
+MODELS = Parameter("models", "", "folder of the performance models; empty: the shipped ones")
 FENCE = Parameter(
     "fence", [0.0] * 4, "m: x and y from, x and y to, of the robot's axle; all 0: area and margin"
 )

@@ -36,7 +36,7 @@ from ator_ros.planning.goals import PlanningError
 from ator_ros.planning.planner import chains_for
 from ator_ros.printable import printable
 from ator_ros.refinement import RefinementError
-from ator_ros.refinement.gate import NO_GATE
+from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.refinement.refiner import Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
@@ -51,7 +51,7 @@ PARAMETERS = (
     FENCE,
     MODELS,
     LEARNED,
-    Parameter("gate", True, "whether to refine only where the gate expects that it pays", live=True),
+    Parameter("gate", True, "whether to refine only where the gain exceeds its uncertainty", live=True),
     Parameter(
         "failure_cost",
         -1.0,
@@ -111,13 +111,11 @@ class RefinementNode(Node):
             return "chains stay as they are sent"
         if not self._settings["gate"]:
             return "gate is false: a chain is changed whenever a gain is predicted"
-        if read.gate == NO_GATE:
-            return "no gate: a chain is changed whenever a gain is predicted; the tool gate learns one"
-        return "with a gate"
+        return "a chain is changed where the predicted gain exceeds its uncertainty"
 
     def _refiner(self, read: ModelSet) -> Refiner:
         """Return a refiner with the parameters `gate` and `failure_cost` as they are now."""
-        gate, cost = read.gate if self._settings["gate"] else NO_GATE, self._settings["failure_cost"]
+        gate, cost = Gate() if self._settings["gate"] else NO_GATE, self._settings["failure_cost"]
         cost = cost if cost >= 0.0 else self._domain.time_limit
         return Refiner(self._robot, read.models, gate, ranges=self._ranges, failure_cost=cost)
 

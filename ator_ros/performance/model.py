@@ -14,6 +14,7 @@ from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import ANGLE_BETWEEN, ROWS, Geometry
 from ator_ros.performance.direct import Direct
 from ator_ros.performance.driving import DrivingStyle
+from ator_ros.performance.errors import ErrorProcess
 from ator_ros.performance.features import Feature, declared_by, derived_from, table_of
 from ator_ros.performance.tree.nodes import IntArray, ModelTree, RuleWriter
 from ator_ros.robot.description import Robot
@@ -86,6 +87,8 @@ class PerformanceModel:
         How the action was observed to drive; None where no feature needs it.
     at_goal : AtGoal or None
         How long it takes at its goal; None where the tree predicts that too.
+    errors : ErrorProcess or None
+        What its errors on other episodes say about predictions elsewhere.
     """
 
     action: str
@@ -95,6 +98,7 @@ class PerformanceModel:
     metadata: Mapping[str, Any] = field(default_factory=dict)
     driving: DrivingStyle | None = None
     at_goal: AtGoal | None = UNOBSERVED
+    errors: ErrorProcess | None = None
 
     @cached_property
     def used_features(self) -> tuple[str, ...]:
@@ -153,6 +157,21 @@ class PerformanceModel:
                 fields["spread"] = tree.spread.take(leaf)
                 self._set_at_goal(geometry, fields)
         return Prediction(**fields)
+
+    def error_of_sum(self, direct: Direct, signs: FloatArray) -> tuple[float, float]:
+        """Return the expected error in s of a signed sum of n predicted durations, and its variance in s².
+
+        Parameters
+        ----------
+        direct : mapping
+            As for `predict`.
+        signs : ndarray, shape (n,)
+            Of the durations in the sum.
+        """
+        if self.errors is None:
+            return 0.0, 0.0
+        features = [self.features[name] for name in self.errors.features]
+        return self.errors.of_sum(table_of(self._geometry(direct), features), signs)
 
     def _set_at_goal(self, geometry: Geometry, fields: Mapping[str, FloatArray]) -> None:
         """Replace the durations and spreads of situations at the goal."""

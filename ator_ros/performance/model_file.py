@@ -12,6 +12,7 @@ from typing import Annotated, Any
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.files import FileError, is_name, load, save
 from ator_ros.performance.driving import DrivingStyle
+from ator_ros.performance.errors import ErrorProcess
 from ator_ros.performance.features import Feature
 from ator_ros.performance.model import MEASURES, AtGoal, PerformanceModel
 from ator_ros.performance.tree.storage import StoredTree, restored, stored
@@ -39,6 +40,7 @@ class _ModelFile:
     at_goal: AtGoal | None
     trees: dict[Annotated[str, OneOf(tuple(MEASURES))], StoredTree]
     driving: DrivingStyle | None = None
+    errors: ErrorProcess | None = None
 
     def __post_init__(self) -> None:
         """Check what the annotations do not."""
@@ -46,6 +48,8 @@ class _ModelFile:
         for measure, tree in self.trees.items():
             unknown = sorted(set(tree.features) - self.features.keys())
             require(not unknown, f"trees.{measure}.features", "features that the file lists", unknown)
+        others = sorted(set(self.errors.features) - self.features.keys()) if self.errors is not None else []
+        require(not others, "errors.features", "features that the file lists", others)
         starts = self.training.get("starts", {})
         require(isinstance(starts, dict), "training.starts", "ranges by name", starts)
         for name, bounds in starts.items():
@@ -96,6 +100,7 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         Its `metadata` gives action_set, training, versions and accuracy.
     """
     names = dict.fromkeys(name for tree in model.trees.values() for name in tree.names)
+    names.update(dict.fromkeys(model.errors.features if model.errors is not None else ()))
     file = _ModelFile(
         action=model.action,
         action_set=model.metadata.get("action_set", DEFAULT_SET),
@@ -107,8 +112,9 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         at_goal=model.at_goal,
         trees={measure: stored(tree) for measure, tree in model.trees.items()},
         driving=model.driving,
+        errors=model.errors,
     )
-    save(path, KIND, file)
+    save(path, KIND, file, compact=("errors",))
 
 
 def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) -> PerformanceModel:
@@ -148,7 +154,9 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
     names = ("action", "action_set", "robot_digest", "training", "versions", "accuracy")
     metadata = {name: getattr(file, name) for name in names}
     trees = {measure: restored(tree) for measure, tree in file.trees.items()}
-    return PerformanceModel(file.action, robot, trees, named, metadata, file.driving, file.at_goal)
+    return PerformanceModel(
+        file.action, robot, trees, named, metadata, file.driving, file.at_goal, file.errors
+    )
 
 
 def _is_finite(value: Any) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Container, Sequence
 from functools import partial
 
 import numpy as np
@@ -17,6 +17,7 @@ from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.derived import ANGLE_BETWEEN, Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle
+from ator_ros.performance.errors import observed_errors
 from ator_ros.performance.features import (
     CANDIDATES,
     PATHS,
@@ -27,8 +28,9 @@ from ator_ros.performance.features import (
 )
 from ator_ros.performance.model import UNOBSERVED, AtGoal, PerformanceModel, narrowed
 from ator_ros.performance.observation import observed_driving
+from ator_ros.performance.thresholds import RISING, rising_terms, sum_of
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
-from ator_ros.performance.tree.nodes import ModelTree
+from ator_ros.performance.tree.nodes import Hinge, ModelTree
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import CONTROL_PERIOD
 
@@ -37,7 +39,7 @@ _SMOOTHINGS = (5.0, 60.0)
 along a heading runs into the jumps between them: much smoothing is better, unless an action changes its
 behavior at thresholds."""
 _FOLDS, _FEW_FOLDS = 10, 3
-_BASE = "path_time"
+_PATH = "path_time"
 _CLIPPED = 3.0
 """Median absolute deviations below the median at which duration less path time is clipped. A drive that is
 much faster drove a shape that was not chosen. Unclipped, it lowers predictions nearby, and a search finds
@@ -108,15 +110,29 @@ def train(
     table = partial(features_of, robot=robot, features=features, driving=driving)
     durations = good_starts["duration"].to_numpy(dtype=float)
     good = table(good_starts)
-    trees = {"duration": duration_tree(good, durations)}
+    duration, errors = duration_tree(good, durations)
+    trees = {"duration": duration}
     trees["success"] = _success_tree(starts["success"].to_numpy(dtype=float), table(starts))
     for measure in ("accuracy", "heading"):
         values = good_starts[OUTCOMES[measure]].to_numpy(dtype=float)
         if np.isfinite(values).all():
             trees[measure] = small_tree(good, values)
     named = {feature.name: feature for feature in features}
-    at_goal = observed_at_goal(good_starts, robot)
-    return PerformanceModel(action, robot, trees, named, driving=driving, at_goal=at_goal)
+    names = error_features(duration, named)
+    return PerformanceModel(
+        action,
+        robot,
+        trees,
+        named,
+        driving=driving,
+        at_goal=observed_at_goal(good_starts, robot),
+        errors=observed_errors(names, good[names].to_numpy(), errors),
+    )
+
+
+def error_features(tree: ModelTree, known: Container[str]) -> list[str]:
+    """Return the features over which a tree may err: its own, and those that durations rise with."""
+    return list(dict.fromkeys((*tree.names, *filter(known.__contains__, RISING))))
 
 
 def features_of(
@@ -127,60 +143,66 @@ def features_of(
     return pd.DataFrame(table, columns=list(names_of(features)))
 
 
-def duration_tree(table: pd.DataFrame, durations: FloatArray) -> ModelTree:
-    """Learn durations (n,) in s from features.
+def duration_tree(table: pd.DataFrame, durations: FloatArray) -> tuple[ModelTree, FloatArray]:
+    """Learn durations (n,) in s from features; return what they are more than predicted without them, too.
 
-    Where the time of the path is among them, the tree is learned of what drives take longer: linear models of
-    whole durations undercut the time of the path where there is hardly room, which is where a search looks.
-    An action that does not follow its path to the end, such as a shot, is learned as it is.
+    Where the time of the path is among them, the tree is learned of what drives take longer than a base: than
+    their paths, or than a sum of rising terms, whichever predicts better. Linear models of whole durations
+    undercut the time of the path where there is hardly room, which is where a search looks. An action that
+    does not follow its path to the end, such as a shot, is learned as it is.
     """
-    late = durations - table[_BASE].to_numpy() if _BASE in table else np.full(len(table), -math.inf)
-    if np.quantile(late, _FASTER_SHARE, method="lower") < -_FASTER_BY * np.median(durations):
-        extrapolation = 0.0 if _BASE in table else 1.0
-        return narrowed(_best_learning(table, durations, durations, extrapolation=extrapolation))
+    if _PATH not in table:
+        tried = [_best_learning(table, durations, _unbased, extrapolation=1.0)]
+    else:
+        tried = [_best_learning(table, durations, base) for base in _bases(table, durations)]
+    tree, errors = min(tried, key=lambda each: float(np.abs(each[1]).sum()))
+    return narrowed(tree), errors
+
+
+_Base = Callable[[pd.DataFrame, FloatArray], tuple[tuple[Hinge, ...], FloatArray]]
+"""Returns the terms that fit durations, and what the tree is to learn besides, shape (n,)."""
+
+
+def _bases(table: pd.DataFrame, durations: FloatArray) -> list[_Base]:
+    late = durations - table[_PATH].to_numpy()
+    faster = np.quantile(late, _FASTER_SHARE, method="lower") < -_FASTER_BY * np.median(durations)
+    terms = [_on_terms] if RISING.keys() <= set(table.columns) else []
+    return [_unbased if faster else _on_path, *terms]
+
+
+def _unbased(_: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
+    return (), durations
+
+
+def _on_path(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
+    late = durations - table[_PATH].to_numpy()
     usual = float(np.median(late))
     spread = float(np.median(np.abs(late - usual)))
-    clipped = np.maximum(late, usual - _CLIPPED * spread)
-    return narrowed(dataclasses.replace(_best_learning(table, late, clipped, extrapolation=0.0), base=_BASE))
+    return (Hinge(_PATH, 0.0, 1.0),), np.maximum(late, usual - _CLIPPED * spread)
+
+
+def _on_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
+    base = rising_terms(table, durations)
+    return base, durations - sum_of(base, table)
 
 
 def _best_learning(
-    table: pd.DataFrame, values: FloatArray, target: FloatArray, *, extrapolation: float
-) -> ModelTree:
-    """Return the tree, of all `_SMOOTHINGS`, that is learned of `target` and predicts `values` best."""
-    fold, tried = np.arange(len(values)) % _FEW_FOLDS, []
-    for smoothing in _SMOOTHINGS:
-        learner = ModelTreeRegressor(smoothing=smoothing, extrapolation=extrapolation)
-        missed = 0.0
-        for number in range(_FEW_FOLDS):
-            held = fold == number
-            learner.fit(table[~held], target[~held])
-            missed += float(np.abs(learner.predict(table[held]) - values[held]).sum())
-        tried.append((missed, learner))
-    _, learner = min(tried, key=lambda each: each[0])
-    tree: ModelTree = learner.fit(table, target).tree_
-    return tree
-
-
-def cross_validated_errors(rows: pd.DataFrame, model: PerformanceModel) -> FloatArray:
-    """Return errors in s, shape (n,), of durations predicted by trees of other episodes.
-
-    Parameters
-    ----------
-    rows : pandas.DataFrame
-        The rows of which `model` was learned; those of starts of episodes that succeeded are used.
-    model : PerformanceModel
-        Robot, features and driving style of the trees.
-    """
-    starts = rows[(rows["t"] == 0.0) & rows["success"]]
-    table = features_of(starts, model.robot, tuple(model.features.values()), model.driving)
-    durations, fold = starts["duration"].to_numpy(dtype=float), np.arange(len(starts)) % _FOLDS
-    errors = np.empty(len(starts))
-    for number in range(_FOLDS):
+    table: pd.DataFrame, durations: FloatArray, base_of: _Base, *, extrapolation: float = 0.0
+) -> tuple[ModelTree, FloatArray]:
+    """Return the tree of the best of `_SMOOTHINGS`, and its errors in s on other episodes, shape (n,)."""
+    fold = np.arange(len(durations)) % _FEW_FOLDS
+    errors = np.empty((len(_SMOOTHINGS), len(durations)))
+    learners = [ModelTreeRegressor(smoothing=each, extrapolation=extrapolation) for each in _SMOOTHINGS]
+    for number in range(_FEW_FOLDS):
         held = fold == number
-        tree = duration_tree(table[~held], durations[~held])
-        errors[held] = tree.predict(table.loc[held, list(tree.names)].to_numpy()) - durations[held]
-    return errors
+        base, target = base_of(table[~held], durations[~held])
+        values = durations[held] - sum_of(base, table[held])
+        for at, learner in enumerate(learners):
+            errors[at, held] = values - learner.fit(table[~held], target).predict(table[held])
+    base, target = base_of(table, durations)
+    best = int(np.argmin(np.abs(errors).sum(axis=1)))
+    tree: ModelTree = learners[best].fit(table, target).tree_
+    return dataclasses.replace(tree, base=base), errors[best]
 
 
 def small_tree(table: pd.DataFrame, values: FloatArray, *, leaf: int = SMALL_LEAF) -> ModelTree:

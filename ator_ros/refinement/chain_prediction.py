@@ -40,6 +40,9 @@ class PredictsPerformance(Protocol):
     def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ("duration",)) -> Any:
         """Return a prediction whose fields named in `measures` are arrays of shape (n,)."""
 
+    def error_of_sum(self, direct: Mapping[str, Any], signs: FloatArray) -> tuple[float, float]:
+        """Return the expected error in s of a signed sum of n durations, and its variance in s²."""
+
 
 # The situations of a chain
 
@@ -248,6 +251,25 @@ class ChainModel:
             ChainPrediction(tuple(each), float(cost))
             for each, cost in zip(actions, costs.sum(axis=1), strict=True)
         ]
+
+    def uncertainty(self, before: Sequence[FloatArray], after: Sequence[FloatArray]) -> float:
+        """Return the uncertainty in s of the predicted gain of one chain over another.
+
+        It is what the models may err by, not how much single runs differ (`ChainPrediction.spread`). Where
+        episodes that a model was not learned from show an error, the gain is that uncertain.
+        """
+        error = variance = 0.0
+        tables = [self._tables(chain) for chain in (before, after)]
+        for action in dict.fromkeys(self._actions):
+            steps = [index for index, name in enumerate(self._actions) if name == action]
+            model = self._models[steps[0]]
+            if model is None:
+                continue
+            table = np.hstack([of_chain[step].table for of_chain in tables for step in steps])
+            signs = np.repeat([1.0, -1.0], len(steps))
+            more, other = model.error_of_sum(DirectTable(tables[0][steps[0]].names, table), signs)
+            error, variance = error + more, variance + other
+        return self._objective.weights.get("duration", 0.0) * math.sqrt(error**2 + variance)
 
     def _tables(self, chain: Sequence[FloatArray]) -> list[DirectTable]:
         """Return the direct variables of each step of one chain, whose free values have shapes (k,)."""

@@ -21,7 +21,7 @@ from ator_ros.refinement.free_variables import (
     within_experience,
     within_regions,
 )
-from ator_ros.refinement.gate import NO_GATE, Gate, gain_and_spread
+from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.objective import Objective, expected_time
 from ator_ros.refinement.search import (
     Deadline,
@@ -81,6 +81,8 @@ class Refinement:
         The steps (from 0) whose action has no performance model.
     complete : bool
         Whether the search was completed; otherwise `best` is the best found until the deadline.
+    uncertainty : float
+        Of the predicted gain in s, see `ChainModel.uncertainty`.
     """
 
     refined: bool
@@ -94,6 +96,12 @@ class Refinement:
     without_model: tuple[int, ...] = ()
     curves: tuple[SubgoalCurve, ...] = ()
     complete: bool = True
+    uncertainty: float = 0.0
+
+    @property
+    def gain(self) -> float:
+        """The predicted gain of `best` over `original`, in s where only durations count."""
+        return self.before.cost - self.after.cost
 
     @property
     def chain(self) -> TopChain:
@@ -276,7 +284,8 @@ class Refiner:
             if names:
                 best = replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
         before, after = predicted
-        pays, reason = self.gate.decide(*gain_and_spread(before, after))
+        uncertainty = model.uncertainty(model.given, optimum.values)
+        pays, reason = self.gate.decide(before.cost - after.cost, uncertainty)
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []
         if pays and best == chain:
@@ -301,6 +310,7 @@ class Refiner:
                 if names
             ),
             complete=optimum.complete,
+            uncertainty=uncertainty,
         )
 
     def _left_alone(self, chain: TopChain, analysis: Analysis, model: ChainModel) -> Refinement:

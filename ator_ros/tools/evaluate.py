@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,7 +13,6 @@ from ator_ros.evaluation.running import PARTIAL, RESULT, earlier_oracle, run_sit
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import make_toolset
 from ator_ros.evaluation.trials import EvaluationError
-from ator_ros.refinement.gate import NO_GATE
 from ator_ros.tools.command_line import (
     RESUMES,
     add_models,
@@ -40,9 +38,7 @@ def evaluate(
     `command` is the command line, for the result; `oracle_from` the folder of an earlier evaluation of the
     same situations, whose oracle is taken.
     """
-    tools = make_toolset(settings.source)  # a damaged file is reported before anything is executed
-    if tools.gate == NO_GATE:
-        print("evaluate: no gate beside the models: gated policies accept every gain", file=sys.stderr)
+    make_toolset(settings.source)  # a damaged file is reported before anything is executed
     oracles = earlier_oracle(oracle_from, settings, situations) if oracle_from else [{}] * situations
     records = run_situations(settings, situations=situations, folder=out)
     records = [record | oracle for record, oracle in zip(records, oracles, strict=True)]

@@ -20,14 +20,12 @@ from ator_ros.experience.table import Experience, ExperienceError, library_versi
 from ator_ros.files import FileError, is_name
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.model_file import is_model, load_model, model_path, models_folder, save_model
+from ator_ros.performance.model_file import is_model, load_model, model_path, save_model
 from ator_ros.performance.training import (
-    cross_validated_errors,
     digest,
     start_ranges,
 )
 from ator_ros.performance.training import train as train_model
-from ator_ros.refinement.gate import CAUTIOUS, GATE, add_cautious_gate
 from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import add_setting, run_tool, topic
 
@@ -43,7 +41,7 @@ def train(
     action_set: str | None = None,
     topics: Mapping[str, str] | None = None,
 ) -> None:
-    """Learn a model of each action in the experience and write it, beside a cautious gate if there is none.
+    """Learn a model of each action in the experience and write it.
 
     Parameters
     ----------
@@ -99,20 +97,14 @@ def train(
         if "mae_s" in measured:
             errors_s = f"MAE {measured['mae_s']:.3f} s, RMSE {measured['rmse_s']:.3f} s"
             tested = f", {errors_s} on {measured['episodes']} fresh episodes from rest"
-        elif not measured:
-            off = np.abs(cross_validated_errors(examples, model))
+        elif not measured and model.errors is not None:
+            off = np.abs(model.errors.errors)
             tested = f", MAE {off.mean():.3f} s by cross-validation on {len(off)} drives"
         print(f"{file}: {rules}{tested}", flush=True)
     if not learned:
         raise ExperienceError("; ".join(errors))
     for missing in errors:
         print(f"train: {missing}; the other actions are learned", file=sys.stderr)
-    beside = models_folder(folder, action_set)
-    gate = beside / GATE
-    if add_cautious_gate(beside, action_set, command):
-        print(f"{gate}: {CAUTIOUS}, until `gate` learns it from executed chains")
-    else:
-        print(f"{gate}: kept; if it was learned with other models, run `gate` again")
 
 
 def _measured(model: PerformanceModel, starts: pd.DataFrame, seed: int) -> dict[str, Any]:

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ator_ros.tools.gate import GateExamples, fit_gate
 
 from ator_ros.evaluation.statistics import labels, summarize
 from ator_ros.geometry import FloatArray
-from ator_ros.tools.gate import GateExamples, fit_gate
 
 
 def record(index: int, naive: float, refined: float, oracle: float, **more: Any) -> dict[str, Any]:

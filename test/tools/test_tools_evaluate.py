@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from ator_ros.tools.gate import GAINS, gate_examples
+from ator_ros.tools.gate import main as gate_main
 from experience_rows import synthetic_model
 from refinement_fakes import ROBOT
 
@@ -22,8 +24,6 @@ from ator_ros.files import FileError
 from ator_ros.performance.model_file import save_model
 from ator_ros.refinement.gate import GATE, Gate, load_gate, save_gate
 from ator_ros.tools.evaluate import main
-from ator_ros.tools.gate import GAINS, gate_examples
-from ator_ros.tools.gate import main as gate_main
 
 ORACLE = ("--oracle", "4", "--oracle-speeds", "0.4", "--oracle-margin", "0.2")
 POLICIES = ["naive", "face_goal", "refined", "gated"]

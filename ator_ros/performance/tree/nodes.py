@@ -16,6 +16,15 @@ from ator_ros.geometry import BoolArray, FloatArray
 IntArray = NDArray[np.intp]
 
 
+@dataclass(frozen=True)
+class Hinge:
+    """A term of a rule, ``slope*max(0, feature - above)``: it shows a threshold, or a dead zone."""
+
+    feature: str
+    above: float
+    slope: float
+
+
 @dataclass(frozen=True, eq=False)
 class ModelTree:
     """A binary tree with a linear model at each leaf.
@@ -40,9 +49,8 @@ class ModelTree:
         Standard deviation to expect of actual minus predicted at a leaf, in the target's unit.
     samples : array of float, shape (n_nodes,)
         How many rows a node was learned from.
-    base : str
-        The feature that is added to each prediction, times `base_slope`; empty if there is none.
-    base_slope : float
+    base : tuple of Hinge
+        Terms that are added to each prediction, whatever the leaf.
     """
 
     names: tuple[str, ...]
@@ -55,8 +63,7 @@ class ModelTree:
     upper: FloatArray
     spread: FloatArray
     samples: FloatArray
-    base: str = ""
-    base_slope: float = 1.0
+    base: tuple[Hinge, ...] = ()
 
     @property
     def is_leaf(self) -> BoolArray:
@@ -73,9 +80,8 @@ class ModelTree:
         """Return the features that predictions depend on (paper, section 4.2)."""
         used = (self.coefficients[self.is_leaf] != 0).any(axis=0)
         used[self.feature[~self.is_leaf]] = True
-        return tuple(
-            name for name, is_used in zip(self.names, used, strict=True) if is_used or name == self.base
-        )
+        used |= np.isin(self.names, [hinge.feature for hinge in self.base])
+        return tuple(name for name, is_used in zip(self.names, used, strict=True) if is_used)
 
     def apply(self, X: FloatArray) -> IntArray:
         """Return the leaf that each row falls into.
@@ -126,8 +132,10 @@ class ModelTree:
             value,
             leaf,
         )
-        if self.base:
-            value += self.base_slope * rows[places[self.names.index(self.base)]]
+        for hinge in self.base:
+            value += hinge.slope * np.maximum(
+                rows[places[self.names.index(hinge.feature)]] - hinge.above, 0.0
+            )
         return value, leaf
 
 
@@ -175,6 +183,10 @@ def leaves(tree: ModelTree) -> Iterator[tuple[int, Bounds]]:
         waiting.append((at_most, {**bounds, name: (lower, min(upper, threshold))}))
 
 
+def _beyond(hinge: Hinge, value: float) -> float:
+    return max(value - hinge.above, 0.0) if hinge.above else value
+
+
 @dataclass(frozen=True)
 class RuleWriter:
     """Writes the leaves of a tree as rules; angles in rad are written in degrees, as the paper does.
@@ -209,11 +221,13 @@ class RuleWriter:
             f"here {self.target} = {predicted:.3f} ± {spread:.3f} {self.target_unit}:",
             f"  {intercept:+9.3f}  constant",
         ]
-        parts = {name: slope * values[name] for name, slope in self._slopes(leaf).items()}
-        for name, part in sorted(parts.items(), key=lambda item: -abs(item[1])):
-            lines += [f"  {part:+9.3f}  {name} = {self._value(name, values[name])}"]
-        linear = intercept + sum(parts.values())
-        base = tree.base_slope * values.get(tree.base, 0.0)
+        parts = [(hinge, hinge.slope * _beyond(hinge, values[hinge.feature])) for hinge in self._terms(leaf)]
+        for hinge, part in sorted(parts, key=lambda item: -abs(item[1])):
+            name = hinge.feature
+            which = f"{self._term(hinge)}, " if hinge.above else ""
+            lines += [f"  {part:+9.3f}  {which}{name} = {self._value(name, values[name])}"]
+        linear = intercept + sum(part for _, part in parts)
+        base = sum(hinge.slope * _beyond(hinge, values[hinge.feature]) for hinge in tree.base)
         lower, upper = base + float(tree.lower[leaf]), base + float(tree.upper[leaf])
         if not lower <= linear <= upper:
             lines.append(f"  held within {lower:.3f} to {upper:.3f}: {linear:.3f} is beyond the experience")
@@ -226,14 +240,27 @@ class RuleWriter:
             return f"({name} > {self._value(name, lower)})"
         return f"({self._value(name, lower)} < {name} <= {self._value(name, upper)})"
 
-    def _slopes(self, leaf: int) -> dict[str, float]:
+    def _terms(self, leaf: int) -> list[Hinge]:
+        """Return the terms of a rule. Those from 0 on are linear: no feature with hinges is negative."""
         tree = self.tree
-        slopes = zip(tree.names, tree.coefficients[leaf].tolist(), strict=True)
-        total = {name: slope + tree.base_slope * (name == tree.base) for name, slope in slopes}
-        return {name: slope for name, slope in total.items() if slope}
+        slopes = dict(zip(tree.names, tree.coefficients[leaf].tolist(), strict=True))
+        for hinge in tree.base:
+            slopes[hinge.feature] += hinge.slope * (hinge.above == 0.0)
+        bent = [hinge for hinge in tree.base if hinge.above]
+        terms = []
+        for name, slope in slopes.items():
+            terms += [Hinge(name, 0.0, slope)] if slope else []
+            terms += [hinge for hinge in bent if hinge.feature == name]
+        return terms
+
+    def _term(self, hinge: Hinge) -> str:
+        name = hinge.feature
+        return f"max(0, {name} - {self._value(name, hinge.above)})" if hinge.above else name
 
     def _formula(self, leaf: int) -> str:
-        terms = [(slope / self._scale(name), f"*{name}") for name, slope in self._slopes(leaf).items()]
+        terms = [
+            (each.slope / self._scale(each.feature), f"*{self._term(each)}") for each in self._terms(leaf)
+        ]
         terms.append((float(self.tree.intercept[leaf]), ""))
         text = ""
         for number, name in terms:

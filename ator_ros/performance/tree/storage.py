@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
-from ator_ros.performance.tree.nodes import ModelTree
+from ator_ros.performance.tree.nodes import Hinge, ModelTree
 from ator_ros.schema import Within, require
 
 _NonNegative = Annotated[float, Within(0.0)]
@@ -64,14 +64,14 @@ class StoredTree:
 
     features: tuple[str, ...]
     root: StoredNode
-    base: str = ""
-    base_slope: float = 1.0
+    base: tuple[Hinge, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the names."""
         once = len(set(self.features)) == len(self.features) > 0
         require(once, "features", "names, each once", list(self.features))
-        require(self.base in ("", *self.features), "base", f"one of {', '.join(self.features)}", self.base)
+        others = sorted({hinge.feature for hinge in self.base} - set(self.features))
+        require(not others, "base", f"the features {', '.join(self.features)}", others)
         for node in _preorder(self.root):
             used = {node.feature} if isinstance(node, StoredSplit) else node.slopes.keys()
             unknown = sorted(used - set(self.features))
@@ -87,7 +87,7 @@ def _preorder(node: StoredNode) -> Iterator[StoredNode]:
 
 def stored(tree: ModelTree) -> StoredTree:
     """Return the tree as dataclasses; `restored` makes the same tree of them."""
-    return StoredTree(tree.names, _stored_node(tree, 0), tree.base, tree.base_slope)
+    return StoredTree(tree.names, _stored_node(tree, 0), tree.base)
 
 
 def _stored_node(tree: ModelTree, number: int) -> StoredNode:
@@ -136,5 +136,4 @@ def restored(tree: StoredTree) -> ModelTree:
         spread=spread,
         samples=np.array([node.samples for node in nodes]),
         base=tree.base,
-        base_slope=tree.base_slope,
     )

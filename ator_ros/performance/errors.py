@@ -1,0 +1,122 @@
+"""What a model's errors on episodes that it was not learned from say about its predictions elsewhere.
+
+A model of the wrong form errs alike in alike situations, and so do models of resampled episodes: their spread
+does not show it. Here the errors are a Gaussian process over the features (Rasmussen and Williams 2006,
+chapter 2). Where alike episodes show an error, it is expected again; where there are none, any is possible.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated
+
+import numpy as np
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
+
+from ator_ros.geometry import FloatArray
+from ator_ros.schema import Within, require
+
+_MOST = 300
+"""Episodes kept: more hardly change the result, and make a request slower."""
+_CLIPPED = 4.0
+"""Standard deviations at which errors are clipped."""
+_LEAST_SIGNAL = 0.5
+"""Least deviation of the process, as a share of the errors' own: a few episodes show no error by chance."""
+_LENGTHS = (0.2, 1.0)
+"""Least and greatest length of the process, in standard deviations of a feature, for a single feature."""
+_DIGITS = 4
+_Positive = Annotated[float, Within(1e-9)]
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorProcess:
+    """Errors of predicted durations as a Gaussian process with a Matérn kernel (3/2).
+
+    Attributes
+    ----------
+    features : tuple of str
+        Names of k features.
+    center, scale : tuple of float
+        Means and standard deviations of the features, length k.
+    points : tuple of tuple of float, shape (n, k)
+        Episodes, their features standardized.
+    errors : tuple of float
+        Actual less predicted duration in s of each episode, by a model that was learned without it.
+    signal, noise : float
+        Standard deviations in s of the process, and of what differs between episodes that are alike.
+    length : float
+        Distance over which errors are alike.
+    """
+
+    features: tuple[str, ...]
+    center: tuple[float, ...]
+    scale: tuple[_Positive, ...]
+    points: tuple[tuple[float, ...], ...]
+    errors: tuple[float, ...]
+    signal: _Positive
+    noise: _Positive
+    length: _Positive
+
+    def __post_init__(self) -> None:
+        """Check the shapes."""
+        k = len(self.features)
+        alike = len(self.center) == len(self.scale) == k and all(len(each) == k for each in self.points)
+        require(alike, "points", f"{k} numbers each, as center and scale have", "others")
+        require(len(self.errors) == len(self.points), "errors", "one for each point", len(self.errors))
+
+    def of_sum(self, features: FloatArray, signs: FloatArray) -> tuple[float, float]:
+        """Return the expected error of a signed sum of durations in s, and its variance in s².
+
+        Parameters
+        ----------
+        features : ndarray, shape (n, k)
+            Situations.
+        signs : ndarray, shape (n,)
+            Of their durations in the sum.
+        """
+        points = (features - np.array(self.center)) / np.array(self.scale)
+        known, inverse, weights = self._solved
+        kernel = ConstantKernel(self.signal**2) * Matern(self.length, nu=1.5)
+        alike = signs @ kernel(points, known)
+        variance = signs @ kernel(points) @ signs - alike @ inverse @ alike
+        return float(alike @ weights), max(float(variance), 0.0)
+
+    @cached_property
+    def _solved(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Points (n, k), the inverse of their covariances (n, n), and the weights of their kernels (n,)."""
+        known = np.array(self.points)
+        kernel = ConstantKernel(self.signal**2) * Matern(self.length, nu=1.5)
+        inverse: FloatArray = np.linalg.inv(kernel(known) + self.noise**2 * np.eye(len(known)))
+        return known, inverse, inverse @ np.array(self.errors)
+
+
+def observed_errors(names: Sequence[str], features: FloatArray, errors: FloatArray) -> ErrorProcess:
+    """Return the process that errors (n,) in s of episodes with features (n, k) make most likely."""
+    features, errors = features[:_MOST], errors[:_MOST]
+    center, scale = features.mean(axis=0), features.std(axis=0)
+    scale[scale < 1e-9] = 1.0
+    points = np.round((features - center) / scale, _DIGITS)
+    spread = max(1.4826 * float(np.median(np.abs(errors - np.median(errors)))), 1e-3)
+    clipped = np.clip(errors, -_CLIPPED * spread, _CLIPPED * spread).round(_DIGITS)
+    shortest, longest = (length * np.sqrt(len(names)) for length in _LENGTHS)
+    process = ConstantKernel(spread**2, ((_LEAST_SIGNAL * spread) ** 2, (10.0 * spread) ** 2))
+    kernel = process * Matern(0.5 * longest, (shortest, longest), nu=1.5)
+    noise = WhiteKernel(spread**2, ((0.2 * spread) ** 2, (3.0 * spread) ** 2))
+    with warnings.catch_warnings():  # a result at a bound is what the bound is for
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        found = GaussianProcessRegressor(kernel + noise).fit(points, clipped).kernel_.get_params()
+    return ErrorProcess(
+        tuple(names),
+        tuple(center.tolist()),
+        tuple(scale.tolist()),
+        tuple(map(tuple, points.tolist())),
+        tuple(clipped.tolist()),
+        signal=float(np.sqrt(found["k1__k1__constant_value"])),
+        noise=float(np.sqrt(found["k2__noise_level"])),
+        length=float(found["k1__k2__length_scale"]),
+    )

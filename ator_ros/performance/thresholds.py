@@ -1,0 +1,110 @@
+"""Durations as a sum of rising functions of single features, whose bends are thresholds and dead zones.
+
+Each function is piecewise linear and nowhere falls: farther, or more to turn, takes no less time. As a term
+of a rule, a dead zone of 45° is ``0.97*max(0, angle_to_dest - 45°)``.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import nnls
+
+from ator_ros.geometry import FloatArray
+from ator_ros.performance.tree.linear_models import corrected_error
+from ator_ros.performance.tree.nodes import Hinge
+
+_ANGLES: FloatArray = np.radians([0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 75.0, 90.0, 120.0, 150.0])
+RISING: dict[str, FloatArray] = {"dist": np.zeros(1), "angle_to_dest": _ANGLES, "angle_at_dest": _ANGLES}
+"""Features that durations rise with, and where each may bend, in m and rad. Thresholds are mostly small."""
+_TERM_COST = 0.75
+"""How much a bend counts in the corrected error. More makes shorter rules, which refine less well."""
+_CLIPPED, _ROUNDS = 3.0, 3
+"""Standard deviations at which residuals are clipped, as now and then a drive takes much longer."""
+
+
+def sum_of(base: tuple[Hinge, ...], table: pd.DataFrame) -> FloatArray:
+    """Return the sum of the terms in s, shape (n,), for features (n, k)."""
+    total = np.zeros(len(table))
+    for hinge in base:
+        total += hinge.slope * np.maximum(table[hinge.feature].to_numpy() - hinge.above, 0.0)
+    return total
+
+
+def rising_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[Hinge, ...]:
+    """Return the terms that fit durations (n,) in s best, without the constant.
+
+    Non-negative least squares on the segments between bends; then bends go, those first that are worth least,
+    while the corrected error of M5' does not grow.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Features, `RISING` among them.
+    durations : ndarray, shape (n,)
+    """
+    segments = np.hstack([_segments(table[name].to_numpy(), bends) for name, bends in RISING.items()])
+    centered = segments - segments.mean(axis=0)
+    target = durations - durations.mean()
+    for _ in range(_ROUNDS):
+        fitted = centered @ nnls(centered, target)[0]
+        error = target - fitted
+        most = _CLIPPED * 1.4826 * float(np.median(np.abs(error - np.median(error))))
+        target = fitted + np.clip(error, -most, most)
+        target -= target.mean()
+    factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([centered, target]), mode="r"))
+    groups, at = [], 0
+    for bends in RISING.values():
+        groups.append([[column] for column in range(at, at + len(bends))])
+        at += len(bends)
+    error, slopes = _fit(groups, factor, len(target))
+    while fewer := [(*_fit(merged, factor, len(target)), merged) for merged in _merged(groups)]:
+        least, other, merged = min(fewer, key=lambda each: each[0])
+        if least > error:
+            break
+        error, slopes, groups = least, other, merged
+    return _hinges(groups, slopes)
+
+
+_Groups = list[list[list[int]]]
+"""By feature, the segments that share a slope."""
+
+
+def _segments(values: FloatArray, bends: FloatArray) -> FloatArray:
+    """Return how far each value reaches into each segment, shape (n, segments)."""
+    lengths = np.append(np.diff(bends), math.inf)
+    return np.clip(values[:, None] - bends, 0.0, lengths)
+
+
+def _merged(groups: _Groups) -> list[_Groups]:
+    """Return the groups with one bend less, in every way."""
+    return [
+        [*groups[:number], [*parts[:at], parts[at] + parts[at + 1], *parts[at + 2 :]], *groups[number + 1 :]]
+        for number, parts in enumerate(groups)
+        for at in range(len(parts) - 1)
+    ]
+
+
+def _fit(groups: _Groups, factor: FloatArray, count: int) -> tuple[float, FloatArray]:
+    """Return the corrected error and the slopes of the groups."""
+    table = np.column_stack([factor[:, part].sum(axis=1) for parts in groups for part in parts])
+    slopes, residual = nnls(table, factor[:, -1])
+    terms = np.array([1.0 + _TERM_COST * len(slopes)])
+    error = corrected_error(np.array([residual**2]), np.array([float(count)]), terms)
+    return float(error[0]), slopes
+
+
+def _hinges(groups: _Groups, slopes: FloatArray) -> tuple[Hinge, ...]:
+    """Return the changes of slope as terms."""
+    left, hinges, first = iter(slopes.tolist()), [], 0
+    for (name, bends), parts in zip(RISING.items(), groups, strict=True):
+        before = 0.0
+        for part in parts:
+            slope = next(left)
+            if slope != before:
+                hinges.append(Hinge(name, float(bends[part[0] - first]), slope - before))
+            before = slope
+        first += len(bends)
+    return tuple(hinges)
