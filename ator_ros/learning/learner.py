@@ -11,6 +11,7 @@ from typing import Any
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.store import RecordStore, StoreInfo
 from ator_ros.files import FileError, content_of, read_json, save
+from ator_ros.learning.gains import ChainGain, Gains, read_gains, write_gains
 from ator_ros.learning.process import RoundProcess
 from ator_ros.learning.sets import (
     RECORDS,
@@ -62,6 +63,7 @@ class Learner:
         with contextlib.suppress(FileError, SchemaError):  # without the file a round is due
             self._last = content_of(read_json(folder / ROUND), KIND)
         self.problem = ""
+        self.gains = Gains()
         self.taken = self.left_out = self.lost = 0
         self.has_room = True
         self.manifest: Manifest | None = None
@@ -71,6 +73,7 @@ class Learner:
                 self.manifest = read_manifest(place)
             except FileError as error:
                 self.problem = str(error)
+        self._read_gains()
 
     @property
     def frozen(self) -> bool:
@@ -98,6 +101,14 @@ class Learner:
         self.lost += len(self._waiting) == self._waiting.maxlen
         self._waiting.append((action_set, episode))
         self._store_waiting()
+
+    def take_chain(self, chain: ChainGain) -> None:
+        """Add a chain to what was gained with the set in use."""
+
+        def write() -> None:
+            self.gains = write_gains(self._folder, self.gains, chain)
+
+        self._guarded(write)
 
     def work(self, now: float) -> str | None:
         """Start or finish a round at the real time `now` (s); return a message when a round ends."""
@@ -133,6 +144,7 @@ class Learner:
             try:
                 place = publish(self._folder, Path(result["made"]))
                 self.manifest = read_manifest(place)
+                self._read_gains()
                 remove_old(self._folder)
                 self.problem = ""
             except (OSError, FileError) as error:
@@ -142,6 +154,13 @@ class Learner:
         self._last = {**result, "made": "", "ends": self._ends}
         self._guarded(lambda: save(self._folder / ROUND, KIND, self._last))
         return self.problem or self._summary()
+
+    def _read_gains(self) -> None:
+        models = "" if self.manifest is None else self.manifest.digest
+        try:
+            self.gains = read_gains(self._folder, models)
+        except FileError as error:
+            self.gains, self.problem = Gains(models), str(error)
 
     def _summary(self) -> str:
         """Return the result of the last round: durations, and other measures whose tree was replaced."""
@@ -162,6 +181,7 @@ class Learner:
             "learning": "under way" if self._round is not None else "waiting for records",
             "set": "that of the start" if self.manifest is None else self.manifest.digest,
             "last switch": "never" if self.manifest is None else self.manifest.time,
+            "gain of refinement": str(self.gains.measured()),
         }
         for name, verdict in self._last.get("actions", {}).items():
             values[f"{name}: episodes"] = verdict["episodes"]

@@ -29,6 +29,7 @@ from ator_ros.nodes.messages import (
     chain_from,
     chain_of,
     chain_performance_of,
+    gain_of,
     objective_from,
     performance_of,
     situation_of,
@@ -96,6 +97,7 @@ class GoalRun:
         self._library, self._refinement, self._frame, self._fence = library, refinement, frame, fence
         self._id = id_of(handle)
         self._records: list[ActionPerformance] = []
+        self._gain = gain_of()  # of the chain as planned
         self._request: Future | None = None
         self._asked: Question | None = None
         self._feedback = ("", 0.0)  # status and time of the last one
@@ -170,6 +172,8 @@ class GoalRun:
         if not answer.accepted:
             run.unrefined(reason)
             return
+        if run.phase is Phase.REFINING:
+            self._gain = answer.gain
         where = "refined chain"
         try:
             chain = chain_from(answer.chain, self._library, frame=self._frame, where=where, fence=self._fence)
@@ -231,6 +235,7 @@ class GoalRun:
             fetched=run.executor.fetch_count,
             refined_again=run.refining.refined_again,
             actions=self._records,
+            gain=self._gain,
             predicted=predicted,
             actual=actual,
             outcome=Outcome(code=run.ending.value if run.ending else 0, reason=run.reason),
@@ -259,6 +264,7 @@ def unstarted(handle: ServerGoalHandle, ending: Ending, reason: str, *, frame: s
         chain_id=id_of(handle),
         chain=handle.request.chain,
         refinement="not requested",
+        gain=gain_of(),
         predicted=performance_of(),
         actual=_actual(0.0, ending),
         outcome=outcome,

@@ -11,11 +11,12 @@ from typing import Any
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from ator_interfaces.msg import ActionPerformance
+from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.records import ENDED, episode_of
 from ator_ros.experience.store import StoreInfo
 from ator_ros.files import FileError, exclusive_folder
+from ator_ros.learning.gains import chain_gain
 from ator_ros.learning.learner import Learner
 from ator_ros.learning.process import RoundProcess
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
@@ -40,6 +41,7 @@ PARAMETERS = (
     MODELS,
     Parameter("learned", "", "folder of records and learned sets; empty: ~/.ros/ator_ros/learned"),
     Parameter("records", ["performance/action"], "topics of the records, of one or several robots"),
+    Parameter("chains", ["performance/chain"], "topics of their records of chains"),
     Parameter("batch", 20, "new records after which to learn again", 5, 10_000),
     Parameter("most_episodes", 20_000, "episodes of each action set that are kept", 1000, 1_000_000),
 )
@@ -56,14 +58,15 @@ class LearningNode(Node):
     Subscribes to
         performance/action (ator_interfaces/ActionPerformance), or the topics that `records` names. All are of
         robots of one description.
+        performance/chain (ator_interfaces/ChainPerformance), or the topics that `chains` names.
     Publishes
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Services
         ~/learn_now (std_srvs/Trigger): begins a round of learning.
         ~/freeze (std_srvs/SetBool): true: records are stored, but the set in use stays; until false.
     Writes
-        the folder `learned`: records, sets, and the link `current` to the set that the nodes `refinement` and
-        `executor` with the same parameter use.
+        the folder `learned`: records, sets, what refined chains gained, and the link `current` to the set
+        that the nodes `refinement` and `executor` with the same parameter use.
     """
 
     def __init__(self) -> None:
@@ -89,6 +92,8 @@ class LearningNode(Node):
             raise SetupError(f"parameter learned: {error}") from error
         for topic in topics:
             self.create_subscription(ActionPerformance, topic, self._take, RESULTS)
+        for topic in settings["chains"]:
+            self.create_subscription(ChainPerformance, topic, self._take_chain, RESULTS)
         self.create_service(Trigger, "~/learn_now", self._learn_now)
         self.create_service(SetBool, "~/freeze", self._freeze)
         self.create_timer(_PERIOD, self._work, clock=STEADY)
@@ -108,6 +113,11 @@ class LearningNode(Node):
             self.get_logger().warning(f"record left out: {error}", throttle_duration_sec=_WARNING_PERIOD)
             return
         self._learner.take(message.action_set or DEFAULT_SET, episode)
+
+    def _take_chain(self, message: Any) -> None:
+        chain = chain_gain(message)
+        if chain is not None:
+            self._learner.take_chain(chain)
 
     def _work(self) -> None:
         report = self._learner.work(time.monotonic())

@@ -25,6 +25,7 @@ from ator_ros.planning.goals import MOST_STATEMENTS, GoalStatement, Unspecified
 from ator_ros.printable import quoted
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.chain_prediction import ChainPrediction
+from ator_ros.refinement.gate import MeasuredGain
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import (
     LONGEST_CHAIN,
@@ -297,6 +298,7 @@ def refused(reason: str, chain: msg.TopChain) -> RefineSubgoal.Response:
         original=chain,
         before=nothing,
         after=nothing,
+        gain=gain_of(),
         cost_before=math.nan,
         cost_after=math.nan,
     )
@@ -309,6 +311,23 @@ def chain_performance_of(prediction: ChainPrediction | None) -> msg.Performance:
     success = math.prod(action.get("success", math.nan) for action in prediction.actions)
     spread = prediction.spread if math.isfinite(prediction.duration) else math.nan
     return performance_of({"duration": prediction.duration, "spread": spread, "success": success})
+
+
+def gain_of(refinement: Refinement | None = None, measured: MeasuredGain | None = None) -> msg.Gain:
+    """Write the predicted gain of a refinement and the gain measured so far; NaN where unknown."""
+    measured = measured or MeasuredGain()
+    free = refinement is not None and bool(refinement.free)
+    known = not math.isnan(measured.mean)
+    return msg.Gain(
+        predicted=refinement.gain if refinement is not None and free else math.nan,
+        uncertainty=refinement.uncertainty if refinement is not None and free else math.nan,
+        comparison=refinement is not None and refinement.comparison,
+        measured=measured.mean,
+        measured_low=measured.low if known else math.nan,
+        measured_high=measured.high if known else math.nan,
+        refined=measured.refined,
+        compared=measured.compared,
+    )
 
 
 def _free_variables(refinement: Refinement) -> list[msg.FreeVariable]:

@@ -14,6 +14,7 @@ from rclpy.node import Node
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain
 from ator_ros.files import FileError
+from ator_ros.learning.gains import GAINS, Gains, read_gains
 from ator_ros.learning.sets import Manifest, current_set, read_manifest
 from ator_ros.nodes.diagnostics import STEADY
 from ator_ros.nodes.parameters import Parameter
@@ -59,6 +60,8 @@ class LearnedSets:
     ----------
     present : dict of str to ModelSet
         The models in use, by action set.
+    gains : Gains
+        What chains refined with them have gained; the node `learning` measures it.
     """
 
     def __init__(
@@ -84,9 +87,12 @@ class LearnedSets:
                 self._source, place = f"learned set {self._manifest.digest}", self._seen
             except FileError as error:
                 self._log_failure(error)
+        self._gains_of: tuple[str, int] | None = None
+        self.gains = Gains()
         node.get_logger().info("loading models; the first start compiles code, which may take a minute")
         self.present = self._load(place)
         if self._folder is not None:
+            self._look_at_gains()
             node.create_timer(_PERIOD, self._look, clock=STEADY)
 
     def _load(self, place: Path) -> dict[str, ModelSet]:
@@ -121,8 +127,9 @@ class LearnedSets:
         return manifest, read
 
     def _look(self) -> None:
-        """Take over a set that has been loaded, or begin to load a new one."""
+        """Take over a set that has been loaded, or begin to load a new one; read the gains that changed."""
         assert self._folder is not None
+        self._look_at_gains()
         if self._loading is None:
             place = current_set(self._folder)
             if place is not None and place != self._seen:
@@ -136,6 +143,19 @@ class LearnedSets:
                 self._log_failure(error)
             else:
                 self._node.get_logger().info(f"switched to the learned set {_described(self._manifest)}")
+
+    def _look_at_gains(self) -> None:
+        """Read what refined chains have gained with the models in use, if that changed."""
+        assert self._folder is not None
+        models, file = "" if self._manifest is None else self._manifest.digest, self._folder / GAINS
+        state = models, file.stat().st_mtime_ns if file.exists() else 0
+        if state != self._gains_of:
+            self._gains_of = state
+            try:
+                self.gains = read_gains(self._folder, models)
+            except FileError as error:
+                self.gains = Gains(models)
+                self._node.get_logger().warning(f"gains of refined chains are not used: {error}")
 
     def _log_failure(self, error: Exception) -> None:
         name = "" if self._seen is None else self._seen.name
@@ -160,6 +180,7 @@ class LearnedSets:
         }
         if self._folder is not None:
             values["learned set"] = "none yet" if self._manifest is None else _described(self._manifest)
+            values["gain of refinement"] = str(self.gains.measured())
         return values
 
 

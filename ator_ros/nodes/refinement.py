@@ -53,6 +53,14 @@ PARAMETERS = (
     LEARNED,
     Parameter("gate", True, "whether to refine only where the gain exceeds its uncertainty", live=True),
     Parameter(
+        "comparison",
+        0.1,
+        "greatest share of chains that run as planned to measure what refinement gains; only with `learned`",
+        0.0,
+        0.1,
+        live=True,
+    ),
+    Parameter(
         "failure_cost",
         -1.0,
         "s that a failure costs; below 0: the domain's time limit",
@@ -70,7 +78,7 @@ _LONGEST_REASON = 500
 class RefinementNode(Node):
     """Rewrites the free variables of TOP chains so that the whole chain performs best.
 
-    Parameters: see `PARAMETERS`; `gate` and `failure_cost` can change while it runs.
+    Parameters: see `PARAMETERS`; `gate`, `comparison` and `failure_cost` can change while it runs.
 
     Services
         refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it came, with the
@@ -115,7 +123,10 @@ class RefinementNode(Node):
 
     def _refiner(self, read: ModelSet) -> Refiner:
         """Return a refiner with the parameters `gate` and `failure_cost` as they are now."""
-        gate, cost = Gate() if self._settings["gate"] else NO_GATE, self._settings["failure_cost"]
+        gate, cost, gains = NO_GATE, self._settings["failure_cost"], self._sets.gains
+        if self._settings["gate"]:
+            compare = bool(self._settings["learned"]) and gains.wants_comparison(self._settings["comparison"])
+            gate = Gate(measured=gains.measured(), compare=compare)
         cost = cost if cost >= 0.0 else self._domain.time_limit
         return Refiner(self._robot, read.models, gate, ranges=self._ranges, failure_cost=cost)
 
@@ -170,7 +181,9 @@ class RefinementNode(Node):
                 refinement_shapes(start, found.original, found.chain, found.curves), "refinement", frame
             )
         )
-        return messages.answer_of(choice, request, action_set=action_set, frame=frame)
+        response = messages.answer_of(choice, request, action_set=action_set, frame=frame)
+        response.gain = messages.gain_of(found, self._sets.gains.measured())
+        return response
 
     def _plan(self, request: PlanChains.Request) -> PlanChains.Response:
         frame = self._settings["frame"]

@@ -2,10 +2,52 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 CONTROL_TICK = 0.05
 """Least gain in s that shows in an execution."""
+_FEWEST_REFINED, _FEWEST_COMPARED = 10, 3
+"""Chains from which on a measured gain counts."""
+_DISAPPOINTING = 0.5
+"""Share of the predicted gain below which a measured one disappoints."""
+
+
+@dataclass(frozen=True)
+class MeasuredGain:
+    """What refined chains have gained, compared with chains that ran as planned.
+
+    Attributes
+    ----------
+    refined, compared : int
+        Numbers of chains.
+    predicted : float
+        Mean predicted gain in s of the refined ones.
+    mean, low, high : float
+        Mean gain in s, and its 95 % interval; NaN and infinite until both kinds were executed.
+    """
+
+    refined: int = 0
+    compared: int = 0
+    predicted: float = math.nan
+    mean: float = math.nan
+    low: float = -math.inf
+    high: float = math.inf
+
+    @property
+    def disappoints(self) -> bool:
+        """Whether the gain is surely less than half of what was predicted."""
+        enough = self.refined >= _FEWEST_REFINED and self.compared >= _FEWEST_COMPARED
+        return enough and self.high < _DISAPPOINTING * self.predicted
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        if math.isnan(self.mean):
+            return f"not measured yet: {self.refined} chains refined, {self.compared} as planned to compare"
+        return (
+            f"{self.mean:.2f} s ({self.low:.2f} to {self.high:.2f}) per refined chain, predicted "
+            f"{self.predicted:.2f} s: {self.refined} refined, {self.compared} as planned to compare"
+        )
 
 
 @dataclass(frozen=True)
@@ -22,17 +64,33 @@ class Gate:
         Least predicted gain in s.
     factor : float
         Uncertainties that the gain must exceed.
+    measured : MeasuredGain
+        What refined chains have gained; if that disappoints, the gate is closed.
+    compare : bool
+        Whether a chain that would be refined runs as planned, to compare.
     """
 
     least: float = CONTROL_TICK
     factor: float = 1.0
+    measured: MeasuredGain = MeasuredGain()
+    compare: bool = False
+
+    def opens(self, gain: float, uncertainty: float) -> bool:
+        """Return whether a predicted gain in s, with its uncertainty in s, is expected to pay."""
+        return gain > max(self.least, self.factor * uncertainty) and not self.measured.disappoints
 
     def decide(self, gain: float, uncertainty: float) -> tuple[bool, str]:
-        """Return whether a predicted gain in s, with its uncertainty in s, pays, and why in words."""
+        """Return whether to refine a chain with a predicted gain in s, and why in words."""
         if not gain >= 0.005:
             return False, "no gain predicted"
-        pays = gain > max(self.least, self.factor * uncertainty)
-        return pays, f"gain {gain:.2f} s ± {uncertainty:.2f} s: {'refined' if pays else 'kept as planned'}"
+        opens = self.opens(gain, uncertainty)
+        result = "refined" if opens and not self.compare else "kept as planned"
+        reason = f"gain {gain:.2f} s ± {uncertainty:.2f} s: {result}"
+        if opens and self.compare:
+            reason += ", to compare"
+        elif self.measured.disappoints:
+            reason += f", as refined chains gained less than predicted: {self.measured}"
+        return opens and not self.compare, reason
 
 
 NO_GATE = Gate(0.0, 0.0)

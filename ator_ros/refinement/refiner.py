@@ -83,6 +83,8 @@ class Refinement:
         Whether the search was completed; otherwise `best` is the best found until the deadline.
     uncertainty : float
         Of the predicted gain in s, see `ChainModel.uncertainty`.
+    comparison : bool
+        Whether it would have been refined, but runs as planned, to compare.
     """
 
     refined: bool
@@ -97,6 +99,7 @@ class Refinement:
     curves: tuple[SubgoalCurve, ...] = ()
     complete: bool = True
     uncertainty: float = 0.0
+    comparison: bool = False
 
     @property
     def gain(self) -> float:
@@ -285,7 +288,8 @@ class Refiner:
                 best = replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
         before, after = predicted
         uncertainty = model.uncertainty(model.given, optimum.values)
-        pays, reason = self.gate.decide(before.cost - after.cost, uncertainty)
+        gain = before.cost - after.cost
+        pays, reason = self.gate.decide(gain, uncertainty)
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []
         if pays and best == chain:
@@ -311,6 +315,7 @@ class Refiner:
             ),
             complete=optimum.complete,
             uncertainty=uncertainty,
+            comparison=self.gate.compare and best != chain and self.gate.opens(gain, uncertainty),
         )
 
     def _left_alone(self, chain: TopChain, analysis: Analysis, model: ChainModel) -> Refinement:

@@ -155,6 +155,14 @@ def duration_of(record: Any) -> float:
     return float(record.actual.duration) if record.outcome.code == _SUCCEEDED else math.nan
 
 
+def measured_gain(gain: Any) -> str:
+    """Return the measured gain of a record (ator_interfaces/Gain) in words; empty if there is none."""
+    if math.isnan(gain.measured):
+        return ""
+    interval = f"{gain.measured_low:.2f} to {gain.measured_high:.2f}"
+    return f"{gain.measured:+.2f} s ({interval}; {gain.refined} refined, {gain.compared} to compare)"
+
+
 class History:
     """Executed chains, the newest last."""
 
@@ -196,6 +204,8 @@ class History:
         if gains:
             mean = f"{np.mean(gains):+.2f} s, mean of {len(gains)}"
             lines += [f"Gain over the naive chain from the same start: {mean}.", ""]
+        if measured := measured_gain(rows[-1][0].gain):
+            lines += [f"Gain measured by learning, per refined chain: {measured}.", ""]
         lines += ["| | chain | predicted | actual | gain |", "|---|---|---|---|---|"]
         newest = itertools.islice(reversed(list(enumerate(rows, 1))), _SHOWN)
         return "\n".join([*lines, *(_row(number, *row) for number, row in newest)])
