@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
+from ator_ros.examples.pursuit import Pursuit
 from ator_ros.examples.rotate_drive_rotate import Law, Phase, RotateDriveRotate, State
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import STOP, Command, World
@@ -45,3 +46,10 @@ class DriveToStandIn(Action):
         robot = world.robot
         command = self._law.step(State(world.time, *robot.pose, robot.v, robot.w))
         return Step(Command(*command), Status.RUNNING, self._law.phase.value)
+
+
+class PursueStandIn(DriveToStandIn):
+    """Drives as the server `pursuit_server` does."""
+
+    name = "pursue_stand_in"
+    law = Pursuit
