@@ -7,7 +7,7 @@ from setuptools import find_packages, setup
 PACKAGE = "ator_ros"
 DATA_FOLDERS = ("config", "launch", "models", "rviz", "security", "urdf")
 EXECUTABLES = {
-    "examples": ("drive_to_server",),
+    "examples": ("drive_to_server", "pursuit_server"),
     "nodes": ("simulation", "executor", "refinement", "learning", "goal_pose"),
     "tools": (
         *("collect", "train", "evaluate"),
@@ -16,10 +16,14 @@ EXECUTABLES = {
 }
 DOMAINS = {
     "drive": f"{PACKAGE}.domains.drive:DRIVE",
+    "pursuit": f"{PACKAGE}.domains.pursuit:PURSUIT",
     "soccer": f"{PACKAGE}.domains.soccer.domain:SOCCER",
     "tour": f"{PACKAGE}.domains.tour:TOUR",
 }
-STAND_INS = {"drive_to": f"{PACKAGE}.domains.tour_stand_in:DriveToStandIn"}
+STAND_INS = {
+    "drive_to": f"{PACKAGE}.domains.tour_stand_in:DriveToStandIn",
+    "pursuit": f"{PACKAGE}.domains.tour_stand_in:PursueStandIn",
+}
 
 
 def data_files() -> list[tuple[str, list[str]]]:

@@ -1,9 +1,12 @@
-"""The example server's law as an action in the simulation without ROS, timed as with the executor."""
+"""The example servers' laws as actions in the simulation without ROS, timed as with the executor."""
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
-from ator_ros.examples.rotate_drive_rotate import Phase, RotateDriveRotate, State
+from ator_ros.examples.pursuit import Pursuit
+from ator_ros.examples.rotate_drive_rotate import Law, Phase, RotateDriveRotate, State
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import STOP, Command, World
 
@@ -16,16 +19,17 @@ class DriveToStandIn(Action):
     """
 
     name = "drive_to_stand_in"
+    law: ClassVar[type[Law]] = RotateDriveRotate
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
-        self._law: RotateDriveRotate | None = None
+        self._law: Law | None = None
         self._commanded = self._sent = False
 
     def start(self, world: World, goal: Goal) -> None:  # noqa: ARG002
         """Commit to `goal`."""
         pose = goal.robot_pose(self.robot)
-        self._law = RotateDriveRotate((pose.x, pose.y, pose.yaw))
+        self._law = self.law((pose.x, pose.y, pose.yaw))
 
     def step(self, world: World) -> Step:
         """Return the command of the server, or what the executor does before and after."""
@@ -42,3 +46,10 @@ class DriveToStandIn(Action):
         robot = world.robot
         command = self._law.step(State(world.time, *robot.pose, robot.v, robot.w))
         return Step(Command(*command), Status.RUNNING, self._law.phase.value)
+
+
+class PursueStandIn(DriveToStandIn):
+    """Drives as the server `pursuit_server` does."""
+
+    name = "pursue_stand_in"
+    law = Pursuit

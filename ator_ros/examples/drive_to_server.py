@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import signal
+from collections.abc import Callable
 from typing import Any
 
 import rclpy
@@ -22,7 +23,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
 from ator_interfaces.action import DriveTo
-from ator_ros.examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotate, State
+from ator_ros.examples.rotate_drive_rotate import ENDED, Law, Phase, RotateDriveRotate, State
 
 _FEEDBACK_PERIOD = 0.5
 _CODES = {Phase.MISSED: DriveTo.Result.MISSED, Phase.TOO_LONG: DriveTo.Result.TOO_LONG}
@@ -31,10 +32,10 @@ _CODES = {Phase.MISSED: DriveTo.Result.MISSED, Phase.TOO_LONG: DriveTo.Result.TO
 class _Drive:
     """An active goal."""
 
-    def __init__(self, handle: ServerGoalHandle) -> None:
+    def __init__(self, handle: ServerGoalHandle, law: type[Law]) -> None:
         self.handle = handle
         pose = handle.request.goal.pose
-        self.law = RotateDriveRotate((pose.position.x, pose.position.y, _yaw(pose.orientation)))
+        self.law = law((pose.position.x, pose.position.y, _yaw(pose.orientation)))
         self.ended = Future()
         self.superseded = False
         self.feedback_at = -math.inf  # s, by the stamps
@@ -43,16 +44,29 @@ class _Drive:
 class DriveToServer(Node):
     """Drives to one goal at a time; a newer one takes over.
 
+    Parameters
+    ----------
+    name, action : str
+        Names of the node and of its action.
+    law : type
+        The control law; an instance is made for each goal.
+
     Action server
-        drive_to (ator_interfaces/DriveTo).
+        drive_to (ator_interfaces/DriveTo), or the name that is given.
     Subscribes to
         odom (nav_msgs/Odometry).
     Publishes
         cmd_vel (geometry_msgs/Twist): while it has a goal, one for each odometry.
     """
 
-    def __init__(self) -> None:
-        super().__init__("drive_to_server")
+    def __init__(
+        self,
+        name: str = "drive_to_server",
+        action: str = "drive_to",
+        law: type[Law] = RotateDriveRotate,
+    ) -> None:
+        super().__init__(name)
+        self._law = law
         self._state: State | None = None
         self._frame = ""
         self._drive: _Drive | None = None
@@ -62,7 +76,7 @@ class DriveToServer(Node):
         self._server = ActionServer(
             self,
             DriveTo,
-            "drive_to",
+            action,
             self._execute,
             goal_callback=self._consider,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
@@ -80,7 +94,7 @@ class DriveToServer(Node):
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
         """Drive from the newest odometry on; later odometry ends the drive."""
-        drive = _Drive(handle)
+        drive = _Drive(handle, self._law)
         former, self._drive = self._drive, drive
         if former is not None:
             former.superseded = True
@@ -134,11 +148,11 @@ def _yaw(q: Any) -> float:
     return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the server until Ctrl-C or SIGTERM."""
+def serve(make: Callable[[], Node], args: list[str] | None = None) -> None:
+    """Run a server until Ctrl-C or SIGTERM."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     rclpy.init(args=args)
-    node = DriveToServer()
+    node = make()
     try:
         rclpy.spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -146,6 +160,11 @@ def main(args: list[str] | None = None) -> None:
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the server with its law until Ctrl-C or SIGTERM."""
+    serve(DriveToServer, args)
 
 
 if __name__ == "__main__":

@@ -59,6 +59,7 @@ def kind_of(start: Pose, goal: Pose) -> str:
         ("soccer", "goToPose", {"turn", "short", "at the goal", "long"}),
         ("soccer", "dribbleBall", {"short", "at the goal", "long"}),
         ("tour", "drive_to", {"turn", "short", "at the goal", "long"}),
+        ("pursuit", "pursue", {"turn", "short", "at the goal", "long"}),
         ("drive", "goToPose", {"turn", "short", "at the goal", "long"}),
     ],
 )

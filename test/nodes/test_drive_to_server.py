@@ -1,9 +1,10 @@
-"""The example server `drive_to_server`: status and result of its goals."""
+"""The example servers: status and result of their goals."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import pytest
 from action_msgs.msg import GoalStatus
 from conftest import Start
 from moving_base import MovingBase
@@ -16,12 +17,17 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
 
 
-def test_a_goal_executes_until_arrival_cancellation_or_a_newer_goal(start: Start, client: Client) -> None:
+@pytest.mark.parametrize(
+    ("executable", "action"), [("drive_to_server", "drive_to"), ("pursuit_server", "pursue")]
+)
+def test_a_goal_executes_until_arrival_cancellation_or_a_newer_goal(
+    start: Start, client: Client, executable: str, action: str
+) -> None:
     base = MovingBase(client)
-    start("drive_to_server")
-    server = ActionClient(client.node, DriveTo, "drive_to")
+    start(executable)
+    server = ActionClient(client.node, DriveTo, action)
     assert server.wait_for_server(timeout_sec=PATIENCE)
-    client.wait_for_discovery_by("drive_to")
+    client.wait_for_discovery_by(action)
 
     def sent(x: float) -> Any:
         goal = DriveTo.Goal()

@@ -1,0 +1,89 @@
+"""The control law that behaves as Nav2, its durations against drives of Nav2, and the domain `pursuit`."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ator_ros.actions.base import Goal, Status
+from ator_ros.domains.domain import find_domain
+from ator_ros.domains.tour_stand_in import PursueStandIn
+from ator_ros.examples.pursuit import Pursuit
+from ator_ros.examples.rotate_drive_rotate import Phase, State
+from ator_ros.geometry import Pose
+from ator_ros.simulation.run import place, run_action
+from ator_ros.simulation.simulation import Simulation
+from ator_ros.world.state import RobotState, World
+
+DOMAIN = find_domain("pursuit")
+ROBOT = DOMAIN.robot()
+DRIVES = Path(__file__).with_name("nav2_drives.csv")
+"""Drives of Nav2 1.3.13 in an empty hall of 12 x 8 m (CC0)."""
+
+
+def test_durations_agree_with_drives_of_nav2() -> None:
+    errors = []
+    with DRIVES.open(encoding="utf-8") as file, Simulation(ROBOT) as simulation:
+        for row in csv.DictReader(file):
+            start, goal = (
+                Pose(*(float(row[f"{end}_{name}"]) for name in ("x", "y", "yaw")))
+                for end in ("start", "goal")
+            )
+            place(simulation, World(0.0, RobotState(start)))
+            before = simulation.time
+            done = run_action(simulation, PursueStandIn(ROBOT), Goal(goal))
+            assert done.status is Status.SUCCEEDED
+            errors.append(simulation.time - before - float(row["duration_s"]))
+    assert np.mean(np.abs(errors)) < 0.2
+
+
+@pytest.mark.parametrize(("angle", "drives"), [(44.0, True), (46.0, False), (-46.0, False), (170.0, False)])
+def test_it_rotates_in_place_from_45_degrees_on(angle: float, drives: bool) -> None:
+    law = Pursuit((2.0, 0.0, 0.0))
+    v, w = law.step(State(0.0, 0.0, 0.0, math.radians(-angle)))
+    assert (v > 0.2) is drives
+    assert w * angle > 0.0
+    law.step(State(0.05, 0.0, 0.0, math.radians(-30.0)))
+    assert law.phase is (Phase.FOLLOWING if drives else Phase.ROTATING_TO_PATH)
+    law.step(State(0.1, 0.0, 0.0, math.radians(-20.0)))
+    assert law.phase is Phase.FOLLOWING
+
+
+def test_it_slows_down_near_the_goal_and_in_sharp_curves() -> None:
+    def speed(distance: float, yaw: float) -> float:
+        return Pursuit((distance, 0.0, 0.0)).step(State(0.0, 0.0, 0.0, yaw))[0]
+
+    assert speed(2.0, 0.0) == pytest.approx(0.6)
+    assert speed(0.3, 0.0) == pytest.approx(0.3)
+    assert 0.25 <= speed(2.0, 0.7) < 0.4
+
+
+def test_it_arrives_within_both_tolerances_and_keeps_the_position() -> None:
+    law = Pursuit((2.0, 0.0, 1.0))
+    assert law.step(State(0.0, 1.84, 0.0, 0.0))[0] > 0.0
+    assert law.step(State(0.05, 1.86, 0.0, 0.0)) == (0.0, pytest.approx(0.1))
+    law.step(State(0.1, 1.80, 0.0, 0.84))
+    assert law.phase is Phase.ROTATING_TO_GOAL
+    assert law.step(State(0.15, 1.80, 0.0, 0.86)) == (0.0, 0.0)
+    law.step(State(0.2, 1.80, 0.0, 0.9))
+    assert law.phase is Phase.ARRIVED
+
+
+def test_it_fails_if_the_robot_stays_where_it_is() -> None:
+    law = Pursuit((2.0, 0.0, 0.0))
+    for tick in range(202):
+        command = law.step(State(0.05 * tick, 0.0, 0.0, 0.0))
+    assert (law.phase, command) == (Phase.TOO_LONG, (0.0, 0.0))
+
+
+def test_a_tour_has_four_to_six_stations_of_which_the_last_is_bound() -> None:
+    rng, library = np.random.default_rng(3), DOMAIN.library(ROBOT)
+    for _ in range(50):
+        world, chain = DOMAIN.chains["tour"](ROBOT, library, rng)
+        assert 4 <= len(chain) <= 6
+        assert [bool(call.open) for call in chain.calls] == [True] * (len(chain) - 1) + [False]
+        assert not chain.violations(world, ROBOT)
