@@ -13,7 +13,7 @@ from typing import Any
 
 from ator_ros.evaluation.toolset import Toolset
 from ator_ros.evaluation.trials import Trial, open_places, open_speeds, reopened, with_headings
-from ator_ros.geometry import FloatArray
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import PATHS
@@ -66,11 +66,37 @@ def naive(tools: Toolset, trial: Trial) -> Choice:
     return Choice(chain, predicted=tools.predict(trial.world, chain))
 
 
+def fixed(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
+    """Choose the heading 0, as a list of waypoints without headings does."""
+    return _with_open_headings(trial, dict.fromkeys(range(len(trial.chain) - 1), 0.0))
+
+
+def arrive(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
+    """Choose the bearing along which the robot comes from the place before."""
+    places = [trial.world.robot.pose, *(call.goal.pose for call in trial.chain.calls[:-1])]
+    return _with_open_headings(
+        trial, dict(enumerate(itertools.starmap(_bearing, itertools.pairwise(places))))
+    )
+
+
 def face_goal(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
-    """Choose the bearing of the next goal from each subgoal as its heading."""
-    places = enumerate(itertools.pairwise(call.goal.pose for call in trial.chain.calls))
-    bearings = {index: math.atan2(to.y - here.y, to.x - here.x) for index, (here, to) in places}
-    return Choice(with_headings(trial.chain, bearings))
+    """Choose the bearing of the next goal."""
+    places = [call.goal.pose for call in trial.chain.calls]
+    return _with_open_headings(
+        trial, dict(enumerate(itertools.starmap(_bearing, itertools.pairwise(places))))
+    )
+
+
+def _bearing(here: Pose, to: Pose) -> float:
+    return math.atan2(to.y - here.y, to.x - here.x)
+
+
+def _with_open_headings(trial: Trial, headings: Mapping[int, float]) -> Choice:
+    """Return the chain with these headings of the subgoals that leave them open."""
+    calls = trial.chain.calls
+    return Choice(
+        with_headings(trial.chain, {at: yaw for at, yaw in headings.items() if calls[at].opens("yaw")})
+    )
 
 
 def analytic(tools: Toolset) -> Toolset:
@@ -99,6 +125,8 @@ def refined(
 POLICIES: Mapping[str, Policy] = MappingProxyType(
     {
         "naive": naive,
+        "fixed": fixed,
+        "arrive": arrive,
         "face_goal": face_goal,
         "analytic": partial(refined, learned=False),
         "analytic_speed": partial(refined, learned=False, opened=open_speeds),
@@ -110,5 +138,5 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
     }
 )
 """By name; a new policy is a new row. The oracle is no policy, as it executes chains."""
-USUAL = tuple(name for name in POLICIES if name != "refined_place")
-"""Those of an evaluation that names none: in few chains a place is free."""
+USUAL = tuple(name for name in POLICIES if name not in ("fixed", "arrive", "refined_place"))
+"""Those of an evaluation that names none: in few chains a place is free, or a robot comes to poses alone."""

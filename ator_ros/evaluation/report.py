@@ -25,6 +25,8 @@ PAPER_TABLE_1 = (
 """Rows of the paper's Table 1: what it is of, then Total, Higher, Equal and Lower."""
 MEANING: Mapping[str, str] = {
     "naive": "heading at which the first action alone is fastest (the paper's unrefined choice)",
+    "fixed": "heading 0 at each subgoal, as a list of waypoints without headings has it",
+    "arrive": "bearing along which the robot comes to each subgoal",
     "face_goal": "bearing of the next goal, from each subgoal",
     "analytic": "search of headings with path times, without trees",
     "analytic_speed": "the same for headings and arrival speeds",
