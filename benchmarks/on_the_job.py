@@ -1,0 +1,149 @@
+"""What learning on the job gains, from the first chain on: no models at the start.
+
+    scripts/run python benchmarks/on_the_job.py --domain pursuit --chains 100 --seed 2041 --work on_the_job
+
+The chains are those of `evaluate --domain pursuit --seed 2041`; with `--oracle-from` the folder of such an
+evaluation, its oracle is the measure. Each chain is executed as the nodes would: refined by the set in use
+where the gate opens, otherwise as planned, that is, with the headings along which the robot comes. It is
+executed with these headings, too, to compare. The node `learning` runs without ROS, one round at a time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ator_ros.actions import DEFAULT_SET
+from ator_ros.actions.situation import Situation
+from ator_ros.domains.domain import Domain, find_domain
+from ator_ros.evaluation.chain_run import run_chain
+from ator_ros.evaluation.policies import arrive
+from ator_ros.evaluation.toolset import Toolset
+from ator_ros.evaluation.trials import Trial, random_trial
+from ator_ros.execution.chain_executor import ActionRecord, ChainExecutor, Ending
+from ator_ros.experience.episode import Episode, sample_of
+from ator_ros.experience.store import StoreInfo
+from ator_ros.files import read_json
+from ator_ros.geometry import FloatArray
+from ator_ros.learning.gains import ChainGain
+from ator_ros.learning.learner import Learner
+from ator_ros.learning.round import Source, learn
+from ator_ros.learning.sets import current_set
+from ator_ros.performance.accuracy import mean_ci95
+from ator_ros.performance.model_file import load_models
+from ator_ros.refinement.gate import Gate
+from ator_ros.refinement.refiner import Refinement, Refiner
+
+SHARE = 0.1
+"""Greatest share of chains that run as planned, to compare."""
+
+
+class _Round:
+    """A round of learning that is done when it is asked for."""
+
+    done = True
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+
+    def result(self) -> dict[str, Any]:
+        return learn(self._source, time="2026-01-01T00:00:00Z")
+
+    def kill(self) -> None:
+        pass
+
+
+def episode(record: ActionRecord) -> Episode:
+    """Return the episode of an action, of which only the start was observed."""
+    call, start = record.chain.calls[record.index], record.start
+    samples: FloatArray = np.array([sample_of(start, start.time, start.objects)])
+    return Episode(
+        Situation(call.top.action, start.robot, start.objects, call.goal),
+        samples,
+        record.duration,
+        record.ending is Ending.SUCCEEDED,
+        record.reason,
+        record.position_error,
+        record.heading_error,
+        tuple(start.objects),
+    )
+
+
+def refine(domain: Domain, learner: Learner, folder: Path, trial: Trial) -> Refinement | None:
+    """Refine the chain of a trial by the learned set in use; None without one."""
+    robot, place = domain.robot(None), current_set(folder)
+    if place is None:
+        return None
+    models = load_models(robot, domain.known_features, folder=place)
+    gate = Gate(measured=learner.gains.measured(), compare=learner.gains.wants_comparison(SHARE))
+    refiner = Refiner(robot, models, gate, ranges=domain.ranges, failure_cost=domain.time_limit)
+    return refiner.refine(trial.world, trial.chain, placeholders=True)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--domain", default="pursuit")
+    parser.add_argument("--chains", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=2041)
+    parser.add_argument("--work", type=Path, required=True, help="a new folder for records and learned sets")
+    parser.add_argument("--oracle-from", type=Path, help="folder of an evaluation of the same chains")
+    options = parser.parse_args(argv)
+    domain = find_domain(options.domain)
+    robot, chain = domain.robot(None), next(iter(domain.chains))
+    library, folder = domain.library(robot), options.work
+    folder.mkdir(parents=True)
+    source = Source(folder, domain, robot, folder / "none")
+    begin: Any = lambda: _Round(source)  # noqa: E731
+    learner = Learner(folder, StoreInfo(robot.digest(), domain.name), begin, batch=20)
+    best = np.full(options.chains, math.nan)
+    if options.oracle_from:
+        best[:] = read_json(options.oracle_from / "evaluation.json")["runs"]["oracle"]["best"][
+            : options.chains
+        ]
+    rows = []
+    for index in range(options.chains):
+        trial = random_trial(domain, chain, library, seed=options.seed, index=index)
+        planned = arrive(Toolset(domain, robot, {}), trial).chain
+        found = refine(domain, learner, folder, trial)
+        if found is not None and (found.refined or found.comparison):
+            planned = found.original
+        naive = run_chain(robot, library, trial.world, planned, time_limit=domain.time_limit)
+        driven = found.chain if found is not None and found.refined else planned
+        executor = ChainExecutor(library, driven, time_limit=domain.time_limit)
+        run = run_chain(robot, library, trial.world, driven, time_limit=domain.time_limit, executor=executor)
+
+        for record in executor.records:
+            learner.take(DEFAULT_SET, episode(record))
+        if found is not None and run.success and (found.refined or found.comparison):
+            excess = run.duration - found.predicted.duration
+            learner.take_chain(ChainGain(found.refined, found.gain, excess))
+        learner.work(float(index))
+        learner.work(float(index))
+        compared = found is not None and found.comparison
+        rows.append((naive.duration - run.duration, naive.duration - best[index], naive.duration, compared))
+        why = "no models" if found is None else found.reason
+        print(
+            f"{index + 1}: {run.duration:.2f} s, {rows[-1][0]:+.2f} s less than as planned; {why}", flush=True
+        )
+    gains: FloatArray = np.array(rows, dtype=float)
+    for name, part in (("first", gains[: len(gains) // 2]), ("last", gains[len(gains) // 2 :])):
+        low, high = mean_ci95(part[:, 0])
+        gained, possible, naive_mean, share = part.mean(axis=0)
+        print(
+            f"the {name} {len(part)}: {gained:.2f} s ({low:.2f} to {high:.2f}) less than {naive_mean:.2f} s, "
+            f"{100.0 * gained / possible:.0f} % of the oracle's {possible:.2f} s; {share:.0%} to compare"
+        )
+    print(f"measured by comparison: {learner.gains.measured()}")
+    learner.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
