@@ -58,7 +58,7 @@ REFINED: dict[str, tuple[ToolsetSource, str, Opening]] = {
     "drive_speed": (ToolsetSource(domain="drive"), "", open_speeds),
     "tour_heading": (ToolsetSource(domain="tour"), "", None),
 }  # fmt: skip
-"""By name: source of robot, models and gate, the chain, and what is opened."""
+"""By name: source of robot and models, the chain, and what is opened."""
 TEST = Path(__file__).parent.parent / "test"
 EXECUTED: dict[str, tuple[ToolsetSource, str, str]] = {
     "dribble": (ToolsetSource(), "dribble", "gated_speed"),

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.table import columns
+from ator_ros.geometry import wrap_angles
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import train
 from ator_ros.robot.description import Robot
@@ -35,3 +39,26 @@ def synthetic_experience(action: str, *, episodes: int = 300, seed: int = 1) -> 
 def synthetic_model(action: str, robot: Robot) -> PerformanceModel:
     """Return a model learned from synthetic experience, with the shipped candidate features."""
     return train(action, synthetic_experience(action), robot, features=SOCCER.candidates(action))
+
+
+def uncertain(model: PerformanceModel) -> PerformanceModel:
+    """Return the same model with errors that make every gain uncertain."""
+    assert model.errors is not None
+    return dataclasses.replace(model, errors=dataclasses.replace(model.errors, signal=1e3, noise=1e6))
+
+
+def dead_zone_time(direct: Mapping[str, Any]) -> Any:
+    """Return the duration (s) of drives of a server that rotates to the path only beyond 45 degrees."""
+    dx, dy = direct["xg"] - direct["x"], direct["yg"] - direct["y"]
+    path = np.arctan2(dy, dx)
+    to, at = np.abs(wrap_angles(path - direct["yaw"])), np.abs(wrap_angles(direct["yawg"] - path))
+    return (
+        1.3 + np.hypot(dx, dy) / 0.6 + np.maximum(0, to - math.pi / 4) / 0.7 + np.maximum(0, at - 0.15) / 1.05
+    )
+
+
+def dead_zone_drives(count: int, *, seed: int, noise: float = 0.12) -> pd.DataFrame:
+    """Return drives from rest that take `dead_zone_time`, with noise (s)."""
+    rows = synthetic_experience("drive_to", episodes=count, seed=seed)
+    duration = dead_zone_time(rows) + np.random.default_rng(seed).normal(0.0, noise, count)
+    return rows.assign(time_to_go=duration, duration=duration, success=True)

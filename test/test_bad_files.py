@@ -25,7 +25,6 @@ from ator_ros.experience.table import Experience, ExperienceError, read_experien
 from ator_ros.files import FileError
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import train
-from ator_ros.refinement.gate import load_gate
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, load_robot
 
@@ -33,14 +32,12 @@ ROBOT = load_robot()
 LOADERS: dict[str, tuple[Callable[[Path], Any], type[Exception]]] = {
     "pioneer.yaml": (load_robot, ConfigError),
     "model.json": (lambda file: load_model(file, ROBOT, SOCCER.known_features), FileError),
-    "gate.json": (load_gate, FileError),
     "table.parquet": (read_experience, ExperienceError),
     "drive.mcap": (lambda file: read_recording(file, ROBOT, SOCCER), ExperienceError),
 }
 STRUCTURED: dict[str, tuple[Callable[[str], Any], Callable[[Any], str]]] = {
     "pioneer.yaml": (yaml.safe_load, yaml.safe_dump),
     "model.json": (json.loads, json.dumps),
-    "gate.json": (json.loads, json.dumps),
 }
 ANYTHING = st.recursive(
     st.none()
@@ -65,7 +62,6 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a valid file of each kind."""
     folder = tmp_path_factory.mktemp("whole")
     shutil.copy(resource_path("config", "pioneer.yaml"), folder)
-    shutil.copy(resource_path("models", "gate.json"), folder)
     rows = synthetic_experience("goToPose")
     save_model(folder / "model.json", train("goToPose", rows, ROBOT))
     write_experience(folder / "table.parquet", Experience(rows, {"robot_digest": ROBOT.digest()}))
@@ -143,12 +139,11 @@ def replace_one(tree: Any, data: st.DataObject) -> None:
         return
 
 
-@pytest.mark.parametrize("name", ["model.json", "gate.json"])
-def test_files_larger_than_20_mb_are_rejected(name: str, tmp_path: Path) -> None:
-    (tmp_path / name).write_bytes(b" " * 20_000_001)
-    load, error = LOADERS[name]
-    with pytest.raises(error, match=f"{name}: .*expected at most 20 MB, got more"):
-        load(tmp_path / name)
+def test_files_larger_than_20_mb_are_rejected(tmp_path: Path) -> None:
+    (tmp_path / "model.json").write_bytes(b" " * 20_000_001)
+    load, error = LOADERS["model.json"]
+    with pytest.raises(error, match=r"model\.json: .*expected at most 20 MB, got more"):
+        load(tmp_path / "model.json")
 
 
 PIONEER = resource_path("config", "pioneer.yaml").read_text(encoding="utf-8")
@@ -184,13 +179,6 @@ def test_invalid_robots_are_rejected_in_one_line(text: str, message: str, tmp_pa
     assert message in str(refusal.value)
     assert len(str(refusal.value)) < 1000
     assert len(str(refusal.value).splitlines()) <= 4  # a YAML error shows where
-
-
-def test_a_gate_of_other_actions_is_rejected() -> None:
-    gate = resource_path("models", "bezier", "gate.json")
-    assert load_gate(gate, "bezier")
-    with pytest.raises(FileError, match="action_set: expected 'default', got 'bezier'"):
-        load_gate(gate)
 
 
 def test_a_description_may_state_its_format_and_version(tmp_path: Path) -> None:

@@ -18,7 +18,6 @@ from documentation import PAGES, ROOT, TOOLS, Printed, commands
 BIN = ROOT / "install" / "lib" / "ator_ros"
 SMALL = {
     "collect": "--episodes 50 --jobs 1",
-    "gate": "--situations 10 --work work --jobs 1",
     "evaluate": "--situations 2 --oracle 2 --out results --jobs 1",
     "demo": "--situations 1 --out demo.png",
 }
@@ -185,9 +184,8 @@ def test_a_printed_tool_runs(text: str, workshop: Path) -> None:
     words = tool_words(text)
     assert words is not None
     tool, *others = words
-    models = ["--models", "models"] if tool == "gate" else []  # it would write beside the shipped ones
     small = SMALL.get(tool, "").split()
-    run([tool, *models, *others, *small], workshop)
+    run([tool, *others, *small], workshop)
 
 
 def make(*words: str, cwd: Path = ROOT, **variables: str) -> subprocess.CompletedProcess[str]:

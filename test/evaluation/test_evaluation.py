@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import shutil
-from pathlib import Path
 
 import pytest
 from refinement_fakes import LIBRARY, ROBOT, models
@@ -14,15 +12,13 @@ from ator_ros.actions import TIME_LIMIT
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.policies import POLICIES
-from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
+from ator_ros.evaluation.toolset import Toolset
 from ator_ros.evaluation.trials import (
     Trial,
     open_places,
     random_trial,
     with_headings,
 )
-from ator_ros.refinement.gate import NO_GATE, Gate
-from ator_ros.resources import resource_path
 
 
 def trial(index: int = 0, chain: str = "dribble") -> Trial:
@@ -31,7 +27,7 @@ def trial(index: int = 0, chain: str = "dribble") -> Trial:
 
 @pytest.fixture(scope="module")
 def tools() -> Toolset:
-    return Toolset(SOCCER, ROBOT, models(), Gate(0.1))
+    return Toolset(SOCCER, ROBOT, models())
 
 
 class TestTrials:
@@ -98,15 +94,3 @@ class TestExecution:
         assert not run.success
         assert run.duration == TIME_LIMIT
         assert "pre-condition of goToBall" in run.reason
-
-
-def test_a_newly_learned_gate_is_used(tmp_path: Path) -> None:
-    shipped = resource_path("models")
-    for name in ("goToPose.json", "dribbleBall.json", "shoot.json"):
-        shutil.copy(shipped / name, tmp_path)
-    source = ToolsetSource(models=str(tmp_path))
-    before, _ = tools_of(source)
-    assert before.gate == NO_GATE
-    assert tools_of(source)[0] is before
-    shutil.copy(shipped / "gate.json", tmp_path)
-    assert tools_of(source)[0].gate != NO_GATE

@@ -1,4 +1,4 @@
-"""Table 1, and gates learned from records and from episodes with known outcomes."""
+"""Table 1, from records with known outcomes."""
 
 from __future__ import annotations
 
@@ -6,10 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ator_ros.tools.gate import GateExamples, fit_gate
 
 from ator_ros.evaluation.statistics import labels, summarize
-from ator_ros.geometry import FloatArray
 
 
 def record(index: int, naive: float, refined: float, oracle: float, **more: Any) -> dict[str, Any]:
@@ -58,28 +56,3 @@ def test_labels_need_more_than_two_percent() -> None:
         "Equal",
         "Lower",
     ]
-
-
-def synthetic(predicted: FloatArray, gained: FloatArray) -> GateExamples:
-    """Return executed situations with these gains in s, every other one with refined speeds."""
-    number, count = np.arange(len(gained)), len(gained)
-    naive = np.full(count, 10.0)
-    return GateExamples(predicted, np.full(count, 0.1), naive, naive - gained, number % 2)
-
-
-def test_a_gate_refuses_what_loses_time() -> None:
-    """Refinement gains time where the predicted gain is above 0.3 s, and loses time below."""
-    gain = np.random.default_rng(1).uniform(0.0, 1.0, 400)
-    gate = fit_gate(synthetic(gain, np.where(gain > 0.3, 1.0, -0.5)))
-    decided = [gate.decide(each, 0.1)[0] for each in gain.tolist()]
-    assert np.mean(decided == (gain > 0.3)) > 0.95
-
-
-def test_a_gate_keeps_nearly_all_of_the_gain_of_both_kinds() -> None:
-    rng = np.random.default_rng(3)
-    kind = np.arange(400) % 2
-    gain = rng.uniform(0.0, 0.3, 400) + kind  # with speeds all gains are far above any threshold
-    actual = np.where(rng.random(400) < 0.02, -0.5, gain)
-    gate = fit_gate(synthetic(gain, actual))
-    angle = (kind == 0) & (gain > gate.gain + gate.spread_factor * 0.1)
-    assert actual[angle].sum() >= 0.97 * actual[kind == 0].sum()

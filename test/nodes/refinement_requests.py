@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from chain_client import call
@@ -12,16 +13,19 @@ from ator_interfaces.msg import ObjectState
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
+from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import save_model
 from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.robot.description import load_robot
 
 
-def save_small_models(folder: Path) -> None:
+def save_small_models(
+    folder: Path, changed: Callable[[PerformanceModel], PerformanceModel] = lambda model: model
+) -> None:
     """Write small performance models, learned from synthetic experience."""
     robot = load_robot()
     for action in ("goToPose", "dribbleBall", "shoot"):
-        save_model(folder / f"{action}.json", synthetic_model(action, robot))
+        save_model(folder / f"{action}.json", changed(synthetic_model(action, robot)))
 
 
 def request_of_the_paper(yaw: float = 0.0) -> RefineSubgoal.Request:

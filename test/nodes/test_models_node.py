@@ -112,12 +112,7 @@ def test_a_robot_without_a_holder_has_the_other_actions(
 @pytest.mark.parametrize(
     ("remove", "settings", "expected"),
     [
-        ("", {}, "with a gate"),
-        (
-            "gate.json",
-            {},
-            "no gate: a chain is changed whenever a gain is predicted; the tool gate learns one",
-        ),
+        ("", {}, "a chain is changed where the predicted gain exceeds its uncertainty"),
         ("", {"gate": False}, "gate is false: a chain is changed whenever a gain is predicted"),
         ("*.json", {}, "no models ("),
     ],

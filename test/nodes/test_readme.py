@@ -24,8 +24,8 @@ from ator_ros.examples.call import filled
 from ator_ros.nodes.messages import answer_of, chain_from
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.refinement import refine_request
-from ator_ros.performance.model_file import load_models, model_path
-from ator_ros.refinement.gate import load_gate
+from ator_ros.performance.model_file import load_models
+from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.robot.description import load_robot
 
@@ -46,8 +46,7 @@ def printed(command: str) -> dict[str, Any]:
 
 def answered(request: RefineSubgoal.Request) -> RefineSubgoal.Response:
     models = load_models(ROBOT, SOCCER.known_features)
-    gate = load_gate(ROOT / "models" / model_path("gate", "default"))
-    refiner = Refiner(ROBOT, models, gate, ranges=SOCCER.ranges)
+    refiner = Refiner(ROBOT, models, Gate(), ranges=SOCCER.ranges)
     found = refine_request(request, refiner, LIBRARY, frame="odom")
     return answer_of(found, request, action_set="default", frame="odom")
 

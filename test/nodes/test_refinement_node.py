@@ -7,14 +7,13 @@ from pathlib import Path
 import pytest
 from conftest import Host
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from experience_rows import uncertain
 from process import Processes
 from refinement_requests import refine, request_of_the_paper, save_small_models
 from ros_client import Client
 from visualization_msgs.msg import MarkerArray
 
 from ator_ros.nodes.qos import LATCHED, RESULTS
-from ator_ros.performance.model_file import model_path
-from ator_ros.refinement.gate import Gate, save_gate
 
 pytestmark = pytest.mark.node
 
@@ -71,8 +70,7 @@ def test_startup_parameters_are_read_only(service_client: Client) -> None:
 
 
 def test_the_gate_can_be_disabled_at_runtime(host: Host, client: Client, tmp_path: Path) -> None:
-    save_small_models(tmp_path)
-    save_gate(tmp_path / model_path("gate", "default"), Gate(gain=100.0), {})
+    save_small_models(tmp_path, uncertain)
     host("refinement", models=tmp_path, deadline=20.0)
     request = request_of_the_paper(yaw=3.0)
     assert not refine(client, request).refined

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from pathlib import Path
 
@@ -10,8 +9,7 @@ import pytest
 
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.performance.model_file import is_model, load_model, save_model
-from ator_ros.refinement.gate import load_gate, save_gate
+from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import load_robot
 from scripts.accuracy import PAPER_ERRORS, accuracy_table
@@ -19,7 +17,7 @@ from scripts.accuracy import PAPER_ERRORS, accuracy_table
 ROBOT = load_robot()
 MODELS = resource_path("models")
 OTHERS = ("drive", "tour")
-FILES = [file for file in sorted(filter(is_model, MODELS.rglob("*.json"))) if file.parent.name not in OTHERS]
+FILES = [file for file in sorted(MODELS.rglob("*.json")) if file.parent.name not in OTHERS]
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
@@ -73,11 +71,6 @@ WRITTEN_BY_US = sorted(resource_path("models").rglob("*.json"))
 
 @pytest.mark.parametrize("file", WRITTEN_BY_US, ids=lambda file: f"{file.parent.name}/{file.stem}")
 def test_reading_and_writing_a_shipped_file_gives_the_same_bytes(file: Path, tmp_path: Path) -> None:
-    copy, data = tmp_path / file.name, json.loads(file.read_text(encoding="utf-8"))
-    if file.name == "gate.json":
-        gate = load_gate(file, data["action_set"])
-        save_gate(copy, gate, data["training"], data["action_set"])
-    else:
-        domain = domain_of(file)
-        save_model(copy, load_model(file, domain.robot(), domain.known_features))
+    copy, domain = tmp_path / file.name, domain_of(file)
+    save_model(copy, load_model(file, domain.robot(), domain.known_features))
     assert copy.read_bytes() == file.read_bytes()

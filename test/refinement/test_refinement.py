@@ -26,7 +26,6 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.refinement import RefinementError
-from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.objective import Objective, expected_time
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
 from ator_ros.tops.chain import TopChain
@@ -67,14 +66,6 @@ def test_open_variables_are_compared_with_the_naive_chain() -> None:
         assert result.original == expected.original
         assert (result.chain, result.before) == (expected.chain, expected.before)
         assert result.reason == expected.reason
-
-
-def test_gate_keeps_the_chain_and_gives_a_reason() -> None:
-    chain = two_steps()
-    result = Refiner(ROBOT, models(), Gate(100.0)).refine(world(), chain)
-    assert result.chain is chain
-    assert not result.refined
-    assert "is not above the gate's 100.00 s" in result.reason
 
 
 def test_weight_on_success_lowers_the_arrival_speed() -> None:

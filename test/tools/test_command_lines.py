@@ -42,9 +42,9 @@ REFUSED = [
     *(("view --attach --robots " + name, NAMESPACE) for name in ("a-b", "../x")),
     *(("collect --out=" + place, NO_FILE.format("out")) for place in (".", "file/result", "file/a/result")),
     ("demo --out=file/result", NO_FILE.format("out")),
-    *((f"{command} --domain=chess", NOT_INSTALLED) for command in ("collect", "evaluate", "gate", "train")),
+    *((f"{command} --domain=chess", NOT_INSTALLED) for command in ("collect", "evaluate", "train")),
     ("collect --domain=bare.yaml", NONE_THERE.format("actions")),
-    *((f"{name} --domain=bare.yaml", NONE_THERE.format("chains")) for name in ("demo", "evaluate", "gate")),
+    *((f"{name} --domain=bare.yaml", NONE_THERE.format("chains")) for name in ("demo", "evaluate")),
     ("collect --action-set chess", "argument --action-set: expected one of default, bezier, got 'chess'"),
     ("evaluate --chain chess", "--chain: expected one of dribble, drive, rolling, shoot, got 'chess'"),
 ]
@@ -108,7 +108,6 @@ def test_an_error_with_non_ascii_characters_is_one_line(monkeypatch: pytest.Monk
     [
         "collect --episodes 2 --seed 1 --out table.parquet",
         "evaluate --situations 1 --policies naive --out out",
-        "gate --situations 10 --models models",
     ],
 )
 def test_actions_without_a_stand_in_are_rejected(

@@ -21,7 +21,6 @@ from selection import few
 
 from ator_ros.experience.parallel import run_tasks, workers
 from ator_ros.experience.table import Experience, read_experience, write_experience
-from ator_ros.refinement.gate import CAUTIOUS, Gate, load_gate, save_gate
 from ator_ros.robot.description import load_robot
 from ator_ros.tools import collect, evaluate, train
 from ator_ros.tools.command_line import INTERRUPTED
@@ -173,7 +172,7 @@ sys.exit(collect.main(sys.argv[1:]))
 
 
 def test_train_writes_models_with_their_accuracy(learned: Path) -> None:
-    names = ["dribbleBall.json", "gate.json", "goToPose.json"]
+    names = ["dribbleBall.json", "goToPose.json"]
     assert sorted(path.name for path in learned.iterdir()) == names
     data = json.loads((learned / "goToPose.json").read_text())
     accuracy = data["accuracy"]
@@ -185,19 +184,6 @@ def test_train_writes_models_with_their_accuracy(learned: Path) -> None:
     assert data["training"]["episodes"] == 300
     assert data["training"]["seed"] == 1
     assert data["robot_digest"] == ROBOT.digest()
-
-
-def test_train_writes_a_cautious_gate_where_there_is_none(
-    learned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert load_gate(learned / "gate.json") == CAUTIOUS
-    words = [str(tmp_path / "a.parquet"), "--models", str(tmp_path / "others")]
-    save_gate(tmp_path / "others" / "gate.json", Gate(0.2), {})
-    assert train.main(words) == 0
-    assert load_gate(tmp_path / "others" / "gate.json") == Gate(0.2)
-    (tmp_path / "others" / "gate.json").unlink()
-    assert train.main(words) == 0
-    assert "gate.json: refines where the predicted gain is above 0.05 s" in capsys.readouterr().out
 
 
 def test_rules_are_printed_by_action_and_by_file(learned: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,17 +1,14 @@
-"""The command lines `evaluate` and `gate`, from small synthetic models to report and result."""
+"""The command line `evaluate`, from small synthetic models to report and result."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
 import re
-import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
-from ator_ros.tools.gate import GAINS, gate_examples
-from ator_ros.tools.gate import main as gate_main
 from experience_rows import synthetic_model
 from refinement_fakes import ROBOT
 
@@ -19,10 +16,8 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.running import PARTIAL, run_situations
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import ToolsetSource
-from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.files import FileError
 from ator_ros.performance.model_file import save_model
-from ator_ros.refinement.gate import GATE, Gate, load_gate, save_gate
 from ator_ros.tools.evaluate import main
 
 ORACLE = ("--oracle", "4", "--oracle-speeds", "0.4", "--oracle-margin", "0.2")
@@ -34,7 +29,6 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("models")
     for action in SOCCER.actions():
         save_model(folder / f"{action}.json", synthetic_model(action, ROBOT))
-    save_gate(folder / GATE, Gate(0.05), {"situations": 1, "seed": 1})
     return folder
 
 
@@ -101,19 +95,8 @@ def test_evaluation_continues_after_an_interruption(models: Path, tmp_path: Path
     partial.write_text("\n".join([*lines, lines[1][:40]]))
     assert run_situations(settings, situations=2, folder=tmp_path / "parts") == whole
     assert partial.read_text().splitlines()[1] == lines[1]
-    with pytest.raises(FileError, match="expected results of the same settings, models and gate"):
+    with pytest.raises(FileError, match="expected results of the same settings and models"):
         run_situations(dataclasses.replace(settings, seed=406), situations=2, folder=tmp_path / "parts")
-
-
-def test_a_gate_is_learned(models: Path, tmp_path: Path) -> None:
-    ours = shutil.copytree(models, tmp_path / "models")
-    options = ["--situations", "10", "--seed", "305", "--jobs", "1", "--work", str(tmp_path / "work")]
-    assert gate_main([*options, "--models", str(ours)]) == 0
-    assert json.loads((ours / GATE).read_text())["training"]["seed"] == 305
-    assert load_gate(ours / GATE).gain in GAINS
-    run = {"duration": 9.0}
-    with pytest.raises(EvaluationError, match="expected situations with a free variable, got none"):
-        gate_examples([{"policies": {"naive": run, "refined": run, "refined_speed": run}}])
 
 
 def test_the_oracle_of_an_earlier_evaluation_is_taken(

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from experience_rows import uncertain
 
 from ator_ros.evaluation.study import open_variables, study_page
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial
 from ator_ros.files import read_json
-from ator_ros.refinement.gate import Gate
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.study import main
@@ -153,7 +153,8 @@ def test_an_action_without_a_model_is_reported(tools: Toolset, trials: list[Tria
 
 
 def test_a_gate_that_rejects_everything_is_reported(tools: Toolset, trials: list[Trial]) -> None:
-    yaw = found(dataclasses.replace(tools, gate=Gate(100.0)), trials)["yaw"]
+    models = {name: uncertain(model) for name, model in tools.models.items()}
+    yaw = found(dataclasses.replace(tools, models=models), trials)["yaw"]
     assert yaw["explanation"].startswith("the gate refuses all gains: ")
 
 

@@ -1,0 +1,66 @@
+"""Durations with a dead zone: thresholds in the rules, and chains that are refined by them."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from experience_rows import dead_zone_drives, dead_zone_time
+
+from ator_ros.domains.domain import find_domain
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.training import direct_of, train
+from ator_ros.refinement.refiner import Refiner
+from ator_ros.tops.chain import TopChain
+from ator_ros.world.state import World
+
+TOUR = find_domain("tour")
+ROBOT = TOUR.robot()
+NOISE = 0.12
+
+
+@pytest.fixture(scope="module")
+def model() -> PerformanceModel:
+    return train("drive_to", dead_zone_drives(100, seed=1, noise=NOISE), ROBOT)
+
+
+def test_new_drives_are_predicted_nearly_as_well_as_their_noise_allows(model: PerformanceModel) -> None:
+    fresh = dead_zone_drives(200, seed=77, noise=NOISE)
+    errors = model.predict(direct_of(fresh)).duration - fresh["duration"]
+    assert np.abs(errors).mean() < 1.1 * NOISE
+
+
+def test_the_rules_show_the_dead_zone_and_nothing_falls(model: PerformanceModel) -> None:
+    assert "*max(0, angle_to_dest - " in model.rules()
+    base = model.trees["duration"].base
+    assert {"dist", "angle_to_dest", "angle_at_dest"} == {hinge.feature for hinge in base}
+    for name, hinges in itertools.groupby(base, key=lambda hinge: hinge.feature):
+        assert min(itertools.accumulate(hinge.slope for hinge in hinges)) > -1e-9, name
+
+
+def test_an_explanation_adds_up(model: PerformanceModel) -> None:
+    direct = direct_of(dead_zone_drives(1, seed=3))
+    (duration,), (_, _, *parts) = model.predict(direct).duration, model.explain(direct).splitlines()
+    assert sum(float(part.split()[0]) for part in parts) == pytest.approx(duration, abs=0.005)
+
+
+def law(world: World, chain: TopChain) -> float:
+    """Return the true duration (s) of a chain."""
+    poses = [world.robot.pose, *(call.goal.pose for call in chain.calls)]
+    starts, ends = np.array(poses[:-1]).T, np.array(poses[1:]).T
+    return float(
+        dead_zone_time(dict(zip(("x", "y", "yaw", "xg", "yg", "yawg"), (*starts, *ends), strict=True))).sum()
+    )
+
+
+def test_refined_tours_take_less_time(model: PerformanceModel) -> None:
+    refiner, library = Refiner(ROBOT, {"drive_to": model}), TOUR.library(ROBOT)
+    gains = []
+    for index in range(8):
+        trial = random_trial(TOUR, "tour", library, seed=5, index=index)
+        found = refiner.refine(trial.world, trial.chain, placeholders=True)
+        gains.append(law(trial.world, found.original) - law(trial.world, found.chain))
+    assert np.mean(gains) > 1.0
+    assert min(gains) > -NOISE

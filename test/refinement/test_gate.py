@@ -1,0 +1,84 @@
+"""The gate: it compares a predicted gain with what the models err by."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from experience_rows import dead_zone_drives
+
+from ator_ros.actions.base import Goal
+from ator_ros.domains.domain import find_domain
+from ator_ros.geometry import Pose
+from ator_ros.learning.judging import constant
+from ator_ros.performance.errors import observed_errors
+from ator_ros.performance.features import GENERAL, PAPER_3
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.training import features_of, train
+from ator_ros.refinement.gate import NO_GATE, Gate
+from ator_ros.refinement.refiner import Refinement, Refiner
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.world.state import RobotState, World
+
+TOUR = find_domain("tour")
+ROBOT = TOUR.robot()
+VISIT = TOUR.library(ROBOT)["visit"]
+
+
+def learned(count: int = 100) -> PerformanceModel:
+    return train("drive_to", dead_zone_drives(count, seed=1), ROBOT)
+
+
+def linear() -> PerformanceModel:
+    """Return one linear rule of the same drives; its errors are those on others."""
+    rows, others = (dead_zone_drives(100, seed=seed) for seed in (1, 2))
+    known, other = (features_of(each, ROBOT, PAPER_3, None).assign(one=1.0) for each in (rows, others))
+    terms, names = np.linalg.lstsq(known, rows["duration"])[0], tuple(known)[:-1]
+    leaf = constant(names[0], terms[-1], 100)
+    tree = dataclasses.replace(leaf, names=names, coefficients=terms[None, :-1], upper=np.array([100.0]))
+    errors = observed_errors(
+        names, other[[*names]].to_numpy(), (others["duration"] - other @ terms).to_numpy()
+    )
+    return PerformanceModel("drive_to", ROBOT, {"duration": tree}, GENERAL, errors=errors)
+
+
+def refined(model: PerformanceModel, gate: Gate) -> Refinement:
+    """Refine three drives with turns of 60 degrees between them, from the headings of the paths."""
+    place, calls = Pose(0.0, 0.0, 0.0), []
+    for opened in ({"yaw"}, {"yaw"}, ()):
+        place = place.compose(Pose(2.0, 0.0, 0.0))
+        calls.append(TopCall(VISIT, Goal(place), frozenset(opened)))
+        place = place.compose(Pose(0.0, 0.0, math.radians(60.0)))
+    world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {})
+    return Refiner(ROBOT, {"drive_to": model}, gate).refine(world, TopChain(tuple(calls)))
+
+
+@pytest.mark.parametrize(("make", "words"), [(learned, "refined"), (linear, "kept as planned")])
+def test_only_a_model_of_the_right_form_changes_the_chain(make: Any, words: str) -> None:
+    model = make()
+    without, behind = refined(model, NO_GATE), refined(model, Gate())
+    assert without.refined
+    assert without.gain == behind.gain > 0.2
+    assert behind.chain is (behind.best if words == "refined" else behind.original)
+    assert behind.reason.endswith(words)
+
+
+def test_few_drives_make_a_gain_less_certain_than_many() -> None:
+    assert refined(learned(25), NO_GATE).uncertainty > 2.0 * refined(learned(400), NO_GATE).uncertainty
+
+
+@pytest.mark.parametrize(
+    ("gain", "uncertainty", "reason"),
+    [
+        (0.7, 0.5, "gain 0.70 s ± 0.50 s: refined"),
+        (0.5, 0.7, "gain 0.50 s ± 0.70 s: kept as planned"),
+        (0.04, 0.01, "gain 0.04 s ± 0.01 s: kept as planned"),  # less than a control tick
+        (-0.02, 0.1, "no gain predicted"),
+    ],
+)
+def test_the_reason_gives_gain_and_uncertainty(gain: float, uncertainty: float, reason: str) -> None:
+    assert Gate().decide(gain, uncertainty) == (reason.endswith("refined"), reason)
+    assert NO_GATE.decide(gain, uncertainty)[0] is (gain > 0.0)
