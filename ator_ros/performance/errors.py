@@ -7,6 +7,7 @@ chapter 2). Where alike episodes show an error, it is expected again; where ther
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,9 +15,6 @@ from functools import cached_property
 from typing import Annotated
 
 import numpy as np
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
 from ator_ros.geometry import FloatArray
 from ator_ros.schema import Within, require
@@ -81,22 +79,32 @@ class ErrorProcess:
         """
         points = (features - np.array(self.center)) / np.array(self.scale)
         known, inverse, weights = self._solved
-        kernel = ConstantKernel(self.signal**2) * Matern(self.length, nu=1.5)
-        alike = signs @ kernel(points, known)
-        variance = signs @ kernel(points) @ signs - alike @ inverse @ alike
+        alike = signs @ self._kernel(points, known)
+        variance = signs @ self._kernel(points, points) @ signs - alike @ inverse @ alike
         return float(alike @ weights), max(float(variance), 0.0)
 
     @cached_property
     def _solved(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Points (n, k), the inverse of their covariances (n, n), and the weights of their kernels (n,)."""
         known = np.array(self.points)
-        kernel = ConstantKernel(self.signal**2) * Matern(self.length, nu=1.5)
-        inverse: FloatArray = np.linalg.inv(kernel(known) + self.noise**2 * np.eye(len(known)))
+        covariances = self._kernel(known, known) + self.noise**2 * np.eye(len(known))
+        inverse: FloatArray = np.linalg.inv(covariances)
         return known, inverse, inverse @ np.array(self.errors)
+
+    def _kernel(self, one: FloatArray, other: FloatArray) -> FloatArray:
+        """Return the Matérn kernel (3/2) of points (n, k) and (m, k), shape (n, m)."""
+        squares = np.square(one[:, None] - other[None]).sum(axis=2)
+        scaled: FloatArray = math.sqrt(3.0) / self.length * np.sqrt(squares)
+        return self.signal**2 * (1.0 + scaled) * np.exp(-scaled)
 
 
 def observed_errors(names: Sequence[str], features: FloatArray, errors: FloatArray) -> ErrorProcess:
     """Return the process that errors (n,) in s of episodes with features (n, k) make most likely."""
+    # Only learning needs scikit-learn; nodes start without it.
+    from sklearn.exceptions import ConvergenceWarning  # noqa: PLC0415
+    from sklearn.gaussian_process import GaussianProcessRegressor  # noqa: PLC0415
+    from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel  # noqa: PLC0415
+
     features, errors = features[:_MOST], errors[:_MOST]
     center, scale = features.mean(axis=0), features.std(axis=0)
     scale[scale < 1e-9] = 1.0
