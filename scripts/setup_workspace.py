@@ -250,6 +250,9 @@ def build(package: str, sources: str, *, fresh: bool, folder: str = "") -> None:
     if done.returncode:
         print(output, file=sys.stderr)
         raise SetupError(f"colcon build of {package} failed (its output is above and in log/latest_build)")
+    for link in (ROOT / "install").rglob("*"):  # to sources that are gone
+        if link.is_symlink() and not link.exists():
+            link.unlink()
     write_atomically(stamp, sources)
     say(f"{package} built in {time.monotonic() - start:.0f} s")
 

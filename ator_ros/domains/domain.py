@@ -78,7 +78,7 @@ class Domain:
     objects : tuple of str
         Names of the objects that conditions name, by default none; each has a topic of that name.
     chains : mapping of str to callable
-        Samplers of situations with a chain to execute in them, by name; evaluations and gates need one.
+        Samplers of situations with a chain to execute in them, by name; evaluations need one.
     variables : mapping of str to callable
         Goal variables that refinement may change where a plan opens them, with their ranges; by default
         place, heading and arrival speed, in the scene's area and within the robot's limits. What an action

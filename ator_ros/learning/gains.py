@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from ator_ros.experience.records import SUCCEEDED
 from ator_ros.files import load, save
@@ -72,7 +72,7 @@ class Gains:
         total = sum(squares)
         parts = zip(squares, (gained, compared), strict=True)
         freedom = total**2 / max(sum(one**2 / (len(each) - 1) for one, each in parts), 1e-12)
-        off = float(student.ppf(0.975, max(freedom, 1.0))) * math.sqrt(total)
+        off = float(stdtrit(max(freedom, 1.0), 0.975)) * math.sqrt(total)
         return MeasuredGain(len(gained), len(compared), predicted, mean, mean - off, mean + off)
 
 

@@ -272,8 +272,9 @@ def judge(
     assert tree is not None  # it was learned from fewer records
     if data.measure == "duration":
         tree = _with_observed_spread(tree, data, losses[:size, number])
-    errors = data.values[test] - predicted[name]
-    return RoundVerdict(count, f"{name}: {loss} from {figures}", name, tree, test, errors)
+    tested = test[:size]
+    errors = data.values[tested] - predicted[name][:size]
+    return RoundVerdict(count, f"{name}: {loss} from {figures}", name, tree, tested, errors)
 
 
 def _held_out(data: TrainingData, learn: Learn, test: IntArray) -> FloatArray:

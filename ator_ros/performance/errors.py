@@ -7,7 +7,6 @@ chapter 2). Where alike episodes show an error, it is expected again; where ther
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -88,22 +87,23 @@ class ErrorProcess:
         """Points (n, k), the inverse of their covariances (n, n), and the weights of their kernels (n,)."""
         known = np.array(self.points)
         covariances = self._kernel(known, known) + self.noise**2 * np.eye(len(known))
-        inverse: FloatArray = np.linalg.inv(covariances)
+        inverse: FloatArray = np.asarray(np.linalg.inv(covariances), dtype=float)
         return known, inverse, inverse @ np.array(self.errors)
 
     def _kernel(self, one: FloatArray, other: FloatArray) -> FloatArray:
         """Return the Matérn kernel (3/2) of points (n, k) and (m, k), shape (n, m)."""
         squares = np.square(one[:, None] - other[None]).sum(axis=2)
-        scaled: FloatArray = math.sqrt(3.0) / self.length * np.sqrt(squares)
-        return self.signal**2 * (1.0 + scaled) * np.exp(-scaled)
+        scaled: FloatArray = np.sqrt(3.0 * squares) / self.length
+        kernel: FloatArray = self.signal**2 * (1.0 + scaled) * np.exp(-scaled)
+        return kernel
 
 
 def observed_errors(names: Sequence[str], features: FloatArray, errors: FloatArray) -> ErrorProcess:
     """Return the process that errors (n,) in s of episodes with features (n, k) make most likely."""
     # Only learning needs scikit-learn; nodes start without it.
-    from sklearn.exceptions import ConvergenceWarning  # noqa: PLC0415
-    from sklearn.gaussian_process import GaussianProcessRegressor  # noqa: PLC0415
-    from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel  # noqa: PLC0415
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
     features, errors = features[:_MOST], errors[:_MOST]
     center, scale = features.mean(axis=0), features.std(axis=0)

@@ -47,6 +47,9 @@ what is predicted too short."""
 _FASTER_SHARE, _FASTER_BY = 0.05, 0.25
 """An action does not follow its path if this share of its drives is faster than their paths by that share of
 the median duration."""
+_FEW, _FEW_LEAF = 500, 8
+"""Episodes up to which trees of the basic features are tried, too, and the least number of them in a leaf.
+They find the thresholds of an action server in fifty drives."""
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
 LEAST_EPISODES = 20
@@ -154,7 +157,11 @@ def duration_tree(table: pd.DataFrame, durations: FloatArray) -> tuple[ModelTree
     if _PATH not in table:
         tried = [_best_learning(table, durations, _unbased, extrapolation=1.0)]
     else:
-        tried = [_best_learning(table, durations, base) for base in _bases(table, durations)]
+        bases = _bases(table, durations)
+        tried = [_best_learning(table, durations, base) for base in bases]
+        basic = [*RISING, _PATH]
+        if len(table) <= _FEW and set(basic) <= set(table.columns):
+            tried += [_best_learning(table[basic], durations, base, leaf=_FEW_LEAF) for base in bases]
     tree, errors = min(tried, key=lambda each: float(np.abs(each[1]).sum()))
     return narrowed(tree), errors
 
@@ -187,12 +194,20 @@ def _on_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, 
 
 
 def _best_learning(
-    table: pd.DataFrame, durations: FloatArray, base_of: _Base, *, extrapolation: float = 0.0
+    table: pd.DataFrame,
+    durations: FloatArray,
+    base_of: _Base,
+    *,
+    extrapolation: float = 0.0,
+    leaf: int = 25,
 ) -> tuple[ModelTree, FloatArray]:
     """Return the tree of the best of `_SMOOTHINGS`, and its errors in s on other episodes, shape (n,)."""
     fold = np.arange(len(durations)) % _FEW_FOLDS
     errors = np.empty((len(_SMOOTHINGS), len(durations)))
-    learners = [ModelTreeRegressor(smoothing=each, extrapolation=extrapolation) for each in _SMOOTHINGS]
+    learners = [
+        ModelTreeRegressor(smoothing=each, extrapolation=extrapolation, min_samples_leaf=leaf)
+        for each in _SMOOTHINGS
+    ]
     for number in range(_FEW_FOLDS):
         held = fold == number
         base, target = base_of(table[~held], durations[~held])

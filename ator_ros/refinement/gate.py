@@ -56,14 +56,15 @@ class Gate:
 
     The uncertainty comes from the errors of the models on episodes that they were not learned from
     (`ator_ros.performance.errors`), so the gate needs no experiment. The best of many candidates is predicted
-    too well, by about one uncertainty: more is asked for.
+    too well. For one variable that is about its uncertainty; of n variables the optimism adds up, while the
+    uncertainty of the sum grows with √n only. So the gain must exceed √n uncertainties.
 
     Attributes
     ----------
     least : float
         Least predicted gain in s.
     factor : float
-        Uncertainties that the gain must exceed.
+        Uncertainties that the gain must exceed for one free variable.
     measured : MeasuredGain
         What refined chains have gained; if that disappoints, the gate is closed.
     compare : bool
@@ -75,19 +76,22 @@ class Gate:
     measured: MeasuredGain = MeasuredGain()
     compare: bool = False
 
-    def opens(self, gain: float, uncertainty: float) -> bool:
-        """Return whether a predicted gain in s, with its uncertainty in s, is expected to pay."""
-        return gain > max(self.least, self.factor * uncertainty) and not self.measured.disappoints
+    def opens(self, gain: float, uncertainty: float, free: int = 1) -> bool:
+        """Return whether a gain in s, predicted for the best of `free` variables, is expected to pay."""
+        needed = max(self.least, self.factor * math.sqrt(free) * uncertainty)
+        return gain > needed and not self.measured.disappoints
 
-    def decide(self, gain: float, uncertainty: float) -> tuple[bool, str]:
+    def decide(self, gain: float, uncertainty: float, free: int = 1) -> tuple[bool, str]:
         """Return whether to refine a chain with a predicted gain in s, and why in words."""
         if not gain >= 0.005:
             return False, "no gain predicted"
-        opens = self.opens(gain, uncertainty)
+        opens = self.opens(gain, uncertainty, free)
         result = "refined" if opens and not self.compare else "kept as planned"
         reason = f"gain {gain:.2f} s ± {uncertainty:.2f} s: {result}"
         if opens and self.compare:
             reason += ", to compare"
+        elif gain <= self.least:
+            reason += f", as less than {self.least:g} s hardly shows"
         elif self.measured.disappoints:
             reason += f", as refined chains gained less than predicted: {self.measured}"
         return opens and not self.compare, reason

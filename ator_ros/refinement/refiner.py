@@ -288,8 +288,8 @@ class Refiner:
                 best = replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
         before, after = predicted
         uncertainty = model.uncertainty(model.given, optimum.values)
-        gain = before.cost - after.cost
-        pays, reason = self.gate.decide(gain, uncertainty)
+        judged = before.cost - after.cost, uncertainty, len(analysis.free)
+        pays, reason = self.gate.decide(*judged)
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []
         if pays and best == chain:
@@ -315,7 +315,7 @@ class Refiner:
             ),
             complete=optimum.complete,
             uncertainty=uncertainty,
-            comparison=self.gate.compare and best != chain and self.gate.opens(gain, uncertainty),
+            comparison=self.gate.compare and best != chain and self.gate.opens(*judged),
         )
 
     def _left_alone(self, chain: TopChain, analysis: Analysis, model: ChainModel) -> Refinement:

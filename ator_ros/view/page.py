@@ -319,8 +319,8 @@ def gate_text(answer: Answer | None, problem: str) -> str:
         return f"**not refined:** {plain(problem)}"
     if answer is None:
         return "no chain"
-    chosen = f", alternative {answer.chosen}" if answer.chosen else ""
-    return f"**{'refined' if answer.refined else 'left alone'}{chosen}:** {plain(answer.reason)}"
+    chosen = f"alternative {answer.chosen}: " if answer.chosen else ""
+    return f"{chosen}{plain(answer.reason)}"
 
 
 def rules_text(world: World, chain: TopChain, robot: Robot, models: Mapping[str, PerformanceModel]) -> str:

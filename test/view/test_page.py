@@ -158,7 +158,7 @@ def test_the_panel_shows_times_reason_and_rules_of_the_situation() -> None:
     table = times_text(answer, [Run(NAIVE, driven)]).splitlines()
     assert table[0] == "| s | goToBall | dribbleBall | chain |"
     assert table[-1] == "| naive, driven | 4.50 | - | 9.25 |"
-    assert gate_text(answer, "").startswith("**refined:** gain ")
+    assert gate_text(answer, "").startswith("gain ")
     assert gate_text(None, "no service") == "**not refined:** no service"
     text = rules_text(editor.draft.world, answer.chain, ROBOT, backend.refiner.models)
     assert text.count("here time = ") == 2
