@@ -1,0 +1,111 @@
+"""Measure what refinement gains, behind the gate and not, from few drives of an action server.
+
+scripts/run python scripts/trust.py --work trust
+
+For each server it collects 400, 200, 100 and 50 random drives without ROS, learns from each, and executes the
+same new tours with every model. The oracle is executed once, beside the model of most drives. The same command
+resumes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from ator_ros.domains.domain import find_domain
+from ator_ros.evaluation.running import KIND, RESULT
+from ator_ros.evaluation.situation import Settings
+from ator_ros.evaluation.toolset import ToolsetSource
+from ator_ros.files import load, write_text
+from ator_ros.tools.collect import collect
+from ator_ros.tools.evaluate import evaluate
+from ator_ros.tools.train import train
+
+DRIVES = (400, 200, 100, 50)
+"""Numbers of drives, those of the oracle's model first."""
+USERS = {"fixed": "heading 0", "arrive": "as the robot comes", "face_goal": "toward the next station"}
+"""Policies of today's users, as rows of the table."""
+POLICIES = ("naive", "refined", "gated")
+
+
+def measured(domain_name: str, drives: int, work: Path, options: argparse.Namespace) -> dict[str, Any]:
+    """Collect, train and evaluate, as far as that is not done; return the summary of the evaluation."""
+    domain = find_domain(domain_name)
+    folder = work / f"{domain_name}_{drives}"
+    source = ToolsetSource(domain=domain_name, models=str(folder / "models"))
+    table, out = folder / "experience.parquet", folder / "evaluation"
+    if (out / RESULT).exists():
+        return dict(load(out / RESULT, KIND, dict[str, Any])["summary"])
+    folder.mkdir(parents=True, exist_ok=True)
+    command = "scripts/trust.py"
+    if not table.exists():
+        actions = list(domain.actions())
+        collect(actions, source, table, command=command, episodes=drives, seed=options.seed + drives)
+    train([table], Path(source.models), command=command, domain=domain, robot=domain.robot(None))
+    first = drives == DRIVES[0]
+    settings = Settings(
+        options.seed,
+        next(iter(domain.chains)),
+        (*POLICIES, *USERS) if first else POLICIES,
+        oracle=options.oracle if first else 0,
+        oracle_margin=0.5 if first else None,
+        source=source,
+        joint_oracle=first,
+    )
+    others = None if first else work / f"{domain_name}_{DRIVES[0]}" / "evaluation"
+    evaluate(settings, out, command=command, situations=options.tours, oracle_from=others)
+    return dict(load(out / RESULT, KIND, dict[str, Any])["summary"])
+
+
+def rows(domain_name: str, summaries: dict[int, dict[str, Any]]) -> Iterator[str]:
+    """Yield the rows of one server."""
+    summary = summaries[DRIVES[0]]
+    oracle, naive = summary["oracle"], summary["naive"]
+    yield f"| {domain_name} | naive | {naive['mean_duration_s']:.2f} s | | | |"
+    yield f"| | oracle | {oracle['mean_duration_s']:.2f} s | {_gain(oracle)} | | |"
+    for policy, meaning in USERS.items():
+        yield f"| | {meaning} | {_result(summary[policy])} |"
+    for drives, found in sorted(summaries.items()):
+        yield f"| | refined, {drives} drives | {_result(found['refined'])} |"
+        yield f"| | behind the gate | {_result(found['gated'])} |"
+
+
+def _gain(row: dict[str, Any]) -> str:
+    low, high = row["improvement_ci95"]
+    return f"{row['improvement_percent']:.1f} % ({low:.1f} to {high:.1f})"
+
+
+def _result(row: dict[str, Any]) -> str:
+    share = row["oracle_captured_percent"]
+    shown = "" if share is None else f"{share:.0f} %"
+    return f"{row['mean_duration_s']:.2f} s | {_gain(row)} | {shown} | {row['lower']}"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--domains", nargs="+", default=["pursuit", "tour"])
+    parser.add_argument("--tours", type=int, default=500)
+    parser.add_argument("--oracle", type=int, default=12)
+    parser.add_argument("--seed", type=int, default=6040)
+    parser.add_argument("--work", type=Path, required=True)
+    parser.add_argument("--out", type=Path, help="file of the table (default: printed)")
+    options = parser.parse_args(argv)
+    lines = [
+        "| server | headings | duration | gain over naive (95 %) | of the oracle's | slower by over 2 % |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    for name in options.domains:
+        lines += rows(name, {drives: measured(name, drives, options.work, options) for drives in DRIVES})
+    text = "\n".join(lines) + "\n"
+    if options.out:
+        write_text(options.out, text)
+    print(text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
