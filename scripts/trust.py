@@ -3,7 +3,7 @@
 scripts/run python scripts/trust.py --work trust
 
 For each server it collects 400, 200, 100 and 50 random drives without ROS, learns from each, and executes the
-same new tours with every model. The oracle is executed once, beside the model of most drives. The same command
+same new tours with every model. The oracle is executed once, beside the model of most drives. The command
 resumes.
 """
 
