@@ -63,9 +63,14 @@ def naive(tools: Toolset, trial: Trial) -> Choice:
 
 
 def face_goal(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
-    """Choose the bearing of the next goal from each subgoal as its heading."""
-    places = enumerate(itertools.pairwise(call.goal.pose for call in trial.chain.calls))
-    bearings = {index: math.atan2(to.y - here.y, to.x - here.x) for index, (here, to) in places}
+    """Choose the bearing of the next goal as the heading of each subgoal that leaves it open."""
+    calls = trial.chain.calls
+    places = enumerate(itertools.pairwise(call.goal.pose for call in calls))
+    bearings = {
+        index: math.atan2(to.y - here.y, to.x - here.x)
+        for index, (here, to) in places
+        if calls[index].opens("yaw")
+    }
     return Choice(with_headings(trial.chain, bearings))
 
 
