@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 import math
 from collections.abc import Sequence
 from functools import partial
@@ -19,6 +20,7 @@ from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import (
     CANDIDATES,
+    PAPER_3,
     PATHS,
     Feature,
     declared_by,
@@ -30,7 +32,7 @@ from ator_ros.performance.observation import observed_driving
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
-from ator_ros.world.state import CONTROL_PERIOD
+from ator_ros.world.state import AT_REST, CONTROL_PERIOD
 
 _SMOOTHINGS = (5.0, 60.0)
 """Smoothing constants to choose from (M5': 15). With a few hundred starts the leaves are small, and a search
@@ -45,6 +47,9 @@ what is predicted too short."""
 _FASTER_SHARE, _FASTER_BY = 0.05, 0.25
 """An action does not follow its path if this share of its drives is faster than their paths by that share of
 the median duration."""
+_FEW, _FEW_LEAF = 500, 8
+"""Episodes up to which trees of the basic features are tried, too, and the least number of them in a leaf, if
+the robot stands at both ends. They find the thresholds of an action server in fifty drives."""
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
 LEAST_EPISODES = 20
@@ -149,16 +154,20 @@ def _best_learning(
 ) -> ModelTree:
     """Return the tree, of all `_SMOOTHINGS`, that is learned of `target` and predicts `values` best."""
     fold, tried = np.arange(len(values)) % _FEW_FOLDS, []
-    for smoothing in _SMOOTHINGS:
-        learner = ModelTreeRegressor(smoothing=smoothing, extrapolation=extrapolation)
+    tables, basic = [(table, 25)], [*names_of(PAPER_3), _BASE]
+    stands = not (table.filter(["v", "speedg"]) > AT_REST.v).any(axis=None)
+    if len(table) <= _FEW and stands and set(basic) <= set(table.columns):
+        tables.append((table[basic], _FEW_LEAF))
+    for (part, leaf), smoothing in itertools.product(tables, _SMOOTHINGS):
+        learner = ModelTreeRegressor(smoothing=smoothing, extrapolation=extrapolation, min_samples_leaf=leaf)
         missed = 0.0
         for number in range(_FEW_FOLDS):
             held = fold == number
-            learner.fit(table[~held], target[~held])
-            missed += float(np.abs(learner.predict(table[held]) - values[held]).sum())
-        tried.append((missed, learner))
-    _, learner = min(tried, key=lambda each: each[0])
-    tree: ModelTree = learner.fit(table, target).tree_
+            learner.fit(part[~held], target[~held])
+            missed += float(np.abs(learner.predict(part[held]) - values[held]).sum())
+        tried.append((missed, part, learner))
+    _, part, learner = min(tried, key=lambda each: each[0])
+    tree: ModelTree = learner.fit(part, target).tree_
     return tree
 
 
