@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from experience_rows import synthetic_experience
@@ -52,15 +50,15 @@ def test_a_few_scattered_failures_make_no_situation_likely_to_fail() -> None:
     assert predicted == pytest.approx(0.99, abs=1e-6)
 
 
-def test_a_hundred_drives_show_where_a_server_turns_on_the_spot() -> None:
-    rows, fresh = (synthetic_experience("goToPose", episodes=n, seed=n) for n in (100, 200))
+def test_sixty_drives_show_where_a_server_turns_on_the_spot_or_drives_backward() -> None:
+    rows, fresh = (synthetic_experience("goToPose", episodes=n, seed=n) for n in (60, 200))
     for table in (rows, fresh):
-        bearing = np.arctan2(table["yg"] - table["y"], table["xg"] - table["x"])
-        far_aside = np.abs(wrap_angles((bearing - table["yaw"]).to_numpy())) > math.radians(60.0)
-        table["duration"] = np.hypot(table["xg"] - table["x"], table["yg"] - table["y"]) + 2.0 * far_aside
+        dx, dy = table["xg"] - table["x"], table["yg"] - table["y"]
+        aside = np.degrees(np.abs(wrap_angles((np.arctan2(dy, dx) - table["yaw"]).to_numpy())))
+        table["duration"] = np.hypot(dx, dy) + 2.0 * (aside > 45.0) - 1.5 * (aside > 120.0)
         table["time_to_go"], table["success"] = table["duration"], True
     learned = train("goToPose", rows, ROBOT)
-    assert accuracy(learned, fresh, seed=2)["mae_s"] < 0.12
+    assert accuracy(learned, fresh, seed=2)["mae_s"] < 0.3
     assert "(angle_to_dest > " in learned.rules()
 
 
