@@ -32,7 +32,7 @@ from ator_ros.performance.thresholds import RISING, rising_terms, sum_of
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import Hinge, ModelTree
 from ator_ros.robot.description import Robot
-from ator_ros.world.state import CONTROL_PERIOD
+from ator_ros.world.state import AT_REST, CONTROL_PERIOD
 
 _SMOOTHINGS = (5.0, 60.0)
 """Smoothing constants to choose from (M5': 15). With a few hundred starts the leaves are small, and a search
@@ -48,8 +48,8 @@ _FASTER_SHARE, _FASTER_BY = 0.05, 0.25
 """An action does not follow its path if this share of its drives is faster than their paths by that share of
 the median duration."""
 _FEW, _FEW_LEAF = 500, 8
-"""Episodes up to which trees of the basic features are tried, too, and the least number of them in a leaf.
-They find the thresholds of an action server in fifty drives."""
+"""Episodes up to which trees of the basic features are tried, too, and the least number of them in a leaf, if
+the robot stands at both ends. They find the thresholds of an action server in fifty drives."""
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
 LEAST_EPISODES = 20
@@ -160,8 +160,9 @@ def duration_tree(table: pd.DataFrame, durations: FloatArray) -> tuple[ModelTree
         bases = _bases(table, durations)
         tried = [_best_learning(table, durations, base) for base in bases]
         basic = [*RISING, _PATH]
-        if len(table) <= _FEW and set(basic) <= set(table.columns):
-            tried += [_best_learning(table[basic], durations, base, leaf=_FEW_LEAF) for base in bases]
+        stands = not (table.filter(["v", "speedg"]) > AT_REST.v).any(axis=None)
+        if len(table) <= _FEW and stands and set(basic) <= set(table.columns):
+            tried.append(_best_learning(table[basic], durations, bases[0], leaf=_FEW_LEAF))
     tree, errors = min(tried, key=lambda each: float(np.abs(each[1]).sum()))
     return narrowed(tree), errors
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from experience_rows import synthetic_experience
 
 from ator_ros.experience.table import ExperienceError
+from ator_ros.geometry import wrap_angles
 from ator_ros.performance.accuracy import accuracy, brier
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.model import PerformanceModel
@@ -46,6 +48,18 @@ def test_a_few_scattered_failures_make_no_situation_likely_to_fail() -> None:
     predicted = train("goToPose", rows, ROBOT).predict(direct_of(rows), ("success",)).success
     assert predicted is not None
     assert predicted == pytest.approx(0.99, abs=1e-6)
+
+
+def test_sixty_drives_show_where_a_server_turns_on_the_spot_or_drives_backward() -> None:
+    rows, fresh = (synthetic_experience("goToPose", episodes=n, seed=n) for n in (60, 200))
+    for table in (rows, fresh):
+        dx, dy = table["xg"] - table["x"], table["yg"] - table["y"]
+        aside = np.degrees(np.abs(wrap_angles((np.arctan2(dy, dx) - table["yaw"]).to_numpy())))
+        table["duration"] = np.hypot(dx, dy) + 2.0 * (aside > 45.0) - 1.5 * (aside > 120.0)
+        table["time_to_go"], table["success"] = table["duration"], True
+    learned = train("goToPose", rows, ROBOT)
+    assert accuracy(learned, fresh, seed=2)["mae_s"] < 0.3
+    assert "(angle_to_dest > " in learned.rules()
 
 
 def test_rules_and_explanation_name_the_features_with_units(model: PerformanceModel) -> None:
