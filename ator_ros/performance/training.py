@@ -51,8 +51,8 @@ _FEW, _FEW_LEAF = 500, 8
 """Episodes up to which trees of the basic features are tried, too, and the least number of them in a leaf, if
 the robot stands at both ends. They find the thresholds of an action server in fifty drives."""
 _PREFERENCE = 0.8
-"""Share of their errors that counts for sums of rising terms if the robot stands at both ends. A tree splits at
-a threshold, and a search goes to its edge; as subgoals are not reached exactly, the robot ends beyond it."""
+"""Share of their errors that counts for sums of rising terms, if the robot stands at both ends. Trees split
+at a threshold; a search goes to its edge, and as subgoals are not reached exactly, the robot ends beyond."""
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
 LEAST_EPISODES = 20
