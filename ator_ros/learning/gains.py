@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
-from ator_ros.experience.records import SUCCEEDED
 from ator_ros.files import load, save
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.gate import MeasuredGain
@@ -84,7 +83,9 @@ def chain_gain(record: Any) -> ChainGain | None:
     """
     gain, counts = record.gain, record.refined or record.gain.comparison
     excess = record.actual.duration - record.predicted.duration
-    undisturbed = record.outcome.code == SUCCEEDED and not (record.fetched or record.refined_again)
+    undisturbed = record.outcome.code == record.outcome.SUCCEEDED and not (
+        record.fetched or record.refined_again
+    )
     if not (counts and undisturbed and math.isfinite(gain.predicted) and math.isfinite(excess)):
         return None
     return ChainGain(not gain.comparison, gain.predicted, excess)

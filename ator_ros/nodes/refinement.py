@@ -13,6 +13,7 @@ from ator_interfaces.srv import PlanChains, RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import warm_up_refinement
+from ator_ros.learning.gains import Gains
 from ator_ros.nodes import messages
 from ator_ros.nodes.diagnostics import Diagnostics, Health
 from ator_ros.nodes.drawing import LazyPublisher, marker_array
@@ -121,9 +122,9 @@ class RefinementNode(Node):
             return "gate is false: a chain is changed whenever a gain is predicted"
         return "a chain is changed where the predicted gain exceeds its uncertainty"
 
-    def _refiner(self, read: ModelSet) -> Refiner:
+    def _refiner(self, read: ModelSet, gains: Gains) -> Refiner:
         """Return a refiner with the parameters `gate` and `failure_cost` as they are now."""
-        gate, cost, gains = NO_GATE, self._settings["failure_cost"], self._sets.gains
+        gate, cost = NO_GATE, self._settings["failure_cost"]
         if self._settings["gate"]:
             compare = bool(self._settings["learned"]) and gains.wants_comparison(self._settings["comparison"])
             gate = Gate(measured=gains.measured(), compare=compare)
@@ -131,7 +132,7 @@ class RefinementNode(Node):
         return Refiner(self._robot, read.models, gate, ranges=self._ranges, failure_cost=cost)
 
     def _warm_up(self, library: TopLibrary, read: ModelSet) -> None:
-        warm_up_refinement(library, self._refiner(read))
+        warm_up_refinement(library, self._refiner(read, Gains()))
 
     def _serve_refinement(self, request: RefineSubgoal.Request, _: Any) -> RefineSubgoal.Response:
         started = time.monotonic()
@@ -169,7 +170,7 @@ class RefinementNode(Node):
         present, library = self._sets.present[action_set], self._libraries[action_set]
         if not present.models:
             raise RefinementError(f"action set {action_set}: {present.absent}")
-        refiner = self._refiner(present)
+        refiner = self._refiner(present, self._sets.gains)
         choice = refine_request(
             request, refiner, library, frame=frame, fence=self._fence, deadline=lambda: time.monotonic() > end
         )
