@@ -9,20 +9,17 @@ DATA_FOLDERS = ("config", "launch", "models", "rviz", "security", "urdf")
 EXECUTABLES = {
     "examples": ("drive_to_server", "pursuit_server"),
     "nodes": ("simulation", "executor", "refinement", "learning", "goal_pose"),
-    "tools": (
-        *("collect", "train", "evaluate"),
-        *("calibrate", "study", "demo", "view", "plan"),
-    ),
+    "tools": ("collect", "train", "evaluate", "calibrate", "study", "demo", "view", "plan"),
 }
 DOMAINS = {
     "drive": f"{PACKAGE}.domains.drive:DRIVE",
-    "pursuit": f"{PACKAGE}.domains.pursuit:PURSUIT",
+    "pursuit": f"{PACKAGE}.domains.tour:PURSUIT",
     "soccer": f"{PACKAGE}.domains.soccer.domain:SOCCER",
     "tour": f"{PACKAGE}.domains.tour:TOUR",
 }
 STAND_INS = {
-    "drive_to": f"{PACKAGE}.domains.tour_stand_in:DriveToStandIn",
-    "pursuit": f"{PACKAGE}.domains.tour_stand_in:PursueStandIn",
+    "drive_to": f"{PACKAGE}.domains.stand_ins:DriveToStandIn",
+    "pursue": f"{PACKAGE}.domains.stand_ins:PursueStandIn",
 }
 
 

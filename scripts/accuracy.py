@@ -20,7 +20,7 @@ from ator_ros.files import portable_command, write_text
 from ator_ros.performance.accuracy import accuracy
 from ator_ros.performance.features import PAPER_3, PAPER_11, SIGNED, Feature
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.model_file import is_model, load_model
+from ator_ros.performance.model_file import load_model
 from ator_ros.performance.training import train
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import AT_REST
@@ -128,7 +128,7 @@ def shipped(folder: Path, domain: Domain, robot: Robot) -> list[PerformanceModel
     """Return the models of a domain in a folder whose accuracy was measured."""
     others = set(entry_points_of(GROUP)) - {domain.name}  # their models lie in folders of their names
     files = (path for path in folder.rglob("*.json") if path.relative_to(folder).parts[0] not in others)
-    models = [load_model(path, robot, domain.known_features) for path in sorted(filter(is_model, files))]
+    models = [load_model(path, robot, domain.known_features) for path in sorted(files)]
     return [model for model in models if model.metadata["accuracy"]]
 
 

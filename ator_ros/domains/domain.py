@@ -155,8 +155,6 @@ class Domain:
         for action_set, specs in sets.items():
             for spec in specs:
                 place = f"action set {action_set!r}: {spec.name}"
-                free = spec.name != "gate"
-                require(free, f"{place}: name", "another name: a file beside the models has it", spec.name)
                 strange = [name for name in spec.features if name not in features]
                 require(not strange, f"{place}: features", f"some of {', '.join(features)}", strange)
                 names = [variable.name for variable in spec.goal_variables]

@@ -1,4 +1,4 @@
-"""The domain `tour`: what config/tour/tour.yaml declares."""
+"""The domains of the two example servers, `tour` and `pursuit`: what YAML files declare."""
 
 from __future__ import annotations
 
@@ -6,3 +6,4 @@ from ator_ros.domains.domain import declared_domain
 from ator_ros.resources import resource_path
 
 TOUR = declared_domain(resource_path("config", "tour", "tour.yaml"))
+PURSUIT = declared_domain(resource_path("config", "pursuit", "pursuit.yaml"))

@@ -60,7 +60,7 @@ def _summary(step: int, top: str, name: str, results: list[Refinement]) -> dict[
     elif gain <= NO_EFFECT:
         explanation = f"no effect: the models predict a gain of {gain:.2f} s on average"
     elif not accepted:
-        explanation = f"the gate refuses all gains: {gain:.2f} s on average is too uncertain"
+        explanation = f"the gate refuses all gains, of {gain:.2f} s on average: too little, or too uncertain"
     else:
         explanation = f"gains {gain:.2f} s on average; the gate accepts it in {accepted} of {free} situations"
     if closed.total() <= free and limits:

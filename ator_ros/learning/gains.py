@@ -1,16 +1,18 @@
-"""What refined chains gained: measured beside chains that ran as planned, to compare."""
+"""What refined chains gained, measured beside chains that ran as planned to compare."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.special import stdtrit
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.files import load, save
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.gate import MeasuredGain
@@ -18,8 +20,8 @@ from ator_ros.refinement.gate import MeasuredGain
 GAINS, KIND = "gains.json", "gains of refinement"
 _MOST = 500
 """Newest chains that count."""
-_SHARING = 50
-"""Chains up to which the share of comparisons stays what it is; from there on it falls."""
+_FULL_SHARE = 50
+"""Chains up to which the share of comparisons is the greatest; from there on it falls with their root."""
 
 
 @dataclass(frozen=True)
@@ -29,33 +31,38 @@ class ChainGain:
     Attributes
     ----------
     refined : bool
-        Whether it was refined; the others ran as planned although they would have been.
+        Whether it was refined; the others ran as planned.
     gain : float
         Predicted gain in s.
     excess : float
         Measured less predicted duration in s of the chain as it was executed.
+    action_set : str
     """
 
     refined: bool
     gain: float
     excess: float
+    action_set: str = DEFAULT_SET
 
 
 @dataclass(frozen=True)
 class Gains:
-    """The chains of one set of models, oldest first; `models` is its digest, empty for those of the start."""
+    """The chains that ran with one set of models, oldest first; `models` is its digest."""
 
     models: str = ""
     chains: tuple[ChainGain, ...] = ()
 
-    def wants_comparison(self, share: float) -> bool:
-        """Return whether the next chain shall run as planned, to compare; `share` is the greatest share."""
-        count = len(self.chains) + 1
-        compared = sum(not chain.refined for chain in self.chains)
-        return compared + 1 <= share * min(count, math.sqrt(_SHARING * count))
+    def of(self, action_set: str) -> Gains:
+        """Return those of an action set."""
+        return replace(self, chains=tuple(chain for chain in self.chains if chain.action_set == action_set))
 
+    def comparison_share(self, greatest: float) -> float:
+        """Return the probability with which the next chain shall run as planned, at most `greatest`."""
+        return greatest * min(1.0, math.sqrt(_FULL_SHARE / (len(self.chains) + 1)))
+
+    @cached_property
     def measured(self) -> MeasuredGain:
-        """Return the mean gain of refined chains.
+        """The mean gain of refined chains.
 
         Predictions of both kinds of chains err, and what comparison shows is the difference. Its interval is
         that of two means (Welch).
@@ -71,24 +78,25 @@ class Gains:
         total = sum(squares)
         parts = zip(squares, (gained, compared), strict=True)
         freedom = total**2 / max(sum(one**2 / (len(each) - 1) for one, each in parts), 1e-12)
-        off = float(stdtrit(max(freedom, 1.0), 0.975)) * math.sqrt(total)
-        return MeasuredGain(len(gained), len(compared), predicted, mean, mean - off, mean + off)
+        half = float(stdtrit(max(freedom, 1.0), 0.975)) * math.sqrt(total)
+        return MeasuredGain(len(gained), len(compared), predicted, mean, mean - half, mean + half)
 
 
-def chain_gain(record: Any) -> ChainGain | None:
-    """Return what a chain record (ator_interfaces/ChainPerformance) says; None if it says nothing.
+def chain_gain(record: Any, models: str) -> ChainGain | None:
+    """Return the gain of a chain by its record (ator_interfaces/ChainPerformance); None if it does not count.
 
-    A chain counts if it was refined or ran as planned to compare, if it succeeded, and if nothing happened
-    that no prediction contains.
+    A chain counts that was refined or ran as planned to compare, with the models of this digest, if it
+    succeeded and nothing happened that no prediction contains.
     """
     gain, counts = record.gain, record.refined or record.gain.comparison
     excess = record.actual.duration - record.predicted.duration
-    undisturbed = record.outcome.code == record.outcome.SUCCEEDED and not (
-        record.fetched or record.refined_again
-    )
-    if not (counts and undisturbed and math.isfinite(gain.predicted) and math.isfinite(excess)):
+    succeeded = record.outcome.code == record.outcome.SUCCEEDED
+    undisturbed = succeeded and not (record.fetched or record.refined_again)
+    if not (counts and undisturbed and gain.models == models):
         return None
-    return ChainGain(not gain.comparison, gain.predicted, excess)
+    if not (math.isfinite(gain.predicted) and math.isfinite(excess)):
+        return None
+    return ChainGain(not gain.comparison, gain.predicted, excess, record.chain.action_set or DEFAULT_SET)
 
 
 def _array(values: Sequence[float]) -> FloatArray:
@@ -106,8 +114,8 @@ def read_gains(folder: Path, models: str) -> Gains:
     return gains if gains.models == models else Gains(models)
 
 
-def write_gains(folder: Path, gains: Gains, chain: ChainGain) -> Gains:
-    """Add a chain, write the file, and return the chains."""
+def add_chain(folder: Path, gains: Gains, chain: ChainGain) -> Gains:
+    """Add a chain to the file, and return all chains."""
     gains = Gains(gains.models, (*gains.chains, chain)[-_MOST:])
     save(folder / GAINS, KIND, gains, compact=("chains",))
     return gains

@@ -8,15 +8,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.store import RecordStore, StoreInfo
 from ator_ros.files import FileError, content_of, read_json, save
-from ator_ros.learning.gains import ChainGain, Gains, read_gains, write_gains
+from ator_ros.learning.gains import ChainGain, Gains, add_chain, read_gains
 from ator_ros.learning.process import RoundProcess
 from ator_ros.learning.sets import (
     RECORDS,
     Manifest,
     current_set,
+    digest_of,
     publish,
     read_manifest,
     remove_old,
@@ -35,7 +37,8 @@ class Learner:
     """Stores records, starts rounds of learning, and publishes sets with better models.
 
     No other process may write to the folder of the learned sets, see `exclusive_folder`. `begin` starts a
-    round, after `batch` new records or 2 % of all; `most` episodes of an action set are kept.
+    round, after `batch` new records or 2 % of all; `most` episodes of an action set are kept. `models` is the
+    folder of the models of the start, which may be missing.
 
     Raises
     ------
@@ -49,10 +52,12 @@ class Learner:
         info: StoreInfo,
         begin: Callable[[], RoundProcess],
         *,
+        models: Path,
         batch: int,
         most: int = 20_000,
     ) -> None:
         self._folder, self._begin, self._batch, self._most = folder, begin, batch, most
+        self._models = models
         self._store = RecordStore(folder / RECORDS, info, most=most)
         remove_old(folder)
         self._waiting: deque[tuple[str, Episode]] = deque(maxlen=_MOST_WAITING)
@@ -106,7 +111,7 @@ class Learner:
         """Add a chain to what was gained with the set in use."""
 
         def write() -> None:
-            self.gains = write_gains(self._folder, self.gains, chain)
+            self.gains = add_chain(self._folder, self.gains, chain)
 
         self._guarded(write)
 
@@ -156,7 +161,7 @@ class Learner:
         return self.problem or self._summary()
 
     def _read_gains(self) -> None:
-        models = "" if self.manifest is None else self.manifest.digest
+        models = digest_of(self._models) if self.manifest is None else self.manifest.digest
         try:
             self.gains = read_gains(self._folder, models)
         except FileError as error:
@@ -181,7 +186,7 @@ class Learner:
             "learning": "under way" if self._round is not None else "waiting for records",
             "set": "that of the start" if self.manifest is None else self.manifest.digest,
             "last switch": "never" if self.manifest is None else self.manifest.time,
-            "gain of refinement": str(self.gains.measured()),
+            "measured gain per refined chain": str(self.gains.of(DEFAULT_SET).measured),
         }
         for name, verdict in self._last.get("actions", {}).items():
             values[f"{name}: episodes"] = verdict["episodes"]

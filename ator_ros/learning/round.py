@@ -29,7 +29,7 @@ from ator_ros.learning.sets import (
     sets_in,
 )
 from ator_ros.performance.driving import plain_driving
-from ator_ros.performance.errors import observed_errors
+from ator_ros.performance.error_process import fit_error_process
 from ator_ros.performance.features import PATHS, Feature, declared_by
 from ator_ros.performance.model import MEASURES, UNOBSERVED, PerformanceModel
 from ator_ros.performance.model_file import (
@@ -100,7 +100,9 @@ def improved(
     errors, found = current.errors if current is not None else None, verdicts["duration"]
     if found.errors is not None:
         names = error_features(chosen["duration"], known)
-        errors = observed_errors(names, data["duration"].table[names].to_numpy()[found.tested], found.errors)
+        errors = fit_error_process(
+            names, data["duration"].table[names].to_numpy()[found.tested], found.errors
+        )
     return verdicts, PerformanceModel(
         action, robot, chosen, known, driving=driving, at_goal=at_goal, errors=errors
     )

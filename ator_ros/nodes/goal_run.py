@@ -160,6 +160,8 @@ class GoalRun:
             request.chain = write(question.chain)
             request.alternatives = [write(chain) for _, chain in question.others]
             request.as_given = True  # to be better than what is driven
+        else:
+            request.measure = True
         request.situation = situation_of(question.world, frame=self._frame)
         self._asked, self._request = question, self._refinement.call_async(request)
         self._request.add_done_callback(functools.partial(self._take_answer, question))

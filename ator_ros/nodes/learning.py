@@ -41,7 +41,7 @@ PARAMETERS = (
     MODELS,
     Parameter("learned", "", "folder of records and learned sets; empty: ~/.ros/ator_ros/learned"),
     Parameter("records", ["performance/action"], "topics of the records, of one or several robots"),
-    Parameter("chains", ["performance/chain"], "topics of their records of chains"),
+    Parameter("chains", ["performance/chain"], "topics of their chain records"),
     Parameter("batch", 20, "new records after which to learn again", 5, 10_000),
     Parameter("most_episodes", 20_000, "episodes of each action set that are kept", 1000, 1_000_000),
 )
@@ -84,6 +84,7 @@ class LearningNode(Node):
                 folder,
                 StoreInfo(robot.digest(), self._domain.name),
                 lambda: RoundProcess(folder, time=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), **named),
+                models=Path(settings["models"]) if settings["models"] else self._domain.shipped_models,
                 batch=settings["batch"],
                 most=settings["most_episodes"],
             )
@@ -97,7 +98,10 @@ class LearningNode(Node):
         self.create_service(Trigger, "~/learn_now", self._learn_now)
         self.create_service(SetBool, "~/freeze", self._freeze)
         self.create_timer(_PERIOD, self._work, clock=STEADY)
-        self._diagnostics = Diagnostics(self, self._health, dict.fromkeys(topics, ActionPerformance))
+        watched = dict.fromkeys(topics, ActionPerformance) | dict.fromkeys(
+            settings["chains"], ChainPerformance
+        )
+        self._diagnostics = Diagnostics(self, self._health, watched)
         self.get_logger().info(
             f"learning from {', '.join(settings['records'])} into {folder}: {self._learner.stored} records, "
             f"set {self._learner.diagnostics()['set']}{', frozen' if self._learner.frozen else ''}"
@@ -115,7 +119,7 @@ class LearningNode(Node):
         self._learner.take(message.action_set or DEFAULT_SET, episode)
 
     def _take_chain(self, message: Any) -> None:
-        chain = chain_gain(message)
+        chain = chain_gain(message, self._learner.gains.models)
         if chain is not None:
             self._learner.take_chain(chain)
 

@@ -242,7 +242,7 @@ def performance_of(values: Mapping[str, float] | None = None) -> msg.Performance
 
 
 def answer_of(
-    choice: Selection, request: RefineSubgoal.Request, *, action_set: str, frame: str
+    choice: Selection, request: RefineSubgoal.Request, gain: msg.Gain, *, action_set: str, frame: str
 ) -> RefineSubgoal.Response:
     """Write the answer to a request."""
     refinement = choice.refinement
@@ -261,6 +261,7 @@ def answer_of(
         after=chain_performance_of(after),
         before_actions=[performance_of(action) for action in before.actions],
         after_actions=[performance_of(action) for action in after.actions],
+        gain=gain,
         cost_before=before.cost,
         cost_after=after.cost,
         curves=[_curve(curve) for curve in refinement.curves] if request.want_curve else [],
@@ -313,21 +314,26 @@ def chain_performance_of(prediction: ChainPrediction | None) -> msg.Performance:
     return performance_of({"duration": prediction.duration, "spread": spread, "success": success})
 
 
-def gain_of(refinement: Refinement | None = None, measured: MeasuredGain | None = None) -> msg.Gain:
-    """Write the predicted gain of a refinement and the gain measured so far; NaN where unknown."""
-    measured = measured or MeasuredGain()
-    free = refinement is not None and bool(refinement.free)
-    known = not math.isnan(measured.mean)
-    return msg.Gain(
-        predicted=refinement.gain if refinement is not None and free else math.nan,
-        uncertainty=refinement.uncertainty if refinement is not None and free else math.nan,
-        comparison=refinement is not None and refinement.comparison,
-        measured=measured.mean,
-        measured_low=measured.low if known else math.nan,
-        measured_high=measured.high if known else math.nan,
-        refined=measured.refined,
-        compared=measured.compared,
+def gain_of(
+    refinement: Refinement | None = None, measured: MeasuredGain | None = None, models: str = ""
+) -> msg.Gain:
+    """Write the predicted gain of a refinement, and that measured so far with `models`; NaN where unknown."""
+    gain = msg.Gain(
+        models=models,
+        predicted=math.nan,
+        uncertainty=math.nan,
+        measured=math.nan,
+        measured_low=math.nan,
+        measured_high=math.nan,
     )
+    if refinement is not None and refinement.free:
+        gain.predicted = refinement.before.duration - refinement.after.duration
+        gain.uncertainty = refinement.uncertainty
+        gain.comparison = refinement.comparison
+    if measured is not None:
+        gain.refined, gain.compared, gain.measured = measured.refined, measured.compared, measured.mean
+        gain.measured_low, gain.measured_high = measured.low, measured.high
+    return gain
 
 
 def _free_variables(refinement: Refinement) -> list[msg.FreeVariable]:

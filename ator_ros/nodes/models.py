@@ -15,7 +15,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain
 from ator_ros.files import FileError
 from ator_ros.learning.gains import GAINS, Gains, read_gains
-from ator_ros.learning.sets import Manifest, current_set, read_manifest
+from ator_ros.learning.sets import Manifest, current_set, digest_of, read_manifest
 from ator_ros.nodes.diagnostics import STEADY
 from ator_ros.nodes.parameters import Parameter
 from ator_ros.performance.model import PerformanceModel
@@ -88,6 +88,7 @@ class LearnedSets:
             except FileError as error:
                 self._log_failure(error)
         self._gains_of: tuple[str, int] | None = None
+        self._start = digest_of(Path(models) if models else domain.shipped_models)
         self.gains = Gains()
         node.get_logger().info("loading models; the first start compiles code, which may take a minute")
         self.present = self._load(place)
@@ -147,7 +148,8 @@ class LearnedSets:
     def _look_at_gains(self) -> None:
         """Read what refined chains have gained with the models in use, if that changed."""
         assert self._folder is not None
-        models, file = "" if self._manifest is None else self._manifest.digest, self._folder / GAINS
+        file = self._folder / GAINS
+        models = self._start if self._manifest is None else self._manifest.digest
         state = models, file.stat().st_mtime_ns if file.exists() else 0
         if state != self._gains_of:
             self._gains_of = state
@@ -180,7 +182,7 @@ class LearnedSets:
         }
         if self._folder is not None:
             values["learned set"] = "none yet" if self._manifest is None else _described(self._manifest)
-            values["gain of refinement"] = str(self.gains.measured())
+            values["measured gain per refined chain"] = str(self.gains.of(DEFAULT_SET).measured)
         return values
 
 

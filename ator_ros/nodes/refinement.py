@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import time
 import traceback
 from typing import Any
@@ -52,11 +53,11 @@ PARAMETERS = (
     FENCE,
     MODELS,
     LEARNED,
-    Parameter("gate", True, "whether to refine only where the gain exceeds its uncertainty", live=True),
+    Parameter("gate", True, "refine only where the predicted gain exceeds its uncertainty", live=True),
     Parameter(
-        "comparison",
+        "comparison_share",
         0.1,
-        "greatest share of chains that run as planned to measure what refinement gains; only with `learned`",
+        "greatest share of chains that run as planned, to measure gains; only with `learned`",
         0.0,
         0.1,
         live=True,
@@ -79,7 +80,7 @@ _LONGEST_REASON = 500
 class RefinementNode(Node):
     """Rewrites the free variables of TOP chains so that the whole chain performs best.
 
-    Parameters: see `PARAMETERS`; `gate`, `comparison` and `failure_cost` can change while it runs.
+    Parameters: see `PARAMETERS`; `gate`, `comparison_share` and `failure_cost` can change while it runs.
 
     Services
         refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it came, with the
@@ -122,17 +123,22 @@ class RefinementNode(Node):
             return "gate is false: a chain is changed whenever a gain is predicted"
         return "a chain is changed where the predicted gain exceeds its uncertainty"
 
-    def _refiner(self, read: ModelSet, gains: Gains) -> Refiner:
-        """Return a refiner with the parameters `gate` and `failure_cost` as they are now."""
-        gate, cost = NO_GATE, self._settings["failure_cost"]
-        if self._settings["gate"]:
-            compare = bool(self._settings["learned"]) and gains.wants_comparison(self._settings["comparison"])
-            gate = Gate(measured=gains.measured(), compare=compare)
+    def _gate(self, request: RefineSubgoal.Request, gains: Gains) -> Gate:
+        """Return the gate as it is now; some chains that are executed are drawn to measure what it gains."""
+        if not self._settings["gate"]:
+            return NO_GATE
+        measurable = self._settings["learned"] and request.measure and not request.alternatives
+        share = gains.comparison_share(self._settings["comparison_share"])
+        return Gate(measured=gains.measured, comparison=bool(measurable) and random.random() < share)
+
+    def _refiner(self, read: ModelSet, gate: Gate) -> Refiner:
+        """Return a refiner with the parameter `failure_cost` as it is now."""
+        cost = self._settings["failure_cost"]
         cost = cost if cost >= 0.0 else self._domain.time_limit
         return Refiner(self._robot, read.models, gate, ranges=self._ranges, failure_cost=cost)
 
     def _warm_up(self, library: TopLibrary, read: ModelSet) -> None:
-        warm_up_refinement(library, self._refiner(read, Gains()))
+        warm_up_refinement(library, self._refiner(read, Gate()))
 
     def _serve_refinement(self, request: RefineSubgoal.Request, _: Any) -> RefineSubgoal.Response:
         started = time.monotonic()
@@ -170,7 +176,8 @@ class RefinementNode(Node):
         present, library = self._sets.present[action_set], self._libraries[action_set]
         if not present.models:
             raise RefinementError(f"action set {action_set}: {present.absent}")
-        refiner = self._refiner(present, self._sets.gains)
+        gains = self._sets.gains.of(action_set)
+        refiner = self._refiner(present, self._gate(request, gains))
         choice = refine_request(
             request, refiner, library, frame=frame, fence=self._fence, deadline=lambda: time.monotonic() > end
         )
@@ -182,9 +189,8 @@ class RefinementNode(Node):
                 refinement_shapes(start, found.original, found.chain, found.curves), "refinement", frame
             )
         )
-        response = messages.answer_of(choice, request, action_set=action_set, frame=frame)
-        response.gain = messages.gain_of(found, self._sets.gains.measured())
-        return response
+        gain = messages.gain_of(found, gains.measured, gains.models)
+        return messages.answer_of(choice, request, gain, action_set=action_set, frame=frame)
 
     def _plan(self, request: PlanChains.Request) -> PlanChains.Response:
         frame = self._settings["frame"]

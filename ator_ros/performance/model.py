@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,7 +15,7 @@ from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import ANGLE_BETWEEN, ROWS, Geometry
 from ator_ros.performance.direct import Direct
 from ator_ros.performance.driving import DrivingStyle
-from ator_ros.performance.errors import ErrorProcess
+from ator_ros.performance.error_process import ErrorProcess
 from ator_ros.performance.features import Feature, declared_by, derived_from, table_of
 from ator_ros.performance.tree.nodes import IntArray, ModelTree, RuleWriter
 from ator_ros.robot.description import Robot
@@ -88,7 +89,7 @@ class PerformanceModel:
     at_goal : AtGoal or None
         How long it takes at its goal; None where the tree predicts that too.
     errors : ErrorProcess or None
-        What its errors on other episodes say about predictions elsewhere.
+        What its errors on other episodes say about predictions elsewhere; None: any error is possible.
     """
 
     action: str
@@ -169,7 +170,7 @@ class PerformanceModel:
             Of the durations in the sum.
         """
         if self.errors is None:
-            return 0.0, 0.0
+            return 0.0, math.inf
         features = [self.features[name] for name in self.errors.features]
         return self.errors.of_sum(table_of(self._geometry(direct), features), signs)
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.files import FileError, is_name, load, save
 from ator_ros.performance.driving import DrivingStyle
-from ator_ros.performance.errors import ErrorProcess
+from ator_ros.performance.error_process import ErrorProcess
 from ator_ros.performance.features import Feature
 from ator_ros.performance.model import MEASURES, AtGoal, PerformanceModel
 from ator_ros.performance.tree.storage import StoredTree, restored, stored
@@ -22,8 +22,6 @@ from ator_ros.robot.description import Robot
 from ator_ros.schema import OneOf, require
 
 KIND = "performance model"
-_BESIDE = {"gate"}
-"""Names of other JSON files in a folder of models."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +37,8 @@ class _ModelFile:
     accuracy: dict[str, Any]
     at_goal: AtGoal | None
     trees: dict[Annotated[str, OneOf(tuple(MEASURES))], StoredTree]
+    errors: ErrorProcess | None
     driving: DrivingStyle | None = None
-    errors: ErrorProcess | None = None
 
     def __post_init__(self) -> None:
         """Check what the annotations do not."""
@@ -183,8 +181,7 @@ def load_models(
     if not top.is_dir():
         raise FileError(f"{top}: expected a folder of models, found none")
     place = models_folder(top, action_set)
-    files = filter(is_model, sorted(place.glob("*.json")))
-    models = {file.stem: load_model(file, robot, features) for file in files}
+    models = {file.stem: load_model(file, robot, features) for file in sorted(place.glob("*.json"))}
     if not models:
         raise NoModelsError(f"{place}: expected model files such as goToPose.json: run train to make them")
     for name, model in models.items():
@@ -195,8 +192,3 @@ def load_models(
                     f"got {quoted(model.metadata[field])}"
                 )
     return models
-
-
-def is_model(file: Path) -> bool:
-    """Return whether `file` is named as models are: other files, such as the gate's, may lie beside them."""
-    return file.stem not in _BESIDE

@@ -17,7 +17,7 @@ from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.derived import ANGLE_BETWEEN, Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle
-from ator_ros.performance.errors import observed_errors
+from ator_ros.performance.error_process import fit_error_process
 from ator_ros.performance.features import (
     CANDIDATES,
     PATHS,
@@ -28,7 +28,7 @@ from ator_ros.performance.features import (
 )
 from ator_ros.performance.model import UNOBSERVED, AtGoal, PerformanceModel, narrowed
 from ator_ros.performance.observation import observed_driving
-from ator_ros.performance.thresholds import RISING, rising_terms, sum_of
+from ator_ros.performance.rising_terms import RISING, rising_terms, sum_of
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import Hinge, ModelTree
 from ator_ros.robot.description import Robot
@@ -40,7 +40,7 @@ along a heading runs into the jumps between them: much smoothing is better, unle
 behavior at thresholds."""
 _FOLDS, _FEW_FOLDS = 10, 3
 _PATH = "path_time"
-_CLIPPED = 3.0
+_CLIPPED_AT = 3.0
 """Median absolute deviations below the median at which duration less path time is clipped. A drive that is
 much faster drove a shape that was not chosen. Unclipped, it lowers predictions nearby, and a search finds
 what is predicted too short."""
@@ -48,11 +48,12 @@ _FASTER_SHARE, _FASTER_BY = 0.05, 0.25
 """An action does not follow its path if this share of its drives is faster than their paths by that share of
 the median duration."""
 _FEW, _FEW_LEAF = 500, 8
-"""Episodes up to which trees of the basic features are tried, too, and the least number of them in a leaf, if
-the robot stands at both ends. They find the thresholds of an action server in fifty drives."""
+"""If the robot stands at both ends: episodes up to which trees of the basic features are tried, too, and the
+least number of them in a leaf. They find the thresholds of an action server in fifty drives."""
 _PREFERENCE = 0.8
-"""Share of their errors that counts for sums of rising terms, if the robot stands at both ends. Trees split
-at a threshold; a search goes to its edge, and as subgoals are not reached exactly, the robot ends beyond."""
+"""Share of their errors that counts for sums of rising terms, if the robot stands at both ends. So they are
+taken unless another tree errs by a fifth less. A tree splits at a threshold, and a search goes to the edge of
+that. But subgoals are not reached exactly, so that the robot often ends beyond the edge."""
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
 LEAST_EPISODES = 20
@@ -132,7 +133,7 @@ def train(
         named,
         driving=driving,
         at_goal=observed_at_goal(good_starts, robot),
-        errors=observed_errors(names, good[names].to_numpy(), errors),
+        errors=fit_error_process(names, good[names].to_numpy(), errors),
     )
 
 
@@ -150,12 +151,13 @@ def features_of(
 
 
 def duration_tree(table: pd.DataFrame, durations: FloatArray) -> tuple[ModelTree, FloatArray]:
-    """Learn durations (n,) in s from features; return what they are more than predicted without them, too.
+    """Return a tree of durations (n,) in s, and its errors in cross-validation: actual less predicted, in s.
 
-    Where the time of the path is among them, the tree is learned of what drives take longer than a base: than
+    Where the time of the path is among the features, the tree is learned of what drives take longer than
     their paths, or than a sum of rising terms, whichever predicts better. Linear models of whole durations
-    undercut the time of the path where there is hardly room, which is where a search looks. An action that
-    does not follow its path to the end, such as a shot, is learned as it is.
+    undercut the time of the path where there is hardly room, which is where a search looks. The whole
+    durations of an action that does not follow its path to the end, such as a shot, take the place of the
+    first.
     """
     if _PATH not in table:
         tree, errors = _best_learning(table, durations, _unbased, extrapolation=1.0)
@@ -163,7 +165,7 @@ def duration_tree(table: pd.DataFrame, durations: FloatArray) -> tuple[ModelTree
     bases = _bases(table, durations)
     tried = [(base, *_best_learning(table, durations, base)) for base in bases]
     basic = [*RISING, _PATH]
-    stands = not (table.filter(["v", "speedg"]) > AT_REST.v).any(axis=None)
+    stands = not (table.filter(["v", "speedg"]).abs() > AT_REST.v).any(axis=None)
     if len(table) <= _FEW and stands and set(basic) <= set(table.columns):
         tried += [(base, *_best_learning(table[basic], durations, base, leaf=_FEW_LEAF)) for base in bases]
     shares = [_PREFERENCE if stands and base is _on_terms else 1.0 for base, _, _ in tried]
@@ -191,7 +193,7 @@ def _on_path(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, .
     late = durations - table[_PATH].to_numpy()
     usual = float(np.median(late))
     spread = float(np.median(np.abs(late - usual)))
-    return (Hinge(_PATH, 0.0, 1.0),), np.maximum(late, usual - _CLIPPED * spread)
+    return (Hinge(_PATH, 0.0, 1.0),), np.maximum(late, usual - _CLIPPED_AT * spread)
 
 
 def _on_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-CONTROL_TICK = 0.05
-"""Least gain in s that shows in an execution."""
+from ator_ros.world.state import CONTROL_PERIOD
+
 _FEWEST_REFINED, _FEWEST_COMPARED = 10, 3
-"""Chains from which on a measured gain counts."""
-_DISAPPOINTING = 0.5
-"""Share of the predicted gain below which a measured one disappoints."""
+"""Chains from which on a measured gain can close the gate."""
+_REQUIRED = 0.5
+"""Share of the predicted gain that the measured one has to reach."""
+_ZERO = 0.005
+"""Gain in s that is shown as 0.00 s."""
 
 
 @dataclass(frozen=True)
@@ -24,29 +26,32 @@ class MeasuredGain:
     predicted : float
         Mean predicted gain in s of the refined ones.
     mean, low, high : float
-        Mean gain in s, and its 95 % interval; NaN and infinite until both kinds were executed.
+        Mean gain in s, and its 95 % interval; NaN until two chains of both kinds were executed.
     """
 
     refined: int = 0
     compared: int = 0
     predicted: float = math.nan
     mean: float = math.nan
-    low: float = -math.inf
-    high: float = math.inf
+    low: float = math.nan
+    high: float = math.nan
 
     @property
-    def disappoints(self) -> bool:
-        """Whether the gain is surely less than half of what was predicted."""
+    def too_low(self) -> bool:
+        """Whether the interval lies below half of the predicted gain."""
         enough = self.refined >= _FEWEST_REFINED and self.compared >= _FEWEST_COMPARED
-        return enough and self.high < _DISAPPOINTING * self.predicted
+        return enough and self.high < _REQUIRED * self.predicted
 
     def __str__(self) -> str:
         """Return it in words."""
         if math.isnan(self.mean):
-            return f"not measured yet: {self.refined} chains refined, {self.compared} as planned to compare"
+            return (
+                f"unknown: {self.refined} refined chains and {self.compared} as planned; two of each needed"
+            )
         return (
-            f"{self.mean:.2f} s ({self.low:.2f} to {self.high:.2f}) per refined chain, predicted "
-            f"{self.predicted:.2f} s: {self.refined} refined, {self.compared} as planned to compare"
+            f"{self.mean:.2f} s ({self.low:.2f} to {self.high:.2f}), predicted {self.predicted:.2f} s, "
+            f"from {self.refined} refined chains and {self.compared} as planned"
+            f"{'; too low: the gate is closed' if self.too_low else ''}"
         )
 
 
@@ -55,46 +60,44 @@ class Gate:
     """Refines where the predicted gain exceeds its own uncertainty.
 
     The uncertainty comes from the errors of the models on episodes that they were not learned from
-    (`ator_ros.performance.errors`), so the gate needs no experiment. The best of many candidates is predicted
-    too well. For one variable that is about its uncertainty; of n variables the optimism adds up, while the
-    uncertainty of the sum grows with √n only. So the gain must exceed √n uncertainties.
+    (`ator_ros.performance.error_process`), so the gate needs no experiment.
 
     Attributes
     ----------
     least : float
-        Least predicted gain in s.
+        Least predicted gain in s: less hardly shows in an execution.
     factor : float
-        Uncertainties that the gain must exceed for one free variable.
+        Uncertainties that the gain must exceed.
     measured : MeasuredGain
-        What refined chains have gained; if that disappoints, the gate is closed.
-    compare : bool
-        Whether a chain that would be refined runs as planned, to compare.
+        What refined chains have gained; the gate is closed if that is too low.
+    comparison : bool
+        Whether this chain runs the other way, to measure what refinement gains: as planned although it would
+        be refined, or refined although the gate is closed.
     """
 
-    least: float = CONTROL_TICK
+    least: float = CONTROL_PERIOD
     factor: float = 1.0
     measured: MeasuredGain = MeasuredGain()
-    compare: bool = False
+    comparison: bool = False
 
-    def opens(self, gain: float, uncertainty: float, free: int = 1) -> bool:
-        """Return whether a gain in s, predicted for the best of `free` variables, is expected to pay."""
-        needed = max(self.least, self.factor * math.sqrt(free) * uncertainty)
-        return gain > needed and not self.measured.disappoints
+    def pays(self, gain: float, uncertainty: float) -> bool:
+        """Return whether a predicted gain in s, with its uncertainty in s, is expected to pay."""
+        return gain > self.least and gain > self.factor * uncertainty
 
-    def decide(self, gain: float, uncertainty: float, free: int = 1) -> tuple[bool, str]:
+    def decide(self, gain: float, uncertainty: float) -> tuple[bool, str]:
         """Return whether to refine a chain with a predicted gain in s, and why in words."""
-        if not gain >= 0.005:
+        if not gain >= _ZERO:
             return False, "no gain predicted"
-        opens = self.opens(gain, uncertainty, free)
-        result = "refined" if opens and not self.compare else "kept as planned"
-        reason = f"gain {gain:.2f} s ± {uncertainty:.2f} s: {result}"
-        if opens and self.compare:
-            reason += ", to compare"
-        elif gain <= self.least:
-            reason += f", as less than {self.least:g} s hardly shows"
-        elif self.measured.disappoints:
-            reason += f", as refined chains gained less than predicted: {self.measured}"
-        return opens and not self.compare, reason
+        pays = self.pays(gain, uncertainty)
+        refine = pays and self.comparison == self.measured.too_low
+        reason = f"gain {gain:.2f} s ± {uncertainty:.2f} s: {'refined' if refine else 'kept as planned'}"
+        if pays and self.comparison:
+            reason += ", to measure what refinement gains"
+        elif pays and self.measured.too_low:
+            reason += f", as the measured gain is {self.measured}"
+        elif gain > self.factor * uncertainty and not pays:
+            reason += f", as it is not above one control tick ({self.least:g} s)"
+        return refine, reason
 
 
 NO_GATE = Gate(0.0, 0.0)

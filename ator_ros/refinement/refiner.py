@@ -82,9 +82,11 @@ class Refinement:
     complete : bool
         Whether the search was completed; otherwise `best` is the best found until the deadline.
     uncertainty : float
-        Of the predicted gain in s, see `ChainModel.uncertainty`.
+        Of the predicted gain in s. The best of many candidates is predicted too well: for one variable by
+        about its uncertainty. Of n variables this optimism adds up, while the uncertainty of the sum grows
+        with √n only. So it is √n times that of `ChainModel.uncertainty`.
     comparison : bool
-        Whether it would have been refined, but runs as planned, to compare.
+        Whether it would have been refined, but runs as planned, to measure what refinement gains.
     """
 
     refined: bool
@@ -287,19 +289,21 @@ class Refiner:
             if names:
                 best = replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
         before, after = predicted
-        uncertainty = model.uncertainty(model.given, optimum.values)
-        judged = before.cost - after.cost, uncertainty, len(analysis.free)
-        pays, reason = self.gate.decide(*judged)
+        uncertainty = math.sqrt(len(analysis.free)) * model.uncertainty(model.given, optimum.values)
+        gain = before.cost - after.cost
+        refine, reason = self.gate.decide(gain, uncertainty)
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []
-        if pays and best == chain:
+        if refine and best == chain:
             reason = "the chain is the best already"
         elif invalid:
             reason = f"the best chain found is no valid plan: {'; '.join(invalid)}"
         if not optimum.complete:
             reason = f"{reason}; {_CUT_SHORT}"
+        possible = best != chain and not invalid
+        compared = possible and not refine and self.gate.comparison and self.gate.pays(gain, uncertainty)
         return Refinement(
-            pays and best != chain and not invalid,
+            refine and possible,
             reason + self._remarks(chain, analysis, analysis.not_free),
             original=chain,
             best=best,
@@ -315,7 +319,7 @@ class Refiner:
             ),
             complete=optimum.complete,
             uncertainty=uncertainty,
-            comparison=self.gate.compare and best != chain and self.gate.opens(*judged),
+            comparison=compared,
         )
 
     def _left_alone(self, chain: TopChain, analysis: Analysis, model: ChainModel) -> Refinement:

@@ -20,7 +20,7 @@ from ator_ros.experience.table import Experience, ExperienceError, library_versi
 from ator_ros.files import FileError, is_name
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.model_file import is_model, load_model, model_path, save_model
+from ator_ros.performance.model_file import load_model, model_path, save_model
 from ator_ros.performance.training import (
     digest,
     start_ranges,
@@ -128,7 +128,7 @@ def _rules(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
             raise FileError(f"--rules: expected an action or a model, a .json file, got {options.rules!r}")
         file = folder / model_path(options.rules, options.action_set or DEFAULT_SET)
     if not file.exists():
-        there = ", ".join(sorted(other.stem for other in file.parent.glob("*.json") if is_model(other)))
+        there = ", ".join(sorted(other.stem for other in file.parent.glob("*.json")))
         raise FileError(f"{file}: expected a model, there is none; in that folder: {there or 'none'}")
     return load_model(file, robot, domain.known_features).rules("duration")
 

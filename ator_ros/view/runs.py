@@ -156,11 +156,10 @@ def duration_of(record: Any) -> float:
 
 
 def measured_gain(gain: Any) -> str:
-    """Return the measured gain of a record (ator_interfaces/Gain) in words; empty if there is none."""
-    if math.isnan(gain.measured):
-        return ""
+    """Return the measured gain (ator_interfaces/Gain) in words."""
     interval = f"{gain.measured_low:.2f} to {gain.measured_high:.2f}"
-    return f"{gain.measured:+.2f} s ({interval}; {gain.refined} refined, {gain.compared} to compare)"
+    chains = f"{gain.refined} refined chains and {gain.compared} as planned"
+    return f"{gain.measured:+.2f} s ({interval}) from {chains}"
 
 
 class History:
@@ -204,8 +203,9 @@ class History:
         if gains:
             mean = f"{np.mean(gains):+.2f} s, mean of {len(gains)}"
             lines += [f"Gain over the naive chain from the same start: {mean}.", ""]
-        if measured := measured_gain(rows[-1][0].gain):
-            lines += [f"Gain measured by learning, per refined chain: {measured}.", ""]
+        known = [record.gain for record, _ in rows if math.isfinite(record.gain.measured)]
+        if known:
+            lines += [f"Measured gain per refined chain: {measured_gain(known[-1])}.", ""]
         lines += ["| | chain | predicted | actual | gain |", "|---|---|---|---|---|"]
         newest = itertools.islice(reversed(list(enumerate(rows, 1))), _SHOWN)
         return "\n".join([*lines, *(_row(number, *row) for number, row in newest)])

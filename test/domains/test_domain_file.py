@@ -18,7 +18,7 @@ from ator_ros.actions.remote import Timeouts
 from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.domain import Domain, DomainError, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.tour_stand_in import DriveToStandIn
+from ator_ros.domains.stand_ins import DriveToStandIn
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import Top

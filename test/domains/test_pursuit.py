@@ -11,7 +11,7 @@ import pytest
 
 from ator_ros.actions.base import Goal, Status
 from ator_ros.domains.domain import find_domain
-from ator_ros.domains.tour_stand_in import PursueStandIn
+from ator_ros.domains.stand_ins import PursueStandIn
 from ator_ros.examples.pursuit import Pursuit
 from ator_ros.examples.rotate_drive_rotate import Phase, State
 from ator_ros.geometry import Pose

@@ -9,7 +9,7 @@ import pytest
 
 from ator_ros.actions.base import Goal, Status
 from ator_ros.domains.domain import find_domain
-from ator_ros.domains.tour_stand_in import DriveToStandIn
+from ator_ros.domains.stand_ins import DriveToStandIn
 from ator_ros.examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotate, State, Tuning
 from ator_ros.geometry import Pose
 from ator_ros.simulation.run import place, run_action

@@ -38,6 +38,6 @@ def test_it_drives_the_simulated_robot(start: Start, domain: int) -> None:
     assert "step 2 of 2, dribbleBall" in ran.stdout
     assert re.search(r"executed the refined chain in \d\.\d\d s: ", ran.stdout)
     assert re.search(
-        r"step 1, goToBall: goal \(0\.00, 0\.00\), heading 15 deg, .* took \d\.\d\d s", ran.stdout
+        r"step 1, goToBall: goal \(0\.00, 0\.00\), heading 16 deg, .* took \d\.\d\d s", ran.stdout
     )
     assert "refine: false" not in ran.stdout

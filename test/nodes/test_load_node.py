@@ -33,9 +33,10 @@ def nodes(shared: tuple[Processes, Client]) -> Client:
 
 @pytest.fixture
 def requests(nodes: Client) -> Any:
-    """Return a client of refine_subgoal with a queue for many responses."""
+    """Return a client of refine_subgoal with a queue for many responses, which the server has discovered."""
     client = nodes.node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
     assert client.wait_for_service(timeout_sec=PATIENCE)
+    nodes.eventually(lambda: answers([client.call_async(request_of_the_paper())], 1.0), "the first answer")
     return client
 
 

@@ -21,7 +21,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.examples.call import filled
-from ator_ros.nodes.messages import answer_of, chain_from
+from ator_ros.nodes.messages import answer_of, chain_from, gain_of
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.refinement import refine_request
 from ator_ros.performance.model_file import load_models
@@ -48,7 +48,7 @@ def answered(request: RefineSubgoal.Request) -> RefineSubgoal.Response:
     models = load_models(ROBOT, SOCCER.known_features)
     refiner = Refiner(ROBOT, models, Gate(), ranges=SOCCER.ranges)
     found = refine_request(request, refiner, LIBRARY, frame="odom")
-    return answer_of(found, request, action_set="default", frame="odom")
+    return answer_of(found, request, gain_of(), action_set="default", frame="odom")
 
 
 def durations(field: str) -> list[str]:

@@ -11,7 +11,7 @@ from refinement_fakes import LIBRARY, ROBOT, models
 from ator_interfaces.msg import ObjectState, TopCall, TopChain
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
-from ator_ros.nodes.messages import answer_of, pose_of
+from ator_ros.nodes.messages import answer_of, gain_of, pose_of
 from ator_ros.nodes.refinement import refine_request
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.refiner import Refiner
@@ -30,7 +30,7 @@ def request(*calls: TopCall) -> RefineSubgoal.Request:
 def answered(sent: RefineSubgoal.Request, *without: str) -> RefineSubgoal.Response:
     known = {action: model for action, model in models().items() if action not in without}
     found = refine_request(sent, Refiner(ROBOT, known, ranges=LIBRARY.ranges), LIBRARY, frame="odom")
-    return answer_of(found, sent, action_set="default", frame="odom")
+    return answer_of(found, sent, gain_of(), action_set="default", frame="odom")
 
 
 def test_a_step_without_a_model_is_reported_and_others_are_refined() -> None:

@@ -114,7 +114,6 @@ def test_action_sets_have_separate_folders(model: PerformanceModel, tmp_path: Pa
     save_model(tmp_path / model_path("goToPose"), model)
     bezier = dataclasses.replace(model, metadata={**model.metadata, "action_set": "bezier"})
     save_model(tmp_path / model_path("goToPose", "bezier"), bezier)
-    (tmp_path / "gate.json").write_text("{}")
     assert list(load_models(ROBOT, SOCCER.known_features, folder=tmp_path)) == ["goToPose"]
     bezier = load_models(ROBOT, SOCCER.known_features, action_set="bezier", folder=tmp_path)
     assert list(bezier) == ["goToPose"]

@@ -14,7 +14,7 @@ from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import find_domain
 from ator_ros.geometry import Pose
 from ator_ros.learning.judging import constant
-from ator_ros.performance.errors import observed_errors
+from ator_ros.performance.error_process import fit_error_process
 from ator_ros.performance.features import GENERAL, PAPER_3
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import features_of, train
@@ -39,7 +39,7 @@ def linear() -> PerformanceModel:
     terms, names = np.linalg.lstsq(known, rows["duration"])[0], tuple(known)[:-1]
     leaf = constant(names[0], terms[-1], 100)
     tree = dataclasses.replace(leaf, names=names, coefficients=terms[None, :-1], upper=np.array([100.0]))
-    errors = observed_errors(
+    errors = fit_error_process(
         names, other[[*names]].to_numpy(), (others["duration"] - other @ terms).to_numpy()
     )
     return PerformanceModel("drive_to", ROBOT, {"duration": tree}, GENERAL, errors=errors)
@@ -75,7 +75,7 @@ def test_few_drives_make_a_gain_less_certain_than_many() -> None:
     [
         (0.7, 0.5, "gain 0.70 s ± 0.50 s: refined"),
         (0.5, 0.7, "gain 0.50 s ± 0.70 s: kept as planned"),
-        (0.04, 0.01, "gain 0.04 s ± 0.01 s: kept as planned, as less than 0.05 s hardly shows"),
+        (0.04, 0.01, "gain 0.04 s ± 0.01 s: kept as planned, as it is not above one control tick (0.05 s)"),
         (-0.02, 0.1, "no gain predicted"),
     ],
 )

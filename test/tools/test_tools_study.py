@@ -155,7 +155,7 @@ def test_an_action_without_a_model_is_reported(tools: Toolset, trials: list[Tria
 def test_a_gate_that_rejects_everything_is_reported(tools: Toolset, trials: list[Trial]) -> None:
     models = {name: uncertain(model) for name, model in tools.models.items()}
     yaw = found(dataclasses.replace(tools, models=models), trials)["yaw"]
-    assert yaw["explanation"].startswith("the gate refuses all gains: ")
+    assert yaw["explanation"].startswith("the gate refuses all gains, of ")
 
 
 @pytest.mark.parametrize("file", sorted((DOCS / "studies").glob("*.json")), ids=lambda file: file.stem)

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +19,24 @@ IntArray = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Hinge:
-    """A term of a rule, ``slope*max(0, feature - above)``: it shows a threshold, or a dead zone."""
+    """A term of a rule, ``slope*max(0, feature - above)``: it shows a threshold, or a dead zone.
+
+    Attributes
+    ----------
+    feature : str
+        Never negative, if `above` is not 0.
+    above : float
+        0: the term is ``slope*feature``.
+    slope : float
+    """
 
     feature: str
     above: float
     slope: float
+
+    def of(self, values: Any) -> Any:
+        """Return what the term adds for values of the feature, elementwise."""
+        return self.slope * (np.maximum(values - self.above, 0.0) if self.above else values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +147,7 @@ class ModelTree:
             leaf,
         )
         for hinge in self.base:
-            value += hinge.slope * np.maximum(
-                rows[places[self.names.index(hinge.feature)]] - hinge.above, 0.0
-            )
+            value += hinge.of(rows[places[self.names.index(hinge.feature)]])
         return value, leaf
 
 
@@ -183,10 +195,6 @@ def leaves(tree: ModelTree) -> Iterator[tuple[int, Bounds]]:
         waiting.append((at_most, {**bounds, name: (lower, min(upper, threshold))}))
 
 
-def _beyond(hinge: Hinge, value: float) -> float:
-    return max(value - hinge.above, 0.0) if hinge.above else value
-
-
 @dataclass(frozen=True)
 class RuleWriter:
     """Writes the leaves of a tree as rules; angles in rad are written in degrees, as the paper does.
@@ -221,13 +229,13 @@ class RuleWriter:
             f"here {self.target} = {predicted:.3f} ± {spread:.3f} {self.target_unit}:",
             f"  {intercept:+9.3f}  constant",
         ]
-        parts = [(hinge, hinge.slope * _beyond(hinge, values[hinge.feature])) for hinge in self._terms(leaf)]
+        parts = [(hinge, hinge.of(values[hinge.feature])) for hinge in self._terms(leaf)]
         for hinge, part in sorted(parts, key=lambda item: -abs(item[1])):
             name = hinge.feature
             which = f"{self._term(hinge)}, " if hinge.above else ""
             lines += [f"  {part:+9.3f}  {which}{name} = {self._value(name, values[name])}"]
         linear = intercept + sum(part for _, part in parts)
-        base = sum(hinge.slope * _beyond(hinge, values[hinge.feature]) for hinge in tree.base)
+        base = sum(hinge.of(values[hinge.feature]) for hinge in tree.base)
         lower, upper = base + float(tree.lower[leaf]), base + float(tree.upper[leaf])
         if not lower <= linear <= upper:
             lines.append(f"  held within {lower:.3f} to {upper:.3f}: {linear:.3f} is beyond the experience")
@@ -241,7 +249,7 @@ class RuleWriter:
         return f"({self._value(name, lower)} < {name} <= {self._value(name, upper)})"
 
     def _terms(self, leaf: int) -> list[Hinge]:
-        """Return the terms of a rule. Those from 0 on are linear: no feature with hinges is negative."""
+        """Return the terms of a rule, with those of the base."""
         tree = self.tree
         slopes = dict(zip(tree.names, tree.coefficients[leaf].tolist(), strict=True))
         for hinge in tree.base:

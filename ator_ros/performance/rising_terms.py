@@ -1,7 +1,7 @@
 """Durations as a sum of rising functions of single features, whose bends are thresholds and dead zones.
 
-Each function is piecewise linear and nowhere falls: farther, or more to turn, takes no less time. As a term
-of a rule, a dead zone of 45° is ``0.97*max(0, angle_to_dest - 45°)``.
+Each function is piecewise linear and nowhere falls: farther, or more to turn, takes no less time. In rules,
+where slopes are per degree, a dead zone of 40° is a term such as ``0.0147*max(0, angle_to_dest - 40°)``.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ _ANGLES: FloatArray = np.radians([0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 75.0,
 RISING: dict[str, FloatArray] = {"dist": np.zeros(1), "angle_to_dest": _ANGLES, "angle_at_dest": _ANGLES}
 """Features that durations rise with, and where each may bend, in m and rad. Thresholds are mostly small."""
 _TERM_COST = 0.75
-"""How much a bend counts in the corrected error. More makes shorter rules, which refine less well."""
-_CLIPPED, _ROUNDS = 3.0, 3
-"""Standard deviations at which residuals are clipped, as now and then a drive takes much longer."""
+"""How much a segment counts in the corrected error. More makes shorter rules, which refine less well."""
+_CLIPPED_AT, _ROUNDS = 3.0, 3
+"""Standard deviations at which residuals are clipped, in rounds: now and then a drive takes much longer."""
 
 
 def sum_of(base: tuple[Hinge, ...], table: pd.DataFrame) -> FloatArray:
     """Return the sum of the terms in s, shape (n,), for features (n, k)."""
     total = np.zeros(len(table))
     for hinge in base:
-        total += hinge.slope * np.maximum(table[hinge.feature].to_numpy() - hinge.above, 0.0)
+        total += hinge.of(table[hinge.feature].to_numpy())
     return total
 
 
@@ -51,7 +51,7 @@ def rising_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[Hinge, ...
     for _ in range(_ROUNDS):
         fitted = centered @ nnls(centered, target)[0]
         error = target - fitted
-        most = _CLIPPED * 1.4826 * float(np.median(np.abs(error - np.median(error))))
+        most = _CLIPPED_AT * 1.4826 * float(np.median(np.abs(error - np.median(error))))
         target = fitted + np.clip(error, -most, most)
         target -= target.mean()
     factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([centered, target]), mode="r"))
@@ -62,7 +62,7 @@ def rising_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[Hinge, ...
     error, slopes = _fit(groups, factor, len(target))
     while fewer := [(*_fit(merged, factor, len(target)), merged) for merged in _merged(groups)]:
         least, other, merged = min(fewer, key=lambda each: each[0])
-        if least > error:
+        if least[0] > error[0]:
             break
         error, slopes, groups = least, other, merged
     return _hinges(groups, slopes)
@@ -87,13 +87,13 @@ def _merged(groups: _Groups) -> list[_Groups]:
     ]
 
 
-def _fit(groups: _Groups, factor: FloatArray, count: int) -> tuple[float, FloatArray]:
-    """Return the corrected error and the slopes of the groups."""
+def _fit(groups: _Groups, factor: FloatArray, count: int) -> tuple[tuple[float, float], FloatArray]:
+    """Return the corrected error of the groups, which may be infinite, the plain one, and the slopes."""
     table = np.column_stack([factor[:, part].sum(axis=1) for parts in groups for part in parts])
     slopes, residual = nnls(table, factor[:, -1])
     terms = np.array([1.0 + _TERM_COST * len(slopes)])
     error = corrected_error(np.array([residual**2]), np.array([float(count)]), terms)
-    return float(error[0]), slopes
+    return (float(error[0]), float(residual)), slopes
 
 
 def _hinges(groups: _Groups, slopes: FloatArray) -> tuple[Hinge, ...]:

@@ -1,6 +1,6 @@
 """Measure what refinement gains, behind the gate and not, from few drives of an action server.
 
-scripts/run python scripts/trust.py --work trust
+scripts/run python scripts/few_drives.py --work trust
 
 For each server it collects 400, 200, 100 and 50 random drives without ROS, learns from each, and executes the
 same new tours with every model. The oracle is executed once, beside the model of most drives. The command
@@ -26,8 +26,12 @@ from ator_ros.tools.train import train
 
 DRIVES = (400, 200, 100, 50)
 """Numbers of drives, those of the oracle's model first."""
-USERS = {"fixed": "heading 0", "arrive": "as the robot comes", "face_goal": "toward the next station"}
-"""Policies of today's users, as rows of the table."""
+USERS = {
+    "fixed": "heading 0",
+    "arrive": "bearing from the station before",
+    "face_goal": "bearing of the next station",
+}
+"""What users do without refinement, as rows of the table."""
 POLICIES = ("naive", "refined", "gated")
 
 
@@ -38,9 +42,13 @@ def measured(domain_name: str, drives: int, work: Path, options: argparse.Namesp
     source = ToolsetSource(domain=domain_name, models=str(folder / "models"))
     table, out = folder / "experience.parquet", folder / "evaluation"
     if (out / RESULT).exists():
-        return dict(load(out / RESULT, KIND, dict[str, Any])["summary"])
+        summary = dict(load(out / RESULT, KIND, dict[str, Any])["summary"])
+        found = (summary["seed"], summary["situations"])
+        if found != (options.seed, options.tours):
+            raise SystemExit(f"{out}: expected seed {options.seed}, {options.tours} tours; got {found}")
+        return summary
     folder.mkdir(parents=True, exist_ok=True)
-    command = "scripts/trust.py"
+    command = "scripts/few_drives.py"
     if not table.exists():
         actions = list(domain.actions())
         collect(actions, source, table, command=command, episodes=drives, seed=options.seed + drives)

@@ -1,8 +1,9 @@
 """What a model's errors on episodes that it was not learned from say about its predictions elsewhere.
 
-A model of the wrong form errs alike in alike situations, and so do models of resampled episodes: their spread
-does not show it. Here the errors are a Gaussian process over the features (Rasmussen and Williams 2006,
-chapter 2). Where alike episodes show an error, it is expected again; where there are none, any is possible.
+A model of the wrong form errs in the same way in similar situations, and so do models of resampled episodes:
+their spread does not show it. Here the errors are a Gaussian process over the features (Rasmussen and
+Williams 2006, chapter 2). Where similar episodes show an error, it is expected again. Where there are none,
+its mean is 0 and its deviation `signal`.
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ import numpy as np
 from ator_ros.geometry import FloatArray
 from ator_ros.schema import Within, require
 
-_MOST = 300
-"""Episodes kept: more hardly change the result, and make a request slower."""
-_CLIPPED = 4.0
-"""Standard deviations at which errors are clipped."""
+_MOST_EPISODES = 300
+"""Episodes kept, evenly spaced: more hardly change the result, and make a request slower."""
+_CLIPPED_AT, _NEIGHBORS = 4.0, 7
+"""Standard deviations from the median of similar episodes at which an error is clipped, as an accident."""
 _LEAST_SIGNAL = 0.5
-"""Least deviation of the process, as a share of the errors' own: a few episodes show no error by chance."""
+"""Least deviation of the process, as a share of that of the errors: a few episodes show none by chance."""
 _LENGTHS = (0.2, 1.0)
 """Least and greatest length of the process, in standard deviations of a feature, for a single feature."""
 _DIGITS = 4
@@ -45,9 +46,9 @@ class ErrorProcess:
     errors : tuple of float
         Actual less predicted duration in s of each episode, by a model that was learned without it.
     signal, noise : float
-        Standard deviations in s of the process, and of what differs between episodes that are alike.
+        Standard deviations in s of the process, and of the rest, which differs between similar episodes.
     length : float
-        Distance over which errors are alike.
+        Distance between points over which errors are similar.
     """
 
     features: tuple[str, ...]
@@ -64,6 +65,8 @@ class ErrorProcess:
         k = len(self.features)
         alike = len(self.center) == len(self.scale) == k and all(len(each) == k for each in self.points)
         require(alike, "points", f"{k} numbers each, as center and scale have", "others")
+        few = 1 <= len(self.points) <= _MOST_EPISODES
+        require(few, "points", f"1 to {_MOST_EPISODES} episodes", len(self.points))
         require(len(self.errors) == len(self.points), "errors", "one for each point", len(self.errors))
 
     def of_sum(self, features: FloatArray, signs: FloatArray) -> tuple[float, float]:
@@ -78,9 +81,9 @@ class ErrorProcess:
         """
         points = (features - np.array(self.center)) / np.array(self.scale)
         known, inverse, weights = self._solved
-        alike = signs @ self._kernel(points, known)
-        variance = signs @ self._kernel(points, points) @ signs - alike @ inverse @ alike
-        return float(alike @ weights), max(float(variance), 0.0)
+        similar = signs @ self._kernel(points, known)
+        variance = signs @ self._kernel(points, points) @ signs - similar @ inverse @ similar
+        return float(similar @ weights), max(float(variance), 0.0)
 
     @cached_property
     def _solved(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -88,43 +91,67 @@ class ErrorProcess:
         known = np.array(self.points)
         covariances = self._kernel(known, known) + self.noise**2 * np.eye(len(known))
         inverse: FloatArray = np.asarray(np.linalg.inv(covariances), dtype=float)
-        return known, inverse, inverse @ np.array(self.errors)
+        return known, inverse, inverse @ _clipped(np.array(self.errors), known)
 
     def _kernel(self, one: FloatArray, other: FloatArray) -> FloatArray:
         """Return the Matérn kernel (3/2) of points (n, k) and (m, k), shape (n, m)."""
-        squares = np.square(one[:, None] - other[None]).sum(axis=2)
+        squares = _squares(one, other)
         scaled: FloatArray = np.sqrt(3.0 * squares) / self.length
         kernel: FloatArray = self.signal**2 * (1.0 + scaled) * np.exp(-scaled)
         return kernel
 
 
-def observed_errors(names: Sequence[str], features: FloatArray, errors: FloatArray) -> ErrorProcess:
-    """Return the process that errors (n,) in s of episodes with features (n, k) make most likely."""
+def fit_error_process(names: Sequence[str], features: FloatArray, errors: FloatArray) -> ErrorProcess:
+    """Return the process of greatest likelihood for errors (n,) in s of episodes with features (n, k)."""
     # Only learning needs scikit-learn; nodes start without it.
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
-    features, errors = features[:_MOST], errors[:_MOST]
+    kept = np.linspace(0, len(errors) - 1, min(len(errors), _MOST_EPISODES)).astype(int)
+    features, errors = features[kept], errors[kept].round(_DIGITS)
     center, scale = features.mean(axis=0), features.std(axis=0)
     scale[scale < 1e-9] = 1.0
     points = np.round((features - center) / scale, _DIGITS)
-    spread = max(1.4826 * float(np.median(np.abs(errors - np.median(errors)))), 1e-3)
-    clipped = np.clip(errors, -_CLIPPED * spread, _CLIPPED * spread).round(_DIGITS)
+    spread = _spread(errors)
     shortest, longest = (length * np.sqrt(len(names)) for length in _LENGTHS)
-    process = ConstantKernel(spread**2, ((_LEAST_SIGNAL * spread) ** 2, (10.0 * spread) ** 2))
-    kernel = process * Matern(0.5 * longest, (shortest, longest), nu=1.5)
+    signal = ConstantKernel(spread**2, ((_LEAST_SIGNAL * spread) ** 2, (10.0 * spread) ** 2))
+    kernel = signal * Matern(0.5 * longest, (shortest, longest), nu=1.5)
     noise = WhiteKernel(spread**2, ((0.2 * spread) ** 2, (3.0 * spread) ** 2))
     with warnings.catch_warnings():  # a result at a bound is what the bound is for
         warnings.simplefilter("ignore", ConvergenceWarning)
-        found = GaussianProcessRegressor(kernel + noise).fit(points, clipped).kernel_.get_params()
+        found = (
+            GaussianProcessRegressor(kernel + noise)
+            .fit(points, _clipped(errors, points))
+            .kernel_.get_params()
+        )
     return ErrorProcess(
         tuple(names),
         tuple(center.tolist()),
         tuple(scale.tolist()),
         tuple(map(tuple, points.tolist())),
-        tuple(clipped.tolist()),
+        tuple(errors.tolist()),
         signal=float(np.sqrt(found["k1__k1__constant_value"])),
         noise=float(np.sqrt(found["k2__noise_level"])),
         length=float(found["k1__k2__length_scale"]),
     )
+
+
+def _spread(errors: FloatArray) -> float:
+    """Return the standard deviation in s, robust against outliers."""
+    return max(1.4826 * float(np.median(np.abs(errors - np.median(errors)))), 1e-3)
+
+
+def _clipped(errors: FloatArray, points: FloatArray) -> FloatArray:
+    """Return the errors (n,), each at most `_CLIPPED_AT` deviations off the median of similar episodes."""
+    count = min(_NEIGHBORS, len(errors))
+    nearest = np.argpartition(_squares(points, points), count - 1, axis=1)[:, :count]
+    usual, most = np.median(errors[nearest], axis=1), _CLIPPED_AT * _spread(errors)
+    clipped: FloatArray = errors.clip(usual - most, usual + most)
+    return clipped
+
+
+def _squares(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Return the squared distances of points (n, k) and (m, k), shape (n, m)."""
+    squares: FloatArray = np.square(one[:, None] - other[None]).sum(axis=2)
+    return squares
