@@ -34,10 +34,8 @@ from ator_ros.world.state import RobotState, World
 
 T = TypeVar("T")
 
-_MOST_PLACES = 1000
-"""Draws of one place before all places of a drive or a chain are drawn again."""
-_MOST_SEQUENCES = 100
-"""Draws of all places of a drive or a chain."""
+_MOST_PLACES = 1000  # draws of one place before all places of a drive or a chain are drawn again
+_MOST_SEQUENCES = 100  # draws of all places of a drive or a chain
 _BESIDE = 0.05
 _ALL_ROUND = (-math.pi, math.pi)
 

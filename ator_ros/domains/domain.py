@@ -49,8 +49,7 @@ from ator_ros.world.state import World
 GROUP = "ator_ros.domains"
 """Entry points of this group name the installed domains."""
 _LONGEST_REASON = 200
-_LARGEST_FILE = 200_000
-"""Bytes of a file; one with a dozen TOPs has 5 kB."""
+_LARGEST_FILE = 200_000  # bytes of a file; one with a dozen TOPs has 5 kB
 STAND_INS = "ator_ros.stand_ins"
 """Entry points of this group are actions that replace external action servers where ROS is missing."""
 _ENDINGS = (".yaml", ".yml")

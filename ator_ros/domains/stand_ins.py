@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
-from ator_ros.examples.pursuit import Pursuit
-from ator_ros.examples.rotate_drive_rotate import Law, Phase, RotateDriveRotate, State
+from ator_ros.examples.pursuit import Law, Pursuit
+from ator_ros.examples.rotate_drive_rotate import Phase, RotateDriveRotate, State
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import STOP, Command, World
 

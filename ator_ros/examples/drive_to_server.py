@@ -23,7 +23,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
 from ator_interfaces.action import DriveTo
-from ator_ros.examples.rotate_drive_rotate import ENDED, Law, Phase, RotateDriveRotate, State
+from ator_ros.examples.pursuit import Law
+from ator_ros.examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotate, State
 
 _FEEDBACK_PERIOD = 0.5
 _CODES = {Phase.MISSED: DriveTo.Result.MISSED, Phase.TOO_LONG: DriveTo.Result.TOO_LONG}
@@ -60,10 +61,7 @@ class DriveToServer(Node):
     """
 
     def __init__(
-        self,
-        name: str = "drive_to_server",
-        action: str = "drive_to",
-        law: type[Law] = RotateDriveRotate,
+        self, name: str = "drive_to_server", action: str = "drive_to", law: type[Law] = RotateDriveRotate
     ) -> None:
         super().__init__(name)
         self._law = law
@@ -74,13 +72,9 @@ class DriveToServer(Node):
         self._commands = self.create_publisher(Twist, "cmd_vel", 1)
         self.create_subscription(Odometry, "odom", self._take_odom, newest)
         self._server = ActionServer(
-            self,
-            DriveTo,
-            action,
-            self._execute,
-            goal_callback=self._consider,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )
+            self, DriveTo, action, self._execute,
+            goal_callback=self._consider, cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )  # fmt: skip
 
     def _consider(self, request: Any) -> GoalResponse:
         """Accept a goal that is a pose in the frame of odometry."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ator_ros.examples.rotate_drive_rotate import ENDED, Phase, State
+from ator_ros.examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotate, State
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,9 @@ class Tuning:
 class Pursuit:
     """Drives to one goal, x, y (m) and yaw (rad); one instance for each."""
 
-    def __init__(self, goal: tuple[float, float, float], tuning: Tuning | None = None) -> None:
-        self.tuning = tuning or Tuning()
+    tuning = Tuning()
+
+    def __init__(self, goal: tuple[float, float, float]) -> None:
         self.phase = Phase.FOLLOWING
         self.distance = math.inf
         self._goal = goal
@@ -113,3 +114,7 @@ class Pursuit:
         change = self.tuning.max_angular_accel / self.tuning.controller_frequency
         wanted = math.copysign(self.tuning.rotate_to_heading_angular_vel, angle)
         return max(self._w - change, min(self._w + change, wanted))
+
+
+Law = RotateDriveRotate | Pursuit
+"""A control law, for the server and for the simulation without ROS."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 
 @dataclass(frozen=True)
@@ -64,19 +63,6 @@ class State:
     yaw: float
     v: float = 0.0
     w: float = 0.0
-
-
-class Law(Protocol):
-    """A control law; see `RotateDriveRotate`."""
-
-    phase: Phase
-    distance: float  # m to the goal
-
-    def __init__(self, goal: tuple[float, float, float]) -> None: ...
-
-    def step(self, state: State) -> tuple[float, float]:
-        """Return the velocities (m/s, rad/s) for a state."""
-        ...
 
 
 class RotateDriveRotate:

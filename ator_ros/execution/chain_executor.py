@@ -29,8 +29,7 @@ from ator_ros.world.state import STOP, World
 
 STOPPING = "stopping, to go on from there"
 """Message of a step that waits until the robot stands."""
-_STAYED = 0.02
-"""Distance in m, and angle in rad, within which a robot has stayed where it was."""
+_STAYED = 0.02  # m, and rad, within which a robot has stayed where it was
 
 
 class Ending(enum.Enum):

@@ -17,12 +17,9 @@ from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_
 from ator_ros.tops.ranges import Range, Ranges
 from ator_ros.world.state import CONTROL_PERIOD, RobotState, World
 
-_DOUBT = 0.3
-"""Time in s for which an object must lead out; until then its velocity may be wrong, see `VelocityCheck`."""
-_ROUNDING = 1e-6
-"""In m; coordinates of 1e7 m have a resolution of 2e-9 m."""
-_OFF_THE_WAY = 0.05
-"""Distance in m by which an action may miss its goal or its path."""
+_DOUBT = 0.3  # s for which an object must lead out; until then its velocity may be wrong, see `VelocityCheck`
+_ROUNDING = 1e-6  # m; coordinates of 1e7 m have a resolution of 2e-9 m
+_OFF_THE_WAY = 0.05  # m by which an action may miss its goal or its path
 
 
 def room_inside(robot: Robot) -> float:

@@ -13,20 +13,13 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, World
 
-_CLEAR = 0.02
-"""Distance in m from the robot beyond which it does not push an object."""
-_SLOWEST = 0.1
-"""Speed in m/s below which rolling is not judged."""
-_HIT = 3.0
-"""Change of speed in m/s^2 above which an object has hit something or was pushed."""
-_LONGEST_GAP, _LEAST_GAP = 0.25, 0.02
-"""Greatest and least time in s between two sightings of a free roll."""
-_SHORTEST, _ENOUGH = 0.4, 0.6
-"""Least time in s of one free roll, and of all together, that counts."""
-_KEPT = 5
-"""Free rolls that are kept; their median counts."""
-_MOST, _FEWEST = 400, 5
-"""Greatest and least number of sightings in one free roll that counts."""
+_CLEAR = 0.02  # m from the robot beyond which it does not push an object
+_SLOWEST = 0.1  # m/s below which rolling is not judged
+_HIT = 3.0  # change of speed in m/s^2 above which an object has hit something or was pushed
+_LONGEST_GAP, _LEAST_GAP = 0.25, 0.02  # greatest and least time in s between two sightings of a free roll
+_SHORTEST, _ENOUGH = 0.4, 0.6  # s: least time of one free roll, and of all together, that counts
+_KEPT = 5  # free rolls that are kept; their median counts
+_MOST, _FEWEST = 400, 5  # greatest and least number of sightings in one free roll that counts
 _STRAY = 0.15
 """Share by which distance and integrated speed may differ: more is noise of a resting object, or a curve."""
 _SURE = 6.0

@@ -18,8 +18,7 @@ from tqdm import tqdm
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-_WORKERS_S = 60
-"""Time in s to wait for the first worker of a cluster."""
+_WORKERS_S = 60  # s to wait for the first worker of a cluster
 
 
 class BackendError(RuntimeError):

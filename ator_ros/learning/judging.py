@@ -27,12 +27,10 @@ _WINDOWS = (1000, 300, 100)
 """Numbers of newest records from which trees are learned: only these show how the robot changed."""
 FEWEST_LEARNED = 20
 """Records from which a tree can be learned."""
-_RECENT = (30, 100)
-"""Numbers of newest records to which trees are scaled."""
+_RECENT = (30, 100)  # numbers of newest records to which trees are scaled
 _FEWEST_SCALED = 12
 _SLOPES = (0.3, 3.0)
-_LEAST_LEAF = 8
-"""Records in a leaf."""
+_LEAST_LEAF = 8  # records in a leaf
 
 Learn = Callable[[IntArray], ModelTree | None]
 """Returns a tree learned from the records at these positions, oldest first; None if they are too few."""
@@ -171,14 +169,11 @@ def constant(name: str, value: float, samples: int) -> ModelTree:
 _TESTED = (25, 100)
 """Numbers of newest records on which trees are compared: few show a changed robot soon, many a small gain."""
 _FEWEST_TESTED = 12
-_LEVEL = 0.05
-"""Significance level over all candidates of one round."""
+_LEVEL = 0.05  # significance level over all candidates of one round
 _FOLDS = 3
 _EARLIER = 300
 _NO_LOSS = 1e-9
-_AS_GOOD = 0.05
-"""p-value above which one candidate counts as no better than another."""
-_SPREADS = (0.5, 10.0)  # least and greatest factor by which spreads change
+_AS_GOOD = 0.05  # p-value above which one candidate counts as no better than another
 _DRAWS = 5000
 
 
@@ -194,8 +189,7 @@ class RoundVerdict:
         Why the tree stays or is replaced, in a sentence with the mean losses of the tree in use and of the
         best candidate: absolute errors (s, m, rad), of success the Brier score.
     kind, tree
-        Name and tree of the better candidate, if any; spreads of durations are as large as its errors on the
-        tested records.
+        Name and tree of the better candidate, if any.
     tested, errors : ndarray or None
         Positions of the tested records, and what their values are more than the candidate predicted without
         them.
@@ -270,8 +264,6 @@ def judge(
         return RoundVerdict(count, reason)
     tree = learners[name](everything)
     assert tree is not None  # it was learned from fewer records
-    if data.measure == "duration":
-        tree = _with_observed_spread(tree, data, losses[:size, number])
     tested = test[:size]
     errors = data.values[tested] - predicted[name][:size]
     return RoundVerdict(count, f"{name}: {loss} from {figures}", name, tree, tested, errors)
@@ -333,12 +325,3 @@ def p_values(before: FloatArray, after: FloatArray) -> FloatArray:
     beyond = np.sum(greatest[:, None] >= gain.sum(axis=0) - 1e-12, axis=0)
     chances: FloatArray = (1.0 + beyond) / (_DRAWS + 1.0)
     return chances
-
-
-def _with_observed_spread(tree: ModelTree, data: TrainingData, losses: FloatArray) -> ModelTree:
-    """Return the tree with spreads as large as its losses on the newest records."""
-    error = 1.4826 * float(np.median(losses))  # standard deviation, robust against outliers
-    table = data.table[list(tree.names)].to_numpy()[-len(losses) :]
-    expected = float(np.median(tree.spread[tree.apply(table)]))
-    factor = float(np.clip(error / expected, *_SPREADS)) if expected > 0.0 else 1.0
-    return dataclasses.replace(tree, spread=factor * tree.spread)

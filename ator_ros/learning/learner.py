@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +29,7 @@ ROUND, KIND = "round.json", "round of learning"
 FROZEN = "frozen"
 _LONGEST_ROUND = 300.0  # real s; a round of 20,000 episodes takes some seconds
 _MOST_WAITING = 1000  # records; older ones are lost
-_SHARE = 0.02
-"""New records, as a share of all, after which to learn again."""
+_SHARE = 0.02  # new records, as a share of all, after which to learn again
 
 
 class Learner:
@@ -109,11 +108,8 @@ class Learner:
 
     def take_chain(self, chain: ChainGain) -> None:
         """Add a chain to what was gained with the set in use."""
-
-        def write() -> None:
+        with self._reporting_full_disk():
             self.gains = add_chain(self._folder, self.gains, chain)
-
-        self._guarded(write)
 
     def work(self, now: float) -> str | None:
         """Start or finish a round at the real time `now` (s); return a message when a round ends."""
@@ -157,7 +153,8 @@ class Learner:
         else:
             self.problem = ""
         self._last = {**result, "made": "", "ends": self._ends}
-        self._guarded(lambda: save(self._folder / ROUND, KIND, self._last))
+        with self._reporting_full_disk():
+            save(self._folder / ROUND, KIND, self._last)
         return self.problem or self._summary()
 
     def _read_gains(self) -> None:
@@ -207,17 +204,16 @@ class Learner:
             self._round = None
 
     def _store_waiting(self) -> None:
-        def store() -> None:
+        with self._reporting_full_disk():
             while self._waiting:
                 self._store.append(*self._waiting[0])
                 self._waiting.popleft()
 
-        self._guarded(store)
-
-    def _guarded(self, write: Callable[[], None]) -> None:
-        """Write; report a full disk until writing succeeds again."""
+    @contextlib.contextmanager
+    def _reporting_full_disk(self) -> Iterator[None]:
+        """Report a full disk until writing succeeds again."""
         try:
-            write()
+            yield
         except OSError as error:
             self.has_room = False
             self.problem = f"{self._folder}: expected room on the disk: {error.strerror}"

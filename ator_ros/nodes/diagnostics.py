@@ -26,8 +26,7 @@ STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 """Clock of timers that are independent of simulated time."""
 
 _PERIOD = 1.0
-_LASTING = 5
-"""Reports in a row after which a problem is logged."""
+_LASTING = 5  # reports in a row after which a problem is logged
 _LONGEST = 500
 _TICKS = 1000
 

@@ -27,10 +27,8 @@ from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, World
 
 _ABOVE_FLOOR = 0.02
-_POINT = 0.05
-"""Radius in m with which an object of unknown size is drawn."""
-_PERIOD = 0.2
-"""Time in s, on odometry's clock, between two updates."""
+_POINT = 0.05  # m: radius with which an object of unknown size is drawn
+_PERIOD = 0.2  # s on odometry's clock, between two updates
 _ROUNDING = 1e-6
 _MOST_POSES = 60
 

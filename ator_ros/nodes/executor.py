@@ -94,12 +94,7 @@ _COMMON = (
         "refine_again_after", AGAIN_AFTER, "m off what was expected to ask again, or 0", 0.0, 10.0, live=True
     ),
     Parameter(
-        "action_timeout",
-        _USUAL.action,
-        "s, by the stamps, that one action may take",
-        1.0,
-        LONGEST,
-        live=True,
+        "action_timeout", _USUAL.action, "s, by the stamps, that one action may take", 1.0, LONGEST, live=True
     ),
 )
 
@@ -281,14 +276,9 @@ class ExecutorNode(Node):
     async def _execute(self, handle: ServerGoalHandle) -> Any:
         """Begin a goal and wait for its end, which odometry callback and watchdog detect."""
         try:
+            predictors, refinement = self._predictors(), self._refinement
             run = GoalRun(
-                handle,
-                self._libraries,
-                self._predictors(),
-                self._refinement,
-                self._settings,
-                self._fence,
-                self._rolling,
+                handle, self._libraries, predictors, refinement, self._settings, self._fence, self._rolling
             )
         except MessageError as error:  # the running goal continues
             self._warn(f"refused: {error}")
@@ -406,16 +396,8 @@ class ExecutorNode(Node):
             missing = f"{', '.join(lost)}: expected recent messages; {cause}"
         elif self._run is not None:  # without a goal inputs are read less often than they come
             missing = self._diagnosis.rate_problem("odom", self._odom_timeout)
-        return Health(
-            "; ".join(
-                filter(
-                    None,
-                    (missing, self._commands.mismatch(), self._sets.problem, self._remotes.problem),
-                )
-            ),
-            error=stale and self._run is not None,
-            values=values,
-        )
+        problems = (missing, self._commands.mismatch(), self._sets.problem, self._remotes.problem)
+        return Health("; ".join(filter(None, problems)), stale and self._run is not None, values)
 
     def _knowledge(self, name: str, known: Container[str]) -> str:
         """Return whether an object is known, for diagnostics."""

@@ -318,14 +318,8 @@ def gain_of(
     refinement: Refinement | None = None, measured: MeasuredGain | None = None, models: str = ""
 ) -> msg.Gain:
     """Write the predicted gain of a refinement, and that measured so far with `models`; NaN where unknown."""
-    gain = msg.Gain(
-        models=models,
-        predicted=math.nan,
-        uncertainty=math.nan,
-        measured=math.nan,
-        measured_low=math.nan,
-        measured_high=math.nan,
-    )
+    unknown = ("predicted", "uncertainty", "measured", "measured_low", "measured_high")
+    gain = msg.Gain(models=models, **dict.fromkeys(unknown, math.nan))
     if refinement is not None and refinement.free:
         gain.predicted = refinement.before.duration - refinement.after.duration
         gain.uncertainty = refinement.uncertainty

@@ -106,8 +106,8 @@ class RefinementNode(Node):
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
         self._answered, self._cut_short, self._last_error = 0, 0, ""
         self._markers = LazyPublisher(self, MarkerArray, "refinement_markers")
-        self.create_service(RefineSubgoal, "refine_subgoal", self._serve_refinement, qos_profile=SERVICES)
-        self.create_service(PlanChains, "plan_chains", self._serve_plan, qos_profile=SERVICES)
+        self.create_service(RefineSubgoal, "refine_subgoal", self._serve, qos_profile=SERVICES)
+        self.create_service(PlanChains, "plan_chains", self._serve, qos_profile=SERVICES)
         self._diagnostics = Diagnostics(self, self._health)
         self.get_logger().info(
             f"refining chains for {robot.name} (domain {domain.name}, ROS domain "
@@ -140,21 +140,16 @@ class RefinementNode(Node):
     def _warm_up(self, library: TopLibrary, read: ModelSet) -> None:
         warm_up_refinement(library, self._refiner(read, Gate()))
 
-    def _serve_refinement(self, request: RefineSubgoal.Request, _: Any) -> RefineSubgoal.Response:
-        started = time.monotonic()
+    def _serve(self, request: Any, _: Any) -> Any:
+        """Answer a request to refine or to plan; a defect must not end the node."""
+        started, refines = time.monotonic(), isinstance(request, RefineSubgoal.Request)
         try:
-            response = self._refine(request)
-        except Exception as error:  # a defect must not end the node
-            response = messages.refused(self._failure(error), request.chain)
-        response.computation_time = time.monotonic() - started
-        return response
-
-    def _serve_plan(self, request: PlanChains.Request, _: Any) -> PlanChains.Response:
-        started = time.monotonic()
-        try:
-            response = self._plan(request)
-        except Exception as error:  # a defect must not end the node
-            response = PlanChains.Response(reason=self._failure(error))
+            response = self._refine(request) if refines else self._plan(request)
+        except Exception as error:
+            reason = self._failure(error)
+            response = (
+                messages.refused(reason, request.chain) if refines else PlanChains.Response(reason=reason)
+            )
         response.computation_time = time.monotonic() - started
         return response
 

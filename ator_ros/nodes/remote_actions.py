@@ -26,10 +26,8 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import STOP, World
 
-_QUESTIONS = 6
-"""Requests to a server within the longest silence."""
-_SHORTEST = 0.05
-"""Least real s between two of them."""
+_QUESTIONS = 6  # requests to a server within the longest silence
+_SHORTEST = 0.05  # least real s between two of them
 
 
 class RemoteServers:

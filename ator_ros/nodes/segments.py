@@ -25,10 +25,8 @@ YELLOW: Color = (1.0, 0.82, 0.24)
 WHITE: Color = (0.93, 0.94, 0.95)
 
 _LEG_WIDTH, _ALTERNATIVE_WIDTH, _LINE_WIDTH, _ARROW_WIDTH = 0.015, 0.008, 0.03, 0.04
-_ARROW = 0.4
-"""Length of an arrow in m."""
-_RING_RADIUS, _RING_DEPTH = 0.35, 0.35
-"""Radius in m where the chain is fastest, and what is added where it is slowest."""
+_ARROW = 0.4  # length of an arrow in m
+_RING_RADIUS, _RING_DEPTH = 0.35, 0.35  # m where the chain is fastest, and more where it is slowest
 _RING_WIDTH, _CHOSEN_WIDTH = 0.03, 0.05
 
 

@@ -60,12 +60,7 @@ _COMMON = (
     Parameter("robots", [""], "names of the robots, namespaces of their topics and frames; '': none"),
     # The maximum is faster than any computer.
     Parameter(
-        "real_time_factor",
-        1.0,
-        "simulated per real seconds; 0: as fast as possible",
-        0.0,
-        100.0,
-        live=True,
+        "real_time_factor", 1.0, "simulated per real seconds; 0: as fast as possible", 0.0, 100.0, live=True
     ),
     Parameter(
         "command_wait",
@@ -89,8 +84,7 @@ _COMMON = (
     Parameter("latency", 0.0, "simulated s after which odom and objects come, with their stamps", 0.0, 0.3),
 )
 _ERRORS = tuple(field.name for field in dataclasses.fields(ObjectErrors))
-_ASIDE = 1.0
-"""m between objects, and between robots, that are where they start by default."""
+_ASIDE = 1.0  # m between objects, and between robots, that are where they start by default
 _FASTEST_PERIOD, _LONGEST_PERIOD = 0.0005, 60.0
 _PAUSED_PERIOD = 0.05
 _REAL_TIME_TICKS = round(5.0 / TICK)  # ticks at real-time speed after the last command has expired

@@ -194,11 +194,6 @@ class Geometry:
         kept: Derived = self._kept[compute]
         return kept
 
-    @property
-    def driving(self) -> DrivingStyle:
-        """How the action was observed to drive."""
-        return self._driving if self._driving is not None else plain_driving(self.robot)
-
     @cached_property
     def rows(self) -> FloatArray:
         """Quantities that all share, shape (ROWS + room, n), see `ator_ros.performance.derived`.
@@ -217,11 +212,6 @@ class Geometry:
     def at_rest(self) -> BoolArray:
         """Whether the robot stands at the start and shall stand at the goal."""
         return np.asarray(self.rows[RESTS] > 0.5)
-
-    @property
-    def destination(self) -> tuple[FloatArray, FloatArray]:
-        """Where the axle shall come, in m: behind the goal's position if a held object shall come there."""
-        return self.rows[TO_X], self.rows[TO_Y]
 
     @property
     def dist(self) -> FloatArray:
@@ -251,7 +241,7 @@ class Geometry:
     @cached_property
     def path(self) -> PathTimes:
         """The fastest turn-straight-turn path as the action was observed to drive."""
-        driving, holding = self.driving, self.direct["hold"] > 0.5
+        driving, holding = self._driving or plain_driving(self.robot), self.direct["hold"] > 0.5
         hold = self.robot.hold if holding.any() else 0.0
         shapes = driving.approach_paths if holding.any() else driving.drive_paths
         paths = fastest_paths(self.ends, shapes, hold=hold)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -43,13 +42,13 @@ class DirectTable(Mapping[str, FloatArray]):
         Their values.
     """
 
-    __slots__ = ("_rows", "names", "table")
-
     def __init__(self, names: tuple[str, ...], table: FloatArray) -> None:
-        self.names, self.table, self._rows = names, table, _rows_of(names)
+        self.names, self.table = names, table
 
     def __getitem__(self, name: str) -> FloatArray:
-        row: FloatArray = self.table[self._rows[name]]
+        if name not in self.names:
+            raise KeyError(name)
+        row: FloatArray = self.table[self.names.index(name)]
         return row
 
     def __iter__(self) -> Iterator[str]:
@@ -57,11 +56,6 @@ class DirectTable(Mapping[str, FloatArray]):
 
     def __len__(self) -> int:
         return len(self.names)
-
-
-@lru_cache(maxsize=64)
-def _rows_of(names: tuple[str, ...]) -> dict[str, int]:
-    return {name: row for row, name in enumerate(names)}
 
 
 def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:

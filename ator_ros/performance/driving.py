@@ -18,8 +18,7 @@ from ator_ros.robot.description import Limits, Robot
 from ator_ros.schema import Within, require
 
 _Observed = Annotated[float, Within(1e-6, 1000.0)]
-_NUMBERS = 9
-"""Numbers of a shape of path."""
+_NUMBERS = 9  # numbers of a shape of path
 
 StoredShape = tuple[float | None, ...]
 """A `Shape` in a file: the fields of both turn profiles and the others; None where one does not apply."""

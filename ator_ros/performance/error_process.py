@@ -19,8 +19,7 @@ import numpy as np
 from ator_ros.geometry import FloatArray
 from ator_ros.schema import Within, require
 
-_MOST_EPISODES = 300
-"""Episodes kept, evenly spaced: more hardly change the result, and make a request slower."""
+_MOST_EPISODES = 300  # episodes kept, evenly spaced: more hardly change the result, and make a request slower
 _CLIPPED_AT, _NEIGHBORS = 4.0, 7
 """Standard deviations from the median of similar episodes at which an error is clipped, as an accident."""
 _LEAST_SIGNAL = 0.5

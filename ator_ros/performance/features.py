@@ -51,20 +51,11 @@ def _basic(name: str, unit: str, derives: str) -> Feature:
     return Feature(name, unit, variables(derives), lambda g: g.rows[row], row=row)
 
 
-def _raw(name: str, unit: str) -> Feature:
-    return _basic(name, unit, name)
-
-
 _PLACES = "x y xg yg yawg hold"
 _POSES = f"{_PLACES} yaw"
 
 PAPER_11 = (
-    _raw("x", "m"),
-    _raw("y", "m"),
-    _raw("yaw", "rad"),
-    _raw("xg", "m"),
-    _raw("yg", "m"),
-    _raw("yawg", "rad"),
+    *(_basic(name, DIRECT_VARIABLES[name], name) for name in ("x", "y", "yaw", "xg", "yg", "yawg")),
     _basic("dx", "m", "x xg yawg hold"),
     _basic("dy", "m", "y yg yawg hold"),
     _basic("dist", "m", _PLACES),

@@ -68,8 +68,7 @@ def rising_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[Hinge, ...
     return _hinges(groups, slopes)
 
 
-_Groups = list[list[list[int]]]
-"""By feature, the segments that share a slope."""
+_Groups = list[list[list[int]]]  # by feature, the segments that share a slope
 
 
 def _segments(values: FloatArray, bends: FloatArray) -> FloatArray:

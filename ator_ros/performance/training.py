@@ -63,10 +63,8 @@ SMALL_LEAF = 50
 _NEAREST = 0.01  # m, least distance
 _AT_GOAL = ((0.02, 0.05), (0.03, 0.08))
 """Distances (m) and angles (rad) to the goal that may count as being there."""
-_LEAST_AT_GOAL = 3
-"""Episodes that show how long an action takes there."""
-_ALIKE = 0.15
-"""Greatest difference in s of durations that count as the same there: three ticks."""
+_LEAST_AT_GOAL = 3  # episodes that show how long an action takes there
+_ALIKE = 0.15  # greatest difference in s of durations that count as the same there: three ticks
 _BRAKING_EPISODES, _BRAKING_SHARE = (
     15,
     0.05,

@@ -28,12 +28,10 @@ from ator_ros.world.state import World
 
 MOST_CHAINS = 1 + MOST_ALTERNATIVES
 """Chains for one goal: as many as a request to refinement may hold."""
-_MOST_PLANS = 16
-"""Symbolic plans that are searched; some cannot be used as there is no place for a step."""
+_MOST_PLANS = 16  # symbolic plans that are searched; some cannot be used as there is no place for a step
 _SPACING, _MOST_INTERVALS = 0.1, 400
 """Grid of candidate places: spacing in m, and greatest number of intervals along a side of the area."""
-_LEAST_DISTANCE = 0.5
-"""Preferred least distance in m of a place from the present one."""
+_LEAST_DISTANCE = 0.5  # m: preferred least distance of a place from the present one
 
 
 def chains_for(

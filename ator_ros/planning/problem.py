@@ -30,8 +30,7 @@ Plan = tuple[int, ...]
 """The indices of operators, in their order."""
 MOST_SEARCHES, MOST_STATES = 60, 20_000
 """Bounds for one goal; the shipped domains need about ten searches of less than a hundred states."""
-_MOVING = ("robot.", "hold.")
-"""Variables that are no destination, as they change on the way."""
+_MOVING = ("robot.", "hold.")  # variables that are no destination, as they change on the way
 
 
 @dataclass(frozen=True, slots=True)

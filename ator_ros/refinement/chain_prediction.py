@@ -7,7 +7,7 @@ exactly (paper, section 4.1). `ChainModel` predicts the actions from these situa
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -219,10 +219,12 @@ class ChainModel:
 
     def step_cost(self, index: int, before: FloatArray, after: FloatArray) -> FloatArray:
         """Return the cost of one action, shape (n,), see `ator_ros.refinement.search.StepCost`."""
-        if self._models[index] is None:
+        model = self._models[index]
+        if model is None:
             return np.zeros(1)
         direct = self._rows[index].table(before, after)
-        return self._cost(self._predicted(index, direct, self._objective.needs))
+        with np.errstate(all="ignore"):
+            return self._cost(model.predict(direct, self._objective.needs))
 
     def predict(self, *chains: Sequence[FloatArray]) -> list[ChainPrediction]:
         """Return the predictions for chains whose subgoals have these free values, each of shape (k,).
@@ -232,15 +234,9 @@ class ChainModel:
         actions: list[list[dict[str, float]]] = [[{} for _ in self._actions] for _ in chains]
         costs = np.zeros((len(chains), len(self._actions)))
         fields = tuple(dict.fromkeys(REPORTED + self._objective.needs))
-        tables = [self._tables(chain) for chain in chains]
-        for action in dict.fromkeys(self._actions):  # one prediction for all its steps costs hardly more
-            steps = [index for index, name in enumerate(self._actions) if name == action]
-            if self._models[steps[0]] is None:
-                continue
-            places = [(chain, step) for chain in range(len(chains)) for step in steps]
-            table = np.hstack([tables[chain][step].table for chain, step in places])
-            direct = DirectTable(tables[0][steps[0]].names, table)
-            prediction = self._predicted(steps[0], direct, fields)
+        for model, places, direct in self._by_model(chains):
+            with np.errstate(all="ignore"):
+                prediction = model.predict(direct, fields)
             columns = {name: getattr(prediction, name, None) for name in fields}
             known = {name: each.tolist() for name, each in columns.items() if each is not None}
             cost = self._cost(prediction)
@@ -259,28 +255,32 @@ class ChainModel:
         episodes that a model was not learned from show an error, the gain is that uncertain.
         """
         error = variance = 0.0
-        tables = [self._tables(chain) for chain in (before, after)]
-        for action in dict.fromkeys(self._actions):
-            steps = [index for index, name in enumerate(self._actions) if name == action]
-            model = self._models[steps[0]]
-            if model is None:
-                continue
-            table = np.hstack([of_chain[step].table for of_chain in tables for step in steps])
-            signs = np.repeat([1.0, -1.0], len(steps))
-            more, other = model.error_of_sum(DirectTable(tables[0][steps[0]].names, table), signs)
+        for model, places, direct in self._by_model((before, after)):
+            signs = np.array([(1.0, -1.0)[chain] for chain, _ in places])
+            more, other = model.error_of_sum(direct, signs)
             error, variance = error + more, variance + other
         return self._objective.weights.get("duration", 0.0) * math.sqrt(error**2 + variance)
 
-    def _tables(self, chain: Sequence[FloatArray]) -> list[DirectTable]:
-        """Return the direct variables of each step of one chain, whose free values have shapes (k,)."""
-        values = [np.zeros((1, 0)), *(each[None, :] for each in chain)]
-        return [rows.table(values[step], values[step + 1]) for step, rows in enumerate(self._rows)]
+    def _by_model(
+        self, chains: Sequence[Sequence[FloatArray]]
+    ) -> Iterator[tuple[PredictsPerformance, list[tuple[int, int]], DirectTable]]:
+        """Yield each model, the numbers of chain and step where it predicts, and their direct variables.
 
-    def _predicted(self, index: int, direct: DirectTable, fields: tuple[str, ...]) -> Any:
-        model = self._models[index]
-        assert model is not None
-        with np.errstate(all="ignore"):
-            return model.predict(direct, fields)
+        One prediction for all its steps costs hardly more than one.
+        """
+        tables = []
+        for chain in chains:
+            values = [np.zeros((1, 0)), *(each[None, :] for each in chain)]
+            tables.append(
+                [rows.table(values[step], values[step + 1]) for step, rows in enumerate(self._rows)]
+            )
+        for action in dict.fromkeys(self._actions):
+            steps = [index for index, name in enumerate(self._actions) if name == action]
+            model = self._models[steps[0]]
+            if model is not None:
+                places = [(number, step) for number in range(len(chains)) for step in steps]
+                table = np.hstack([tables[number][step].table for number, step in places])
+                yield model, places, DirectTable(tables[0][steps[0]].names, table)
 
     def _cost(self, prediction: Any) -> FloatArray:
         cost: FloatArray = np.fmin(self._objective.cost(prediction), np.inf)  # NaN becomes infinite

@@ -39,11 +39,9 @@ NEGLIGIBLE = 0.02
 _POINTS = 2048
 _SLACK = 0.05
 """Margin (m, rad, m/s) by which a value may leave the experience, besides the share `_ROOM` of its range."""
-_ROOM = 0.05
-"""Share by which the extent of the points that a region allows is widened on each side."""
+_ROOM = 0.05  # share by which the extent of the points that a region allows is widened on each side
 _PLACE = frozenset("xy")
-_SAME = 1e-6
-"""Rounding error of a conversion to a message and back, in the variable's unit."""
+_SAME = 1e-6  # rounding error of a conversion to a message and back, in the variable's unit
 
 Bound = Relation | Region
 

@@ -7,12 +7,9 @@ from dataclasses import dataclass
 
 from ator_ros.world.state import CONTROL_PERIOD
 
-_FEWEST_REFINED, _FEWEST_COMPARED = 10, 3
-"""Chains from which on a measured gain can close the gate."""
-_REQUIRED = 0.5
-"""Share of the predicted gain that the measured one has to reach."""
-_ZERO = 0.005
-"""Gain in s that is shown as 0.00 s."""
+_FEWEST_REFINED, _FEWEST_COMPARED = 10, 3  # chains from which on a measured gain can close the gate
+_REQUIRED = 0.5  # share of the predicted gain that the measured one has to reach
+_ZERO = 0.005  # gain in s that is shown as 0.00 s
 
 
 @dataclass(frozen=True)

@@ -303,10 +303,8 @@ def load_robot(path: Path | str | None = None) -> Robot:
     return robot
 
 
-_MOST_WHEEL = 0.49
-"""Greatest share of the robot's mass that one wheel may have."""
-_LOOSE = 2.0
-"""Fingers farther apart than so many widths of what they hold do not hold it."""
+_MOST_WHEEL = 0.49  # greatest share of the robot's mass that one wheel may have
+_LOOSE = 2.0  # fingers farther apart than so many widths of what they hold do not hold it
 _SAME_RADIUS = 0.1
 """Share by which the radius of an object may differ from the one that the holder is made for."""
 

@@ -36,8 +36,7 @@ _PORTS = (1024, 65535)  # below, only root may listen
 _PERIOD = 1.0 / 25.0  # s
 _SIMULATED = {"lockstep": True}
 """The simulation waits for the executor at any speed, so that a busy machine does not change a chain."""
-_EXECUTED = {"odom_timeout": 60.0}
-"""Real s, the greatest allowed: a chain may be paused for so long."""
+_EXECUTED = {"odom_timeout": 60.0}  # real s, the greatest allowed: a chain may be paused for so long
 
 
 def serve(options: argparse.Namespace, words: Sequence[str]) -> None:

@@ -13,10 +13,8 @@ from ator_ros.tops.chain import Top, TopCall
 from ator_ros.tops.conditions import Condition, Statement, state_of
 from ator_ros.world.state import World
 
-_TOUCHING = 0.08
-"""Distance in m from the hold, beyond the length of the holder, within which an object counts as touched."""
-_SLACK = 1.2
-"""Hysteresis: distance beyond which a held object is lost, over that up to which it is held."""
+_TOUCHING = 0.08  # m from the hold, beyond the length of the holder, within which an object counts as touched
+_SLACK = 1.2  # hysteresis: distance beyond which a held object is lost, over that up to which it is held
 
 
 def objects_in(top: Top) -> list[str]:

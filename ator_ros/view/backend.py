@@ -43,8 +43,7 @@ from ator_ros.world.messages import MessageError, world_from
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _SPIN = 0.02
-_RETRY = 3.0
-"""Real s after which a request is sent again: DDS drops an answer to a client not yet discovered."""
+_RETRY = 3.0  # real s after which a request is sent again: DDS drops an answer to a client not yet discovered
 _DISCOVERY = 2.0  # real s after which a simulation, or a service of the executor, counts as missing
 _PLACED = 0.1  # real s after which all nodes have received what the simulation has placed
 _GONE = 5.0  # real s without an executor after which its chain counts as lost
@@ -368,12 +367,9 @@ class Backend:
         """
         try:
             self._start(run, draft, refine=refine)
-        except BaseException:
+        finally:
             if self.paused:
                 self._resume()
-            raise
-        if self.can_place:
-            self.pause(paused=False)
 
     def _start(self, run: Run, draft: Draft, *, refine: bool) -> None:
         if not self._server.server_is_ready():

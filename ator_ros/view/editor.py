@@ -14,10 +14,8 @@ from ator_ros.view.runs import OTHERS, Answer, Run
 from ator_ros.world.state import World
 
 NAIVE, REFINED = "naive", "refined"
-_RETRY_STEPS = 25
-"""Steps after which refinement is asked again if it was not running."""
-_FOLLOW_PERIOD = 0.2
-"""Seconds of the robot's clock between two updates of a draft that follows the robot."""
+_RETRY_STEPS = 25  # steps after which refinement is asked again if it was not running
+_FOLLOW_PERIOD = 0.2  # seconds of the robot's clock between two updates of a draft that follows the robot
 
 
 class Editor:

@@ -22,8 +22,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.world.scene import Area
 
 LOOPBACK = "127.0.0.1"
-_CAMERA_HEIGHT = 0.85
-"""Height of the camera as a share of the area's length."""
+_CAMERA_HEIGHT = 0.85  # height of the camera as a share of the area's length
 _FLOOR = (72, 122, 84)
 _ABOVE_FLOOR = 0.04
 _KNOB_RADIUS, _KNOB_DISTANCE = 0.09, 0.35

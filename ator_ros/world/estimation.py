@@ -15,15 +15,11 @@ import numpy as np
 from ator_ros.geometry import Pose
 from ator_ros.world.state import ObjectState, RobotState
 
-_SPAN = 0.3
-"""Time in s of positions from which a velocity is fitted."""
-_LEAST = 0.05
-"""Time in s that positions must span; until then the object counts as at rest."""
-_FASTEST = 20.0
-"""Speed in m/s above which an object was found elsewhere instead of moving: other robots reach 15 m/s."""
+_SPAN = 0.3  # s of positions from which a velocity is fitted
+_LEAST = 0.05  # s that positions must span; until then the object counts as at rest
+_FASTEST = 20.0  # m/s above which an object was found elsewhere instead of moving: other robots reach 15 m/s
 _KEPT_POSES = 64
-_ROBOT_SPAN = 0.04
-"""Least time in s between two poses from which the robot's velocity is derived: one tick at 20 Hz."""
+_ROBOT_SPAN = 0.04  # s: least time between poses from which a velocity is derived: one tick at 20 Hz
 _ROUNDING = 1e-6
 _BEYOND_LIMITS = 1.5
 """A robot that seems to move so many times as fast as its limits was found elsewhere, or is turned about."""
@@ -110,19 +106,13 @@ class RobotVelocity:
         self._jumped = jumps
 
 
-_BASELINE = 0.2
-"""Time in s over which velocities are derived from positions; a jump is believed as long."""
-_FORGET = 1.0
-"""Time in s without a sighting after which earlier ones are forgotten."""
-_SLACK = 0.3
-"""Difference in m/s that errors of stamps and filters in cameras explain at any speed."""
-_SHARE = 0.1
-"""Further difference that they explain, as a share of the speed."""
-_PUSH = 1.0
-"""Acceleration in m/s^2 of an object that rolls freely or is pushed."""
+_BASELINE = 0.2  # s over which velocities are derived from positions; a jump is believed as long
+_FORGET = 1.0  # s without a sighting after which earlier ones are forgotten
+_SLACK = 0.3  # difference in m/s that errors of stamps and filters in cameras explain at any speed
+_SHARE = 0.1  # further difference that they explain, as a share of the speed
+_PUSH = 1.0  # m/s^2 of an object that rolls freely or is pushed
 _SIGMAS = 4.0
-_KEPT = 256
-"""Sights kept at most: while stamps stand, as those of a paused simulation, sights go on coming."""
+_KEPT = 256  # sights kept at most: while stamps stand, as those of a paused simulation, sights go on coming
 
 
 class VelocityCheck:
@@ -184,16 +174,12 @@ class VelocityCheck:
         return ObjectState(there.x, there.y, vx, vy), None if said else remark
 
 
-_WINDOW = 0.5
-"""Time in s over which the motion of a robot's poses is compared with that of its twist."""
+_WINDOW = 0.5  # s over which the motion of a robot's poses is compared with that of its twist
 _LONGEST_STEP = 0.3
 """Time in s between two messages beyond which the motion between them cannot be derived from the twist."""
-_LEAST_MOTION = 0.03
-"""m or rad in one window up to which a robot counts as at rest."""
-_MOST_OFF = 0.015
-"""m or rad in one window that filters, slip and late stamps explain at any speed."""
-_MOST_SHARE = 0.3
-"""Further difference that they explain, as a share of the greater motion."""
+_LEAST_MOTION = 0.03  # m or rad in one window up to which a robot counts as at rest
+_MOST_OFF = 0.015  # m or rad in one window that filters, slip and late stamps explain at any speed
+_MOST_SHARE = 0.3  # further difference that they explain, as a share of the greater motion
 _CONFIRMED = 3
 """Windows that must contradict, more than agree, before it is reported: one may be a corrected pose."""
 

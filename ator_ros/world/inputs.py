@@ -9,18 +9,14 @@ from collections.abc import Mapping
 from ator_ros.world.estimation import JUMP, Sightings, StampError
 from ator_ros.world.state import ObjectState, RobotState, World
 
-_FASTEST = 1000.0
-"""Greatest plausible ratio of simulated to real time; simulations run at a few hundred."""
-_LONGEST = 1.0
-"""Longest real time in s without odometry to which that ratio applies."""
+_FASTEST = 1000.0  # greatest plausible ratio of simulated to real time; simulations run at a few hundred
+_LONGEST = 1.0  # longest real s without odometry to which that ratio applies
 _PACE_WINDOW, _PACE_STEP = 2.0, 0.1
 """Real s over which the pace of stamps is measured, and between two messages that are remembered for it."""
 _PACE_LEAST = 0.5
 """Least real s over which it is measured: messages that arrive 0.05 s late then change it by a tenth."""
-_REAL_TIME = 0.8
-"""Pace below which stamps run slower than real time, as in a slow simulation."""
-_SLOWEST = 50.0
-"""Greatest factor of timeouts: with it a simulation at 0.02 times real time keeps them."""
+_REAL_TIME = 0.8  # pace below which stamps run slower than real time, as in a slow simulation
+_SLOWEST = 50.0  # greatest factor of timeouts: with it a simulation at 0.02 times real time keeps them
 GAP = 1.0
 """Real time in s without odometry after which the base may have been restarted."""
 

@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from ator_ros.geometry import FloatArray
 
 _LATELY = 2.0  # s after the newest transform of all
-_KEPT = 512
-"""Transforms of each frame that are remembered: five seconds at 100 Hz."""
+_KEPT = 512  # transforms of each frame that are remembered: five seconds at 100 Hz
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

@@ -348,8 +348,7 @@ _DRIBBLING = Style(0.1, 0.05, 0.05, 0.15, 1.2 / 0.1, 0.5, 0.36)
 _TO_SHOT = Style(0.12, 0.05, 0.05, 0.15, 1.2 / 0.12, 0.6, 0.36)
 
 _AT_BALL = 0.2  # m between the ball and the hold of a robot at the goal
-_BACKING = 0.3
-"""Speed in m/s at which the robot backs off from a ball in its front."""
+_BACKING = 0.3  # m/s at which the robot backs off from a ball in its front
 _STRAIGHTENING = 0.5  # rad that a robot may turn on the spot with the ball between its fins
 
 
@@ -416,11 +415,9 @@ _LOOSE, _TAKEN = 0.025, 0.01
 """Distances in m of the ball before the hold. A ball that is farther away than the first is taken in, up to
 the second, before the first turn, in which it would slip out."""
 
-_TAKING = 0.3
-"""Speed in m/s at which the ball is taken in."""
+_TAKING = 0.3  # m/s at which the ball is taken in
 
-_TURNING = 0.3
-"""Angle in rad that the robot may turn on the spot with the ball, once it is at the goal."""
+_TURNING = 0.3  # rad that the robot may turn on the spot with the ball, once it is at the goal
 
 
 class _BezierHolding(_BezierAction):
@@ -481,8 +478,7 @@ _SLANT = 0.9  # rad
 _BEFORE_LINE = 0.35  # m between ball and line where the curve ends
 _LINE = 0.02
 _BEND = 4.0  # 1/m
-_SHOT_OVER = Standstill(0.05)
-"""A ball and a robot too slow to score any more, before either has come to rest."""
+_SHOT_OVER = Standstill(0.05)  # a ball and a robot too slow to score any more, before either has come to rest
 
 
 class BezierShoot(_BezierHolding):

@@ -31,8 +31,7 @@ def objects_of(ball: ObjectState | None) -> dict[str, ObjectState]:
     return {} if ball is None else {BALL: ball}
 
 
-_MISPLACED = 1e-5
-"""In m and rad: how far a goal may be from the line's middle."""
+_MISPLACED = 1e-5  # m and rad: how far a goal may be from the line's middle
 _CENTER_CIRCLE = 1.0  # m
 
 

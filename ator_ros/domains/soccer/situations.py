@@ -202,8 +202,7 @@ def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:
 
 T = TypeVar("T")
 
-_DRAWS = 200
-"""Draws before giving up; each is planned, which takes 5 ms."""
+_DRAWS = 200  # draws before giving up; each is planned, which takes 5 ms
 
 
 def shoot_with_room(robot: Robot, rng: np.random.Generator) -> Situation:

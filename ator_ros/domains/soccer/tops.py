@@ -12,8 +12,7 @@ from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Bearing, Condition, Distance, Region, Term
 from ator_ros.tops.objects import held_within, lost_beyond
 
-_NET = 0.1
-"""Distance in m by which the net gives way behind the depth of the goal."""
+_NET = 0.1  # m by which the net gives way behind the depth of the goal
 _USUAL_FIELD = Field(8.0, 5.0, goal_width=2.0, goal_depth=0.6)
 
 GO_TO_POSE = Top(

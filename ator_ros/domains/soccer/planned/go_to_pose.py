@@ -31,8 +31,7 @@ _MOVED = 0.04  # m
 _LAGGING = 0.05  # s: motors with which a robot that catches up brakes too late, and has to come back for 3 s
 _TURNS_WITHIN = 0.04
 """Distance in m from the goal within which a standing robot only turns: less than what counts as arrived."""
-_LEAVING = (0.0, 0.3)
-"""Speeds at the end of the straight drive away from a ball, as shares of the limit."""
+_LEAVING = (0.0, 0.3)  # speeds at the end of the straight drive away from a ball, as shares of the limit
 _TRIES_AT_SPEED = 1000
 """Paths that are checked to arrive at a speed, half as many after leaving a ball: so that a tick suffices."""
 _SLOWER = (1.0, 0.75, 0.5)  # of the goal's speed; where there is no way to arrive so fast, the next, and rest
