@@ -216,8 +216,9 @@ def _touches(states: FloatArray, goal: Pose, shape: Outline, ball: BallObstacle)
 _SHARES = (-1.0, -0.85, -0.7, -0.55, -0.4, -0.25, -0.1, 0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
 _RUN_CHANGES = (-1.0, -0.75, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.75, 1.0)
 _RUN_SHARES = (0.0, 0.35, 0.6, 0.8, 1.0)
-TRIES = 3000
-"""Paths that are checked: in 3200 drives, approaches and dribbles at posts the last success was try 2841."""
+TRIES = 10_000
+"""Paths that are checked, 2 us each. In 6000 dribbles that begin at speed, anywhere on the field, the last
+success was try 4225, by a robot that brakes weakly (Pioneer LX)."""
 _LONGER = 0.05  # s that closing a path may add; some then need a drive back, which takes seconds
 
 
