@@ -183,3 +183,20 @@ def test_the_refinement_node_loads_a_set(host: Host, client: Client, tmp_path: P
     point_to(folder, broken)
     client.eventually(lambda: "000009-broken is not used: " in node.output, "a warning")
     assert refine(client, request_of_the_paper()).before.duration == after.before.duration
+
+
+def test_some_executed_chains_run_as_planned_to_compare(
+    host: Host, client: Client, tmp_path: Path, models: Path
+) -> None:
+    save_small_models(models)
+    host("refinement", models=models, learned=tmp_path / "learned", deadline=20.0)
+    request = request_of_the_paper(yaw=3.0)
+    request.measure = True
+    answers = (refine(client, request) for _ in range(200))  # a tenth of them compares
+    compared = next(answer for answer in answers if answer.gain.comparison)
+    assert not compared.refined
+    assert "kept as planned, to measure what refinement gains" in compared.reason
+    assert compared.chain.calls[0].goal.pose.orientation.z == pytest.approx(math.sin(1.5))
+    assert compared.gain.predicted > 0.5
+    assert client.set_parameters("refinement", comparison_share=0.0)[0].successful
+    assert all(refine(client, request).refined for _ in range(50))
