@@ -2,7 +2,7 @@
 
 scripts/run python scripts/few_drives.py --work trust
 
-For each server it collects 400, 200, 100 and 50 random drives without ROS, learns from each, and executes the
+For each server it collects 50, 100, 200 and 400 random drives without ROS, learns from each, and executes the
 same new tours with every model. The oracle is executed once, beside the model of most drives. The command
 resumes.
 """
@@ -24,8 +24,6 @@ from ator_ros.tools.collect import collect
 from ator_ros.tools.evaluate import evaluate
 from ator_ros.tools.train import train
 
-DRIVES = (400, 200, 100, 50)
-"""Numbers of drives, those of the oracle's model first."""
 USERS = {
     "fixed": "heading 0",
     "arrive": "bearing from the station before",
@@ -53,7 +51,8 @@ def measured(domain_name: str, drives: int, work: Path, options: argparse.Namesp
         actions = list(domain.actions())
         collect(actions, source, table, command=command, episodes=drives, seed=options.seed + drives)
     train([table], Path(source.models), command=command, domain=domain, robot=domain.robot(None))
-    first = drives == DRIVES[0]
+    most = max(options.drives)
+    first = drives == most
     settings = Settings(
         options.seed,
         next(iter(domain.chains)),
@@ -63,14 +62,14 @@ def measured(domain_name: str, drives: int, work: Path, options: argparse.Namesp
         source=source,
         joint_oracle=first,
     )
-    others = None if first else work / f"{domain_name}_{DRIVES[0]}" / "evaluation"
+    others = None if first else work / f"{domain_name}_{most}" / "evaluation"
     evaluate(settings, out, command=command, situations=options.tours, oracle_from=others)
     return dict(load(out / RESULT, KIND, dict[str, Any])["summary"])
 
 
 def rows(domain_name: str, summaries: dict[int, dict[str, Any]]) -> Iterator[str]:
     """Yield the rows of one server."""
-    summary = summaries[DRIVES[0]]
+    summary = summaries[max(summaries)]
     oracle, naive = summary["oracle"], summary["naive"]
     yield f"| {domain_name} | naive | {naive['mean_duration_s']:.2f} s | | | |"
     yield f"| | oracle | {oracle['mean_duration_s']:.2f} s | {_gain(oracle)} | | |"
@@ -96,6 +95,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--domains", nargs="+", default=["pursuit", "tour"])
+    parser.add_argument("--drives", nargs="+", type=int, default=[50, 100, 200, 400])
     parser.add_argument("--tours", type=int, default=500)
     parser.add_argument("--oracle", type=int, default=12)
     parser.add_argument("--seed", type=int, default=6040)
@@ -107,7 +107,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         "| --- | --- | --- | --- | --- | --- |",
     ]
     for name in options.domains:
-        lines += rows(name, {drives: measured(name, drives, options.work, options) for drives in DRIVES})
+        most_first = sorted(options.drives, reverse=True)
+        lines += rows(name, {drives: measured(name, drives, options.work, options) for drives in most_first})
     text = "\n".join(lines) + "\n"
     if options.out:
         write_text(options.out, text)
