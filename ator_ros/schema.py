@@ -1,16 +1,16 @@
 """Files as typed classes: cattrs structures parsed data strictly, and reports the first field that is wrong.
 
 A schema is a dataclass. Its annotations define the fields: numbers are finite, nothing is converted
-silently (no "3" for 3, no true for 1), a union is the first of its types that fits, and `Within`, `OneOf`,
-`Name` and `NotEmpty` narrow further. Fields without a default are required. Unknown fields are an error. A
-schema's own ``__post_init__`` raises ValueError for constraints between fields.
+silently (no "3" for 3, no true for 1), a union is the first of its types that fits, and `Within` and `Must`
+narrow further. Fields without a default are required. Unknown fields are an error. A schema's own
+``__post_init__`` raises ValueError for constraints between fields.
 """
 
 from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sized
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from types import NoneType, UnionType
 from typing import (
@@ -60,32 +60,19 @@ class Within:
 
 
 @dataclass(frozen=True)
-class OneOf:
-    """In `Annotated`: a text is one of `names`."""
+class Must:
+    """In `Annotated`: what a value must be, in words, and whether it is."""
 
-    names: tuple[str, ...]
+    expected: str
+    holds: Callable[[Any], bool]
 
-    def check(self, value: str) -> str | None:
-        """Return what was expected, if `value` is none of the names."""
-        return None if value in self.names else f"one of {', '.join(self.names)}"
-
-
-@dataclass(frozen=True)
-class Name:
-    """In `Annotated`: a text is a name of letters, digits and _, not beginning with a digit."""
-
-    def check(self, value: str) -> str | None:
-        """Return what was expected, if `value` is no name."""
-        return None if value.isascii() and value.isidentifier() else "a name of letters, digits and _"
+    def check(self, value: Any) -> str | None:
+        """Return what was expected, if `value` is something else."""
+        return None if self.holds(value) else self.expected
 
 
-@dataclass(frozen=True)
-class NotEmpty:
-    """In `Annotated`: a list has entries."""
-
-    def check(self, value: Sized) -> str | None:
-        """Return what was expected, if `value` is empty."""
-        return None if len(value) else "at least one"
+NAME = Must("a name of letters, digits and _", lambda text: text.isascii() and text.isidentifier())
+NOT_EMPTY = Must("at least one", bool)
 
 
 def structured(data: object, schema: type[T]) -> T:
@@ -235,6 +222,10 @@ def _narrowed(converter: Converter, kind: Any) -> Callable[[object, object], Any
     return structure
 
 
+def _literal(converter: Converter, texts: tuple[str, ...]) -> Callable[[object, object], Any]:
+    return _narrowed(converter, Annotated[str, Must(f"one of {', '.join(texts)}", texts.__contains__)])
+
+
 def _either(converter: Converter, kind: Any) -> Callable[[object, object], Any]:
     """Return the hook of a union: the first table with all fields, else the first type that fits."""
     kinds = [inner for inner in get_args(kind) if inner is not NoneType]
@@ -285,10 +276,7 @@ def _converter() -> Converter:
             lambda kind: _table(converter, kind),
         ),
         (lambda kind: get_origin(kind) is Annotated, lambda kind: _narrowed(converter, kind)),
-        (
-            lambda kind: get_origin(kind) is Literal,
-            lambda kind: _narrowed(converter, Annotated[str, OneOf(get_args(kind))]),
-        ),
+        (lambda kind: get_origin(kind) is Literal, lambda kind: _literal(converter, get_args(kind))),
         (lambda kind: get_origin(kind) in (Union, UnionType), lambda kind: _either(converter, kind)),
     )
     for applies, factory in factories:

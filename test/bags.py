@@ -92,10 +92,7 @@ class Messages:
 
 
 def record(
-    folder: Path,
-    *,
-    topics: tuple[str, ...] = ("/robot/odom", "/robot/cmd_vel"),
-    jump: float = 0.0,
+    folder: Path, *, topics: tuple[str, ...] = ("/robot/odom", "/robot/cmd_vel"), jump: float = 0.0
 ) -> list[float]:
     """Record two drives with pauses as the nodes do, and return their durations in s.
 
@@ -105,10 +102,7 @@ def record(
 
     make, types = Messages(), {"odom": ODOMETRY, "cmd_vel": TWIST}
     durations = []
-    with (
-        Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer,
-        Simulation(ROBOT) as sim,
-    ):
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer, Simulation(ROBOT) as sim:
         links = {
             topic.rpartition("/")[2]: writer.add_connection(
                 topic, types[topic.rpartition("/")[2]], typestore=make.store

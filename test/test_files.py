@@ -5,18 +5,18 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import pytest
 
 from ator_ros.files import FileError, load, portable_command, save
-from ator_ros.schema import OneOf, SchemaError, Within, structured, unstructured
+from ator_ros.schema import SchemaError, Within, structured, unstructured
 
 
 @dataclass(frozen=True)
 class Wheel:
     radius: Annotated[float, Within(0.0)]
-    side: Annotated[str, OneOf(("left", "right"))] = "left"
+    side: Literal["left", "right"] = "left"
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ SHORT = 0.5
 """Distance in m between start and goal below which a drive is short."""
 _TURNS, _SHORT_DRIVES, _STAYS = 0.06, 0.06, 0.03
 """Shares of situations in which the robot turns on the spot, drives less than `SHORT`, or is at its goal."""
-_STAYS_WITHIN = (0.03, 0.08)
-"""Greatest distance (m) and angle (rad) between start and goal of a robot that is at its goal."""
+_STAYS_WITHIN = (0.03, 0.08)  # m and rad between start and goal of a robot that is at its goal
 
 
 class NoPlaceError(ConfigError):

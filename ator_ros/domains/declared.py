@@ -24,7 +24,7 @@ from ator_ros.files import is_name
 from ator_ros.geometry import Pose
 from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.robot.description import Robot
-from ator_ros.schema import Name, NotEmpty, Within, require
+from ator_ros.schema import NAME, NOT_EMPTY, Within, require
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.library import TopLibrary
@@ -67,7 +67,7 @@ class DeclaredPlace:
         return Pose(*(float(rng.uniform(spread[0], spread[-1])) for spread in (self.x, self.y, self.yaw)))
 
 
-Places = Annotated[tuple[DeclaredPlace, ...], NotEmpty()]
+Places = Annotated[tuple[DeclaredPlace, ...], NOT_EMPTY]
 Apart = Annotated[float, Within(0.0, FARTHEST)]
 """A distance in m."""
 
@@ -200,7 +200,7 @@ class DeclaredChain:
     Two fixed places that follow each other may be nearer.
     """
 
-    name: Annotated[str, Name()]
+    name: Annotated[str, NAME]
     start: Places
     steps: tuple[DeclaredStep, ...]
     apart: Apart = 0.5
@@ -246,9 +246,9 @@ class DeclaredChain:
 class DeclaredTop:
     """A TOP; see `Top`. Its conditions are lists of terms with a tolerance or a range (low, high)."""
 
-    name: Annotated[str, Name()]
+    name: Annotated[str, NAME]
     action: str
-    post: Annotated[tuple[Term | Region, ...], NotEmpty()]  # success is the post-condition
+    post: Annotated[tuple[Term | Region, ...], NOT_EMPTY]  # success is the post-condition
     pre: tuple[Term | Region, ...] = ()
     point: Literal["axle", "hold"] = "axle"
     # A robot that has stopped oscillates for seconds; a longer wait is an action of its own.
@@ -285,7 +285,7 @@ class DeclaredAction:
         Of a remote action: the drives from which experience is gathered.
     """
 
-    name: Annotated[str, Name()]
+    name: Annotated[str, NAME]
     local: LocalAction | None = None
     remote: RemoteCall | None = None
     goal_variables: tuple[GoalVariable, ...] = ()
@@ -377,8 +377,8 @@ class DeclaredServer:
 class DeclaredDomain:
     """A whole file; see docs/remote_actions.md."""
 
-    name: Annotated[str, Name()]
-    tops: Annotated[tuple[DeclaredTop, ...], NotEmpty()]
+    name: Annotated[str, NAME]
+    tops: Annotated[tuple[DeclaredTop, ...], NOT_EMPTY]
     actions: tuple[DeclaredAction, ...]
     objects: tuple[ObjectSource, ...] = ()
     variables: tuple[DeclaredVariable, ...] | None = None

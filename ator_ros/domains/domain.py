@@ -17,20 +17,11 @@ import numpy as np
 
 from ator_ros.actions import DEFAULT_SET, TIME_LIMIT
 from ator_ros.actions.base import Point
-from ator_ros.actions.goal_variables import (
-    GOAL_VARIABLES,
-    MOST_GOAL_VARIABLES,
-    GoalVariable,
-    direct_name,
-)
+from ator_ros.actions.goal_variables import GOAL_VARIABLES, MOST_GOAL_VARIABLES, GoalVariable, direct_name
 from ator_ros.actions.remote import UnreachableAction
 from ator_ros.actions.situation import ActionFactory, ActionSpec, Sampler, Situation
 from ator_ros.domains import DEFAULT, DRIVE
-from ator_ros.domains.declared import (
-    DeclaredAction,
-    DeclaredDomain,
-    DeclaredServer,
-)
+from ator_ros.domains.declared import DeclaredAction, DeclaredDomain, DeclaredServer
 from ator_ros.files import FileError, content_with_optional_header, read_yaml
 from ator_ros.performance.features import CANDIDATES, GENERAL, Feature, goal_feature
 from ator_ros.printable import printable, quoted

@@ -25,8 +25,7 @@ TIME_LIMIT = 120.0
 """Time in s that a drive or a chain may take: at 0.05 m/s a robot drives 6 m."""
 _TOLERANCE, _OFF_THE_WAY = 0.06, 0.01
 """In m: least tolerance of a place, and how far the robot may be beside its path."""
-_ARRIVAL_SHARE = 2.0 / 3.0
-"""Greatest arrival speed as a share of the robot's limit, in situations and in what is searched."""
+_ARRIVAL_SHARE = 2.0 / 3.0  # greatest arrival speed, in situations and searches, as a share of the limit
 
 
 def arrival_limit(robot: Robot) -> float:

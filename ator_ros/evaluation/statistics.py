@@ -13,8 +13,7 @@ from ator_ros.performance.accuracy import mean_ci95, resampled_means
 
 EQUAL = 0.02
 """Runs whose durations differ by no more than this share count as equal."""
-_WORTH_SHARING = 0.0005
-"""Share of the naive durations that the oracle saves, below which captured shares are not reported."""
+_WORTH_SHARING = 0.0005  # share of the naive durations that an oracle must save for captured shares
 LABELS = ("Higher", "Equal", "Lower")
 
 

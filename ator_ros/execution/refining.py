@@ -25,8 +25,7 @@ AGAIN_AFTER = 0.15
 _NOT_ASKED = "executed as sent; the goal has refine: false"
 _NOT_REACHED = "refinement not requested yet"
 _UNANSWERED = "no answer from refinement yet"
-_LONGEST = 120
-"""Characters of the result of a question along the way: the sentence on all questions stays readable."""
+_LONGEST = 120  # characters of the result of one question: the sentence on all stays readable
 
 Continuation = tuple[int, TopChain]
 """Number of a plan among those of the goal, from 0, and its steps that are not done."""

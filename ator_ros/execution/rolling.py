@@ -20,14 +20,11 @@ _LONGEST_GAP, _LEAST_GAP = 0.25, 0.02  # greatest and least time in s between tw
 _SHORTEST, _ENOUGH = 0.4, 0.6  # s: least time of one free roll, and of all together, that counts
 _KEPT = 5  # free rolls that are kept; their median counts
 _MOST, _FEWEST = 400, 5  # greatest and least number of sightings in one free roll that counts
-_STRAY = 0.15
-"""Share by which distance and integrated speed may differ: more is noise of a resting object, or a curve."""
-_SURE = 6.0
-"""Standard errors by which the observed deceleration must differ; those of filtered speeds are alike."""
+_STRAY = 0.15  # share by which distance and integrated speed may differ: more is noise at rest, or a curve
+_SURE = 6.0  # standard errors by which a deceleration must differ; errors of filtered speeds are alike
 _FARTHER, _FARTHEST, _PUSHED = 1.3, 4.0, 6.0
 """How many times as far as described: least that is corrected, greatest correction, and only if pushed."""
-_STEPS = 14
-"""Steps of the described deceleration to which corrections are rounded: actions compute tables for each."""
+_STEPS = 14  # steps of the described deceleration for corrections: actions compute tables for each
 
 
 class Rolling:

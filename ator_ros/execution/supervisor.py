@@ -27,8 +27,7 @@ GREATEST_STOP_SLOWDOWN = 5.0
 up to 50 times slower than real time; the end of a goal may wait that long, a moving robot must not."""
 LONGEST_STOP_TIME = 5.0
 """Time in s for which a robot that still moves is commanded to stop."""
-_FIRST_GAP = 1.0
-"""Least real s without odometry that end a goal before it drives: the rate may not be known yet."""
+_FIRST_GAP = 1.0  # least real s without odometry that end a goal before it drives: its rate may be unknown
 
 
 class Phase(enum.Enum):

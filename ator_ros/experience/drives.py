@@ -25,13 +25,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import held_first, held_last, is_held
 from ator_ros.world.estimation import JUMP
-from ator_ros.world.messages import (
-    MessageError,
-    ObjectReader,
-    OdometryReader,
-    command_from,
-    transform_from,
-)
+from ator_ros.world.messages import MessageError, ObjectReader, OdometryReader, command_from, transform_from
 from ator_ros.world.state import ObjectState, RobotState, Standstill, World
 from ator_ros.world.transforms import Transforms
 
@@ -233,8 +227,7 @@ def _at(table: FloatArray, time: float) -> FloatArray:
     """Return the row at `time` (s), interpolated unless a stamp is the same up to rounding."""
     after = bisect.bisect_right(table[:, 0], time + _ROUNDING)
     if after > 0 and table[after - 1, 0] >= time - _ROUNDING:
-        row: FloatArray = table[after - 1]
-        return row
+        return np.asarray(table[after - 1])
     rows = table[max(0, after - 1) : after + 1]  # the neighbors
     return np.array([np.interp(time, rows[:, 0], column) for column in rows.T])
 

@@ -27,8 +27,7 @@ ENDED = (SUCCEEDED, FAILED)
 _LONGEST_DRIVE = 600.0
 """In s, twenty times the default action_timeout: a goal that is farther away is in another unit or frame."""
 _SLACK = 0.5  # m, above the tolerances of arrival: a robot that is at its goal already arrives in no time
-_FASTEST = 4.0
-"""Times limits.v: a base described at half its real speed keeps its records, with a factor of 2 to spare."""
+_FASTEST = 4.0  # times limits.v: a base may be described at half its real speed, and a factor of 2 is spare
 
 
 class Vocabulary(Protocol):

@@ -19,13 +19,7 @@ import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.episode import Episode
-from ator_ros.experience.table import (
-    Experience,
-    ExperienceError,
-    checked_rows,
-    join,
-    start_row,
-)
+from ator_ros.experience.table import Experience, ExperienceError, checked_rows, join, start_row
 from ator_ros.files import FileError
 
 STORE = "records.db"

@@ -19,8 +19,7 @@ from ator_ros.refinement.gate import MeasuredGain
 
 GAINS, KIND = "gains.json", "gains of refinement"
 _MOST = 500  # newest chains that count
-_FULL_SHARE = 50
-"""Chains up to which the share of comparisons is the greatest; from there on it falls with their root."""
+_FULL_SHARE = 50  # chains up to which the share of comparisons is greatest; then it falls with their root
 
 
 @dataclass(frozen=True)

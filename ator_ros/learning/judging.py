@@ -166,8 +166,7 @@ def constant(name: str, value: float, samples: int) -> ModelTree:
 # The choice
 
 
-_TESTED = (25, 100)
-"""Numbers of newest records on which trees are compared: few show a changed robot soon, many a small gain."""
+_TESTED = (25, 100)  # newest records to compare trees on: few show changes soon, many small gains
 _FEWEST_TESTED = 12
 _LEVEL = 0.05  # significance level over all candidates of one round
 _FOLDS = 3
@@ -323,5 +322,4 @@ def p_values(before: FloatArray, after: FloatArray) -> FloatArray:
     signs = np.random.default_rng(0).choice((-1.0, 1.0), (_DRAWS, len(gain)))
     greatest = np.max(signs @ gain, axis=1)
     beyond = np.sum(greatest[:, None] >= gain.sum(axis=0) - 1e-12, axis=0)
-    chances: FloatArray = (1.0 + beyond) / (_DRAWS + 1.0)
-    return chances
+    return np.asarray((1.0 + beyond) / (_DRAWS + 1.0))

@@ -42,8 +42,7 @@ from ator_ros.world import messages as checks
 from ator_ros.world.messages import FARTHEST, MessageError, pose_from
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
-_FASTEST_GOAL = 3.0
-"""Greatest speed of a goal in multiples of the robot's limit: limits are estimates, units in km/h are 3.6."""
+_FASTEST_GOAL = 3.0  # greatest speed of a goal over the robot's limit, an estimate; units in km/h are 3.6
 
 
 # Time, poses and velocities

@@ -19,11 +19,7 @@ from ator_ros.learning.sets import Manifest, current_set, digest_of, read_manife
 from ator_ros.nodes.diagnostics import STEADY
 from ator_ros.nodes.parameters import Parameter
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.model_file import (
-    NoModelsError,
-    RobotMismatchWarning,
-    load_models,
-)
+from ator_ros.performance.model_file import NoModelsError, RobotMismatchWarning, load_models
 from ator_ros.tops.library import TopLibrary
 
 LEARNED = Parameter(

@@ -27,8 +27,7 @@ from ator_ros.resources import ResourceError
 
 _WAKE_UP = 0.1
 _LAST_SPINS = 0.3  # s
-_LONGEST_REASON = 1000
-"""Characters of the line with which a node ends: a path may have 255 in each of its parts."""
+_LONGEST_REASON = 1000  # characters of the line with which a node ends: a part of a path may have 255
 _EXPECTED = (SetupError, ResourceError, ParameterException, NameValidationException, RuntimeError, ValueError)
 """Errors for the user; rcl's are RuntimeErrors, and rclpy raises ValueError for a parameter []."""
 

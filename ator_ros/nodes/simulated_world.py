@@ -13,8 +13,7 @@ from ator_ros.world import messages
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import STOP, World
 
-_FASTEST = 10.0
-"""Greatest speed in m/s that an object is placed with: in one step of the physics it moves by its radius."""
+_FASTEST = 10.0  # greatest m/s of a placed object: in one step of the physics it moves by its radius
 
 
 @dataclass
@@ -41,10 +40,7 @@ class SimulatedWorld:
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        robots: Sequence[SimulatedRobot],
-        object_starts: Mapping[str, tuple[float, float]],
+        self, robot: Robot, robots: Sequence[SimulatedRobot], object_starts: Mapping[str, tuple[float, float]]
     ) -> None:
         self.robot, self.robots, self._object_starts = robot, tuple(robots), object_starts
         self._idle = set[str]()

@@ -145,8 +145,7 @@ def complete_paths(rows: FloatArray, w: float, aw: float, paths: FloatArray) -> 
             paths[0, at], paths[1, at] = turn_time(angle, w, aw), angle
 
 
-_NEAR_PULL = 20.0
-"""Weight of the goal's heading in the bearing of a goal within `NEAR`, whose own bearing is noise."""
+_NEAR_PULL = 20.0  # weight of the goal's heading in the bearing of a goal within `NEAR`, which is noise
 Derived = TypeVar("Derived")
 
 
@@ -216,20 +215,17 @@ class Geometry:
     @property
     def dist(self) -> FloatArray:
         """Distance from start to destination in m."""
-        dist: FloatArray = self.rows[DIST]
-        return dist
+        return np.asarray(self.rows[DIST])
 
     @property
     def to_dest(self) -> FloatArray:
         """Signed angle in rad from the heading to the destination's bearing."""
-        angle: FloatArray = self.rows[TO_DEST]
-        return angle
+        return np.asarray(self.rows[TO_DEST])
 
     @property
     def at_dest(self) -> FloatArray:
         """Signed angle in rad from the destination's bearing to the heading there."""
-        angle: FloatArray = self.rows[AT_DEST]
-        return angle
+        return np.asarray(self.rows[AT_DEST])
 
     @cached_property
     def ends(self) -> FloatArray:

@@ -48,8 +48,7 @@ class DirectTable(Mapping[str, FloatArray]):
     def __getitem__(self, name: str) -> FloatArray:
         if name not in self.names:
             raise KeyError(name)
-        row: FloatArray = self.table[self.names.index(name)]
-        return row
+        return np.asarray(self.table[self.names.index(name)])
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names)

@@ -22,10 +22,8 @@ from ator_ros.schema import Within, require
 _MOST_EPISODES = 300  # episodes kept, evenly spaced: more hardly change the result, and make a request slower
 _CLIPPED_AT, _NEIGHBORS = 4.0, 7
 """Standard deviations from the median of similar episodes at which an error is clipped, as an accident."""
-_LEAST_SIGNAL = 0.5
-"""Least deviation of the process, as a share of that of the errors: a few episodes show none by chance."""
-_LENGTHS = (0.2, 1.0)
-"""Least and greatest length of the process, in standard deviations of a feature, for a single feature."""
+_LEAST_SIGNAL = 0.5  # least deviation of the process over that of the errors: a few may show none by chance
+_LENGTHS = (0.2, 1.0)  # least and greatest length of the process in standard deviations of a single feature
 _DIGITS = 4
 _Positive = Annotated[float, Within(1e-9)]
 
@@ -96,8 +94,7 @@ class ErrorProcess:
         """Return the Matérn kernel (3/2) of points (n, k) and (m, k), shape (n, m)."""
         squares = _squares(one, other)
         scaled: FloatArray = np.sqrt(3.0 * squares) / self.length
-        kernel: FloatArray = self.signal**2 * (1.0 + scaled) * np.exp(-scaled)
-        return kernel
+        return np.asarray(self.signal**2 * (1.0 + scaled) * np.exp(-scaled))
 
 
 def fit_error_process(names: Sequence[str], features: FloatArray, errors: FloatArray) -> ErrorProcess:
@@ -146,11 +143,9 @@ def _clipped(errors: FloatArray, points: FloatArray) -> FloatArray:
     count = min(_NEIGHBORS, len(errors))
     nearest = np.argpartition(_squares(points, points), count - 1, axis=1)[:, :count]
     usual, most = np.median(errors[nearest], axis=1), _CLIPPED_AT * _spread(errors)
-    clipped: FloatArray = errors.clip(usual - most, usual + most)
-    return clipped
+    return np.asarray(errors.clip(usual - most, usual + most))
 
 
 def _squares(one: FloatArray, other: FloatArray) -> FloatArray:
     """Return the squared distances of points (n, k) and (m, k), shape (n, m)."""
-    squares: FloatArray = np.square(one[:, None] - other[None]).sum(axis=2)
-    return squares
+    return np.asarray(np.square(one[:, None] - other[None]).sum(axis=2))

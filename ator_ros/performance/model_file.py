@@ -19,7 +19,7 @@ from ator_ros.performance.tree.storage import StoredTree, restored, stored
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot
-from ator_ros.schema import OneOf, require
+from ator_ros.schema import Must, require
 
 KIND = "performance model"
 
@@ -36,7 +36,7 @@ class _ModelFile:
     versions: dict[str, Any]
     accuracy: dict[str, Any]
     at_goal: AtGoal | None
-    trees: dict[Annotated[str, OneOf(tuple(MEASURES))], StoredTree]
+    trees: dict[Annotated[str, Must(f"one of {', '.join(MEASURES)}", MEASURES.__contains__)], StoredTree]
     errors: ErrorProcess | None
     driving: DrivingStyle | None = None
 

@@ -19,8 +19,7 @@ from ator_ros.performance.tree.nodes import Hinge
 _ANGLES: FloatArray = np.radians([0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 75.0, 90.0, 120.0, 150.0])
 RISING: dict[str, FloatArray] = {"dist": np.zeros(1), "angle_to_dest": _ANGLES, "angle_at_dest": _ANGLES}
 """Features that durations rise with, and where each may bend, in m and rad. Thresholds are mostly small."""
-_TERM_COST = 0.75
-"""How much a segment counts in the corrected error. More makes shorter rules, which refine less well."""
+_TERM_COST = 0.75  # of a segment in the corrected error; more makes shorter rules, which refine less well
 _CLIPPED_AT, _ROUNDS = 3.0, 3
 """Standard deviations at which residuals are clipped, in rounds: now and then a drive takes much longer."""
 

@@ -18,14 +18,7 @@ from ator_ros.performance.derived import ANGLE_BETWEEN, Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.error_process import fit_error_process
-from ator_ros.performance.features import (
-    CANDIDATES,
-    PATHS,
-    Feature,
-    declared_by,
-    feature_table,
-    names_of,
-)
+from ator_ros.performance.features import CANDIDATES, PATHS, Feature, declared_by, feature_table, names_of
 from ator_ros.performance.model import UNOBSERVED, AtGoal, PerformanceModel, narrowed
 from ator_ros.performance.observation import observed_driving
 from ator_ros.performance.rising_terms import RISING, rising_terms, sum_of
@@ -61,14 +54,10 @@ LEAST_EPISODES = 20
 SMALL_LEAF = 50
 """Least number of episodes at a leaf of the trees of `OUTCOMES`."""
 _NEAREST = 0.01  # m, least distance
-_AT_GOAL = ((0.02, 0.05), (0.03, 0.08))
-"""Distances (m) and angles (rad) to the goal that may count as being there."""
+_AT_GOAL = ((0.02, 0.05), (0.03, 0.08))  # m and rad to the goal that may count as being there
 _LEAST_AT_GOAL = 3  # episodes that show how long an action takes there
 _ALIKE = 0.15  # greatest difference in s of durations that count as the same there: three ticks
-_BRAKING_EPISODES, _BRAKING_SHARE = (
-    15,
-    0.05,
-)  # episodes that make a deceleration known, or this share of them if that is less
+_BRAKING_EPISODES, _BRAKING_SHARE = 15, 0.05  # episodes, or at most a share, that make a deceleration known
 
 
 def train(

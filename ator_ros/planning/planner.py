@@ -15,12 +15,12 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import with_values
 from ator_ros.execution.fence import Fence
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.planning.facts import Fact, difference, is_chosen, placed_thing, resolved, target_of
+from ator_ros.planning.facts import Fact, placed_thing, resolved
 from ator_ros.planning.goals import GoalStatement, PlanningError, check_goal
 from ator_ros.planning.problem import PlannedStep, PlanningProblem, facts_of, planning_problem, steps_for
 from ator_ros.refinement.refiner import LONGEST_CHAIN, MOST_ALTERNATIVES
 from ator_ros.tops.chain import Top, TopCall, TopChain, projected
-from ator_ros.tops.conditions import State, Statement, state_of, state_variables
+from ator_ros.tops.conditions import State, state_of, state_variables
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import missing_object
 from ator_ros.tops.ranges import USUAL_RANGES
@@ -126,30 +126,9 @@ def _why_unreachable(problem: PlanningProblem) -> str:
                 needed.setdefault(need, f", which {step.top.name} needs")
     unmet = {need: why for need, why in needed.items() if need not in met and need < len(problem.facts)}
     if unmet:
-        return "; ".join(
-            f"no TOP achieves {problem.facts[need]}{_nearest(problem, need)}{why}"
-            for need, why in unmet.items()
-        )
+        return "; ".join(f"no TOP achieves {problem.facts[need]}{why}" for need, why in unmet.items())
     goal = " and ".join(str(problem.facts[number]) for number in sorted(problem.goal))
     return f"each condition can be achieved, but no sequence of TOPs ends with {goal}"
-
-
-def _nearest(problem: PlanningProblem, number: int) -> str:
-    """Return the TOPs that bring the variable of a fact to its target, with their tolerances."""
-    fact, found = problem.facts[number], dict[str, None]()
-    if not isinstance(fact.clause, Statement):
-        return ""
-    for step in filter(None, problem.steps):
-        values = step.values()
-        value = values.get(fact.clause.variable)
-        if value is None or is_chosen(value.symbol):
-            continue
-        target = target_of(fact.clause, values, dict(fact.binding), step.top.name)
-        low, high = value.low - target.high, value.high - target.low
-        same = difference(fact.clause.variable, value, target) == 0.0
-        if same and low <= high and math.isfinite(high - low):
-            found[f"{step.top.name} brings it to {low:g} to {high:g} of that"] = None
-    return f" ({', '.join(found)})" if found else ""
 
 
 def _call(step: PlannedStep, world: World, library: TopLibrary, fence: Fence, *, last: bool) -> TopCall:

@@ -283,8 +283,7 @@ class ChainModel:
                 yield model, places, DirectTable(tables[0][steps[0]].names, table)
 
     def _cost(self, prediction: Any) -> FloatArray:
-        cost: FloatArray = np.fmin(self._objective.cost(prediction), np.inf)  # NaN becomes infinite
-        return cost
+        return np.asarray(np.fmin(self._objective.cost(prediction), np.inf))  # NaN becomes infinite
 
 
 def predict_chain(

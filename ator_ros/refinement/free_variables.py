@@ -21,11 +21,7 @@ import numpy as np
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, direct_name, goal_values
 from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angle
-from ator_ros.refinement.chain_prediction import (
-    PredictsPerformance,
-    chain_situations,
-    columns_after,
-)
+from ator_ros.refinement.chain_prediction import PredictsPerformance, chain_situations, columns_after
 from ator_ros.refinement.search import Allowed, spread_points
 from ator_ros.robot.description import Robot
 from ator_ros.tops.bindings import bindings
@@ -37,8 +33,7 @@ from ator_ros.world.state import World
 NEGLIGIBLE = 0.02
 """Share of a range below which a cut is ignored: random starts never reach the ends of their ranges."""
 _POINTS = 2048
-_SLACK = 0.05
-"""Margin (m, rad, m/s) by which a value may leave the experience, besides the share `_ROOM` of its range."""
+_SLACK = 0.05  # m, rad or m/s by which a value may leave the experience, besides `_ROOM` of its range
 _ROOM = 0.05  # share by which the extent of the points that a region allows is widened on each side
 _PLACE = frozenset("xy")
 _SAME = 1e-6  # rounding error of a conversion to a message and back, in the variable's unit
@@ -98,10 +93,7 @@ def start_variables(name: str, point: Point) -> frozenset[str]:
 
 
 def analyze(
-    chain: TopChain,
-    models: Mapping[str, PredictsPerformance],
-    robot: Robot,
-    ranges: Ranges = USUAL_RANGES,
+    chain: TopChain, models: Mapping[str, PredictsPerformance], robot: Robot, ranges: Ranges = USUAL_RANGES
 ) -> Analysis:
     """Compute the free variables of a chain.
 
@@ -507,9 +499,7 @@ def _narrowed(variable: FreeVariable, low: float, high: float, limits: tuple[str
     if cut <= NEGLIGIBLE * width or low >= high:
         return variable
     return dataclasses.replace(
-        variable,
-        domain=dataclasses.replace(domain, low=low, high=high),
-        limits=variable.limits + limits,
+        variable, domain=dataclasses.replace(domain, low=low, high=high), limits=variable.limits + limits
     )
 
 

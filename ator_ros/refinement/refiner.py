@@ -23,14 +23,7 @@ from ator_ros.refinement.free_variables import (
 )
 from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.objective import Objective, expected_time
-from ator_ros.refinement.search import (
-    Deadline,
-    NoCandidateError,
-    Optimum,
-    no_deadline,
-    search,
-    unsearched,
-)
+from ator_ros.refinement.search import Deadline, NoCandidateError, Optimum, no_deadline, search, unsearched
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges

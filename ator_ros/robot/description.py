@@ -305,8 +305,7 @@ def load_robot(path: Path | str | None = None) -> Robot:
 
 _MOST_WHEEL = 0.49  # greatest share of the robot's mass that one wheel may have
 _LOOSE = 2.0  # fingers farther apart than so many widths of what they hold do not hold it
-_SAME_RADIUS = 0.1
-"""Share by which the radius of an object may differ from the one that the holder is made for."""
+_SAME_RADIUS = 0.1  # share by which an object's radius may differ from the one that the holder is made for
 
 
 def _at_least(field: str, value: float, least: float, why: str) -> None:

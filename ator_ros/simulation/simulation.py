@@ -26,8 +26,7 @@ RAMPS_PER_TICK = 4
 # Converged: with the rotors' inertia in the wheels, 50 iterations give the same speeds to 0.2 %.
 SOLVER_ITERATIONS = 20
 _AWAY = 50.0  # m: least distance from the center of the area of what is not in use
-_DEEPEST = 0.005
-"""Depth in m to which bodies may overlap where they are placed: contacts of a run reach about 1 mm."""
+_DEEPEST = 0.005  # m by which placed bodies may overlap: contacts of a run reach about 1 mm
 _DISTANCE = 8  # index in what getClosestPoints returns
 
 

@@ -15,8 +15,7 @@ WHEEL_INERTIA = 0.008
 _HEIGHT = 0.12  # m of the center of mass
 _LIGHT = 0.1  # mass times squared radius over the usual, below which the motors are smaller
 _USUAL_MASS, _USUAL_RADIUS = 9.0, 0.0975  # kg, and m of a wheel
-_CENTER_OF_MASS, _CASTER = 0.06, 0.04
-"""Distances in m: of the center of mass behind the axle, and of the caster from the body's end."""
+_CENTER_OF_MASS, _CASTER = 0.06, 0.04  # m: center of mass behind the axle, caster from the body's end
 _BEHIND_SHARE = 0.3
 """Greatest share of the way from the axle to the caster at which the center of mass lies: the wheels carry
 the rest of the weight, as `Robot.grip` takes them to."""

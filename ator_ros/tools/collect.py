@@ -19,13 +19,7 @@ from ator_ros.evaluation.trials import possible_actions
 from ator_ros.experience import collect as simulated
 from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.parallel import progress
-from ator_ros.experience.table import (
-    Experience,
-    ExperienceError,
-    join,
-    library_versions,
-    write_experience,
-)
+from ator_ros.experience.table import Experience, ExperienceError, join, library_versions, write_experience
 from ator_ros.tools.command_line import (
     RESUMES,
     add_factor,

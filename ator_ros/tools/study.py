@@ -26,14 +26,7 @@ from ator_ros.experience.table import join, read_experience
 from ator_ros.files import load, save, write_text
 from ator_ros.performance.model_file import load_model
 from ator_ros.tools.collect import collect
-from ator_ros.tools.command_line import (
-    RESUMES,
-    add_parallel_options,
-    add_setting,
-    run_tool,
-    source_of,
-    whole,
-)
+from ator_ros.tools.command_line import RESUMES, add_parallel_options, add_setting, run_tool, source_of, whole
 from ator_ros.tools.evaluate import evaluate
 from ator_ros.tools.train import train
 

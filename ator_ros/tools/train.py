@@ -21,10 +21,7 @@ from ator_ros.files import FileError, is_name
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, model_path, save_model
-from ator_ros.performance.training import (
-    digest,
-    start_ranges,
-)
+from ator_ros.performance.training import digest, start_ranges
 from ator_ros.performance.training import train as train_model
 from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import add_setting, run_tool, topic
@@ -161,9 +158,7 @@ def arguments() -> argparse.ArgumentParser:
             help=f"of {what} in recordings (default: {role} in any namespace)",
         )
     parser.add_argument(
-        "--rules",
-        metavar="MODEL",
-        help="print the rules of a model, given by its action or file, and stop",
+        "--rules", metavar="MODEL", help="print the rules of a model, given by its action or file, and stop"
     )
     return parser
 

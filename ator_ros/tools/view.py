@@ -19,14 +19,7 @@ from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_models
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.urdf import robot_urdf
-from ator_ros.tools.command_line import (
-    add_factor,
-    add_models,
-    add_setting,
-    guarded,
-    namespace,
-    whole,
-)
+from ator_ros.tools.command_line import add_factor, add_models, add_setting, guarded, namespace, whole
 from ator_ros.tools.own_nodes import NodeProcesses, all_nodes
 from ator_ros.view.backend import Backend
 from ator_ros.view.editor import Editor
@@ -34,8 +27,7 @@ from ator_ros.world.messages import plain_frame
 
 _PORTS = (1024, 65535)  # below, only root may listen
 _PERIOD = 1.0 / 25.0  # s
-_SIMULATED = {"lockstep": True}
-"""The simulation waits for the executor at any speed, so that a busy machine does not change a chain."""
+_SIMULATED = {"lockstep": True}  # at any speed: a busy machine does not change a chain
 _EXECUTED = {"odom_timeout": 60.0}  # real s, the greatest allowed: a chain may be paused for so long
 
 

@@ -49,8 +49,7 @@ _PLACED = 0.1  # real s after which all nodes have received what the simulation 
 _GONE = 5.0  # real s without an executor after which its chain counts as lost
 _OBJECT_TIMEOUT = 1.0  # s by the stamps after which an object that is not observed is no longer shown
 _WARNING_PERIOD = 2.0
-_ROBOT_FROM = {STATE.name: "odom", "robot_frame": "base_link"}
-"""The source of the robot's state, unless the executor names another."""
+_ROBOT_FROM = {STATE.name: "odom", "robot_frame": "base_link"}  # unless the executor names others
 _LONGEST_REASON = 300
 
 

@@ -12,14 +12,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from ator_ros.geometry import Pose
-from ator_ros.nodes.segments import (
-    BLUE,
-    ORANGE,
-    YELLOW,
-    alternative_shapes,
-    polyline,
-    refinement_shapes,
-)
+from ator_ros.nodes.segments import BLUE, ORANGE, YELLOW, alternative_shapes, polyline, refinement_shapes
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.refinement.chain_prediction import chain_situations
 from ator_ros.refinement.objective import MOST_WEIGHT

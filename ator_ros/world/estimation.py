@@ -21,8 +21,7 @@ _FASTEST = 20.0  # m/s above which an object was found elsewhere instead of movi
 _KEPT_POSES = 64
 _ROBOT_SPAN = 0.04  # s: least time between poses from which a velocity is derived: one tick at 20 Hz
 _ROUNDING = 1e-6
-_BEYOND_LIMITS = 1.5
-"""A robot that seems to move so many times as fast as its limits was found elsewhere, or is turned about."""
+_BEYOND_LIMITS = 1.5  # times a robot's limits: what seems faster was found elsewhere, or is turned about
 
 
 class VelocityEstimate:
@@ -175,13 +174,11 @@ class VelocityCheck:
 
 
 _WINDOW = 0.5  # s over which the motion of a robot's poses is compared with that of its twist
-_LONGEST_STEP = 0.3
-"""Time in s between two messages beyond which the motion between them cannot be derived from the twist."""
+_LONGEST_STEP = 0.3  # s between two messages beyond which the twist does not show the motion between them
 _LEAST_MOTION = 0.03  # m or rad in one window up to which a robot counts as at rest
 _MOST_OFF = 0.015  # m or rad in one window that filters, slip and late stamps explain at any speed
 _MOST_SHARE = 0.3  # further difference that they explain, as a share of the greater motion
-_CONFIRMED = 3
-"""Windows that must contradict, more than agree, before it is reported: one may be a corrected pose."""
+_CONFIRMED = 3  # windows that contradict, more than agree, before a report: one may be a corrected pose
 
 
 class TwistCheck:
@@ -228,10 +225,8 @@ class TwistCheck:
         )
 
 
-_PUSH_SIGMA = 1.0
-"""Standard deviation in m/s^2 of the acceleration of a moving object; a tenth of it applies at rest."""
-_SURPRISE = 5.0
-"""A sighting this many standard deviations off restarts the filter: the object was pushed or moved."""
+_PUSH_SIGMA = 1.0  # m/s^2: deviation of the acceleration of a moving object; a tenth of it applies at rest
+_SURPRISE = 5.0  # standard deviations that restart the filter: the object was pushed or moved
 
 
 class ObjectTracker:

@@ -13,8 +13,7 @@ _FASTEST = 1000.0  # greatest plausible ratio of simulated to real time; simulat
 _LONGEST = 1.0  # longest real s without odometry to which that ratio applies
 _PACE_WINDOW, _PACE_STEP = 2.0, 0.1
 """Real s over which the pace of stamps is measured, and between two messages that are remembered for it."""
-_PACE_LEAST = 0.5
-"""Least real s over which it is measured: messages that arrive 0.05 s late then change it by a tenth."""
+_PACE_LEAST = 0.5  # least real s to measure it over: messages 0.05 s late then change it by a tenth
 _REAL_TIME = 0.8  # pace below which stamps run slower than real time, as in a slow simulation
 _SLOWEST = 50.0  # greatest factor of timeouts: with it a simulation at 0.02 times real time keeps them
 GAP = 1.0

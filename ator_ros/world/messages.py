@@ -79,12 +79,9 @@ MOST_OBJECTS = 16
 """Objects that a situation may hold."""
 LONGEST_NAME = 200
 """Greatest number of characters in the name of a frame: ROS limits topics to 255."""
-_ROUNDING = 1e-3
-"""m/s or rad/s that count as 0: filters and float32 leave such values, and no odometry shows 1 mm/s."""
-_NO_DIRECTION = 1e-6
-"""Length of a quaternion up to which it has no direction: drivers without orientation send zeros."""
-_MOST_TILTED = math.radians(30.0)
-"""Tilt of a robot or goal up to which the floor is a plane; steeper than any ramp, so the axes are others."""
+_ROUNDING = 1e-3  # m/s or rad/s that count as 0: filters and float32 leave such values
+_NO_DIRECTION = 1e-6  # length of a quaternion without direction: drivers without orientation send zeros
+_MOST_TILTED = math.radians(30.0)  # tilt up to which the floor is a plane; no ramp is steeper
 
 
 class MessageError(ValueError):

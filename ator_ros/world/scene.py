@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from ator_ros.geometry import Pose
-from ator_ros.schema import Name, Within
+from ator_ros.schema import NAME, Within
 from ator_ros.world.messages import FARTHEST
 from ator_ros.world.state import AT_REST, ObjectState
 
@@ -120,7 +120,7 @@ class Scene:
     """
 
     area: Area
-    objects: Mapping[Annotated[str, Name()], RoundObject] = field(default_factory=dict, hash=False)
+    objects: Mapping[Annotated[str, NAME], RoundObject] = field(default_factory=dict, hash=False)
     bays: tuple[Bay, ...] = ()
 
     def radius(self, name: str) -> float:

@@ -12,12 +12,7 @@ import pytest
 
 from ator_ros.actions.base import Point
 from ator_ros.actions.situation import SHORT, NoPlaceError, Situation
-from ator_ros.domains.declared import (
-    DeclaredChain,
-    DeclaredDrives,
-    DeclaredPlace,
-    DeclaredStep,
-)
+from ator_ros.domains.declared import DeclaredChain, DeclaredDrives, DeclaredPlace, DeclaredStep
 from ator_ros.domains.domain import find_domain
 from ator_ros.schema import structured
 

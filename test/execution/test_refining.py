@@ -132,9 +132,7 @@ def assert_smooth(commands: list[Command]) -> None:
         assert abs(other.w - one.w) <= 1.5 * limits.aw * CONTROL_PERIOD + 1e-6, f"{one} to {other}"
 
 
-def test_a_question_offers_the_other_plans_with_their_goals_at_the_ball(
-    simulation: Simulation,
-) -> None:
+def test_a_question_offers_the_other_plans_with_their_goals_at_the_ball(simulation: Simulation) -> None:
     question = Drive(simulation, HERE, ANYWHERE, TopChain((SHOOT,))).moved_ball_question()
     ((number, other),) = question.others  # the last plan is invalid from here
     assert number == 1
@@ -165,9 +163,7 @@ def test_another_plan_is_executed_without_a_stop(simulation: Simulation) -> None
     ]
 
 
-def test_an_invalid_choice_is_ignored(
-    simulation: Simulation,
-) -> None:
+def test_an_invalid_choice_is_ignored(simulation: Simulation) -> None:
     drive = Drive(simulation, HERE, ANYWHERE)
     drive.moved_ball_question()
     before = drive.run.executor.chain

@@ -38,9 +38,7 @@ def trial(tools: Toolset, index: int) -> Trial:
     return random_trial(SOCCER, "rolling", make_library(tools.robot, SOURCE), seed=SEED, index=index)
 
 
-def test_the_plan_uses_the_start_place_and_the_ball_rests_before_the_robot_arrives(
-    tools: Toolset,
-) -> None:
+def test_the_plan_uses_the_start_place_and_the_ball_rests_before_the_robot_arrives(tools: Toolset) -> None:
     for index in range(50):
         drawn = trial(tools, index)
         ball, goal = drawn.world.objects[BALL], drawn.chain.calls[0].goal.pose
@@ -53,9 +51,7 @@ def test_the_plan_uses_the_start_place_and_the_ball_rests_before_the_robot_arriv
         assert rolling <= drawn.world.robot.pose.distance(there) / tools.robot.limits.v
 
 
-def test_questions_change_the_chain_and_disabled_ones_do_not(
-    tools: Toolset,
-) -> None:
+def test_questions_change_the_chain_and_disabled_ones_do_not(tools: Toolset) -> None:
     drawn, library = trial(tools, 3), make_library(tools.robot, SOURCE)
     choice = POLICIES["refined_speed"](tools, drawn)
     assert choice.refinement is not None

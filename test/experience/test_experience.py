@@ -21,13 +21,7 @@ from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
 from ator_ros.experience.collect import collect
 from ator_ros.experience.episode import run_episode
 from ator_ros.experience.parallel import workers
-from ator_ros.experience.table import (
-    Experience,
-    ExperienceError,
-    join,
-    read_experience,
-    write_experience,
-)
+from ator_ros.experience.table import Experience, ExperienceError, join, read_experience, write_experience
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.simulation import Simulation

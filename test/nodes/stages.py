@@ -11,10 +11,7 @@ from chain_client import SentGoal, call
 from ator_interfaces.srv import PlaceObject
 from ator_ros.geometry import Pose
 
-CHAIN = [
-    call("goToBall", Pose(0.0, 0.0, 0.0), opened=("yaw",)),
-    call("dribbleBall", Pose(1.2, 0.0, 0.0)),
-]
+CHAIN = [call("goToBall", Pose(0.0, 0.0, 0.0), opened=("yaw",)), call("dribbleBall", Pose(1.2, 0.0, 0.0))]
 SHOT = [
     call("goToBall", Pose(0.0, 0.0, 0.0), opened=("yaw",)),
     call("dribbleBall", Pose(1.6, 0.0, 0.0)),

@@ -87,9 +87,7 @@ def test_a_ball_displaced_during_the_approach_is_followed(chains: ChainClient) -
 
 
 @pytest.mark.long
-def test_a_displaced_ball_is_refined_again_while_the_robot_drives(
-    chains: ChainClient,
-) -> None:
+def test_a_displaced_ball_is_refined_again_while_the_robot_drives(chains: ChainClient) -> None:
     calls = chain_of_the_paper()[:2]
     others = [TopChain(calls=[call("goToPose", Pose(-1.0, 0.5, 0.0)), *calls])]
     sent = chains.send(calls, refine=True, fetches=9, alternatives=others)

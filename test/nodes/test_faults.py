@@ -24,9 +24,7 @@ from ator_ros.nodes.qos import SENSOR_DATA
 pytestmark = pytest.mark.node
 
 INPUTS = ("odom", "ball")
-SETTINGS: dict[str, dict[str, object]] = {
-    "executor": {"remap": {name: f"relayed/{name}" for name in INPUTS}},
-}
+SETTINGS: dict[str, dict[str, object]] = {"executor": {"remap": {name: f"relayed/{name}" for name in INPUTS}}}
 DROPOUTS, LATE_TICKS = 0.05, 2
 
 

@@ -74,10 +74,7 @@ def test_user_settings_are_kept(configured: dict[str, str]) -> None:
     assert environment == configured
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [{}, {RANGE: ""}, {RANGE: "OFF"}, {RANGE: "nonsense"}],
-)
+@pytest.mark.parametrize("settings", [{}, {RANGE: ""}, {RANGE: "OFF"}, {RANGE: "nonsense"}])
 def test_other_settings_restrict_discovery_to_this_machine(settings: dict[str, str]) -> None:
     environment = dict(settings)
     stay_on_this_machine(environment)

@@ -14,13 +14,7 @@ from hypothesis import strategies as st
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.features import (
-    PAPER_3,
-    PAPER_11,
-    PATHS,
-    Feature,
-    names_of,
-)
+from ator_ros.performance.features import PAPER_3, PAPER_11, PATHS, Feature, names_of
 from ator_ros.performance.features import feature_table as table_of_features
 from ator_ros.robot.description import Robot, load_robot
 

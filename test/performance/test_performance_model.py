@@ -11,10 +11,7 @@ from ator_ros.geometry import wrap_angles
 from ator_ros.performance.accuracy import accuracy, brier
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.training import (
-    direct_of,
-    train,
-)
+from ator_ros.performance.training import direct_of, train
 from ator_ros.robot.description import load_robot
 
 ROBOT = load_robot()

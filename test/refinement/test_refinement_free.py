@@ -6,19 +6,7 @@ import dataclasses
 import math
 
 import pytest
-from refinement_fakes import (
-    ALL,
-    ANGLE,
-    BOTH,
-    LIBRARY,
-    NOTHING,
-    ROBOT,
-    USED,
-    call,
-    models,
-    two_steps,
-    world,
-)
+from refinement_fakes import ALL, ANGLE, BOTH, LIBRARY, NOTHING, ROBOT, USED, call, models, two_steps, world
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import Pose

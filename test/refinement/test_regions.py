@@ -7,17 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from refinement_fakes import (
-    ALL,
-    BOTH,
-    LIBRARY,
-    ROBOT,
-    FakeModel,
-    call,
-    models,
-    turning_time,
-    world,
-)
+from refinement_fakes import ALL, BOTH, LIBRARY, ROBOT, FakeModel, call, models, turning_time, world
 
 from ator_ros.domains.soccer.tops import SHOOT
 from ator_ros.execution.fence import Fence

@@ -30,10 +30,7 @@ NAMESPACE = "expected a namespace of letters"
 REFUSED = [
     *(("collect --episodes=" + text, NUMBER.format("episodes")) for text in ("-1", "1.5")),
     ("evaluate --oracle=1.5", NUMBER.format("oracle")),
-    (
-        "evaluate --oracle=3 --oracle-from=.",
-        "argument --oracle-from: not allowed with argument --oracle",
-    ),
+    ("evaluate --oracle=3 --oracle-from=.", "argument --oracle-from: not allowed with argument --oracle"),
     (
         "evaluate --oracle=3 --oracle-jointly --oracle-speeds 0.1",
         "argument --oracle-speeds: not allowed with argument --oracle-jointly",

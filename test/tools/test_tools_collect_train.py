@@ -104,9 +104,7 @@ def test_collect_continues_after_a_signal_with_the_same_table(
 
 
 def test_finished_episodes_of_other_settings_are_not_continued(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def interrupted(*args: Any, **options: Any) -> Iterator[pd.DataFrame]:
         yield synthetic_experience("goToPose", episodes=1)

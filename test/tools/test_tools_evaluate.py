@@ -100,10 +100,7 @@ def test_evaluation_continues_after_an_interruption(models: Path, tmp_path: Path
 
 
 def test_the_oracle_of_an_earlier_evaluation_is_taken(
-    models: Path,
-    finished: tuple[Path, dict[str, Any]],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    models: Path, finished: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     earlier, whole = finished
     found = evaluate(models, tmp_path / "again", "--oracle-from", str(earlier), situations=2)

@@ -9,13 +9,7 @@ from typing import Any
 import pytest
 
 from ator_ros.geometry import Pose, wrap_angle
-from ator_ros.world.messages import (
-    FrameError,
-    MessageError,
-    ObjectReader,
-    ObjectSource,
-    OdometryReader,
-)
+from ator_ros.world.messages import FrameError, MessageError, ObjectReader, ObjectSource, OdometryReader
 
 EPOCH = 1_764_000_000
 

@@ -176,12 +176,10 @@ def _placed(local: FloatArray, goal: Pose) -> FloatArray:
     return np.asarray(local @ np.array([[c, s], [-s, c]]) + (goal.x, goal.y))
 
 
-_LATERAL, _HEADING = 0.04, 0.1
-"""Greatest distance from the goal's axis (m) and from its heading (rad) with which a goal is reached."""
+_LATERAL, _HEADING = 0.04, 0.1  # m from the goal's axis and rad from its heading with which a goal is reached
 
 _SHORT, _PAST = 0.015, 0.06  # m before and behind a goal at which a robot may stand
-_PARKED = Standstill(0.03)
-"""A robot that may end at its goal though it creeps: along curves it never stops at once."""
+_PARKED = Standstill(0.03)  # at its goal a robot may creep: along curves it never stops at once
 _CREEP = 0.04  # m/s
 _SIDE_HYSTERESIS = 0.3  # s by which the way round the other side must be quicker to be preferred
 _PER_DEPTH = 20.0  # s per m of a wall in the way: any way round it is quicker than to push against it

@@ -58,8 +58,7 @@ def solve(moments: FloatArray) -> FloatArray:
     """Return the linear model of one node with all features, shape (1 + n_features,)."""
     left = moments[:-1, :-1] / moments[0, 0]
     left.flat[:: len(left) + 1] += _RIDGE
-    model: FloatArray = np.linalg.solve(left, moments[:-1, -1] / moments[0, 0])
-    return model
+    return np.asarray(np.linalg.solve(left, moments[:-1, -1] / moments[0, 0]))
 
 
 def residual_squares(moments: FloatArray) -> FloatArray:
@@ -76,8 +75,7 @@ def residual_squares(moments: FloatArray) -> FloatArray:
     scaled[..., terms, terms] += _RIDGE
     scaled[..., -1, -1] *= 1.0 + _ROUNDING
     # The last element of the Cholesky factor is what the others leave of the target.
-    left: FloatArray = weight * np.linalg.cholesky(scaled)[..., -1, -1] ** 2
-    return left
+    return np.asarray(weight * np.linalg.cholesky(scaled)[..., -1, -1] ** 2)
 
 
 def squared_error(models: FloatArray, moments: FloatArray) -> FloatArray:
@@ -94,8 +92,7 @@ def squared_error(models: FloatArray, moments: FloatArray) -> FloatArray:
     """
     residual = np.column_stack([-models, np.ones(len(models))])
     error = np.einsum("ni,nij,nj->n", residual, moments, residual)
-    clipped: FloatArray = np.maximum(error, 0.0)
-    return clipped
+    return np.asarray(np.maximum(error, 0.0))
 
 
 def corrected_error(squared: FloatArray, samples: FloatArray, terms: FloatArray) -> FloatArray:
@@ -118,8 +115,7 @@ def corrected_error(squared: FloatArray, samples: FloatArray, terms: FloatArray)
     spare = samples - terms
     factor = np.where(spare > 0, (samples + terms) / np.where(spare > 0, spare, 1.0), np.inf)
     # The floor keeps a perfect fit with too few samples (0 × infinity) infinitely bad.
-    estimate: FloatArray = np.sqrt(np.maximum(squared / samples, 1e-24)) * factor
-    return estimate
+    return np.asarray(np.sqrt(np.maximum(squared / samples, 1e-24)) * factor)
 
 
 def fit_node_models(moments: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -82,8 +82,7 @@ class ModelTree:
     @property
     def is_leaf(self) -> BoolArray:
         """Which nodes are leaves, shape (n_nodes,)."""
-        leaf: BoolArray = self.children[:, 0] == np.arange(len(self.feature))
-        return leaf
+        return np.asarray(self.children[:, 0] == np.arange(len(self.feature)))
 
     @property
     def n_leaves(self) -> int:
@@ -133,19 +132,9 @@ class ModelTree:
             The row of each of `names`.
         """
         value, leaf = np.empty(rows.shape[1]), np.empty(rows.shape[1], dtype=np.intp)
-        _evaluate(
-            rows,
-            places,
-            self.feature,
-            self.threshold,
-            self.children,
-            self.intercept,
-            self.coefficients,
-            self.lower,
-            self.upper,
-            value,
-            leaf,
-        )
+        splits = self.feature, self.threshold, self.children
+        models = self.intercept, self.coefficients, self.lower, self.upper
+        _evaluate(rows, places, splits, models, value, leaf)
         for hinge in self.base:
             value += hinge.of(rows[places[self.names.index(hinge.feature)]])
         return value, leaf
@@ -155,16 +144,12 @@ class ModelTree:
 def _evaluate(
     rows: FloatArray,
     places: IntArray,
-    feature: IntArray,
-    threshold: FloatArray,
-    children: IntArray,
-    intercept: FloatArray,
-    coefficients: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
+    splits: tuple[IntArray, FloatArray, IntArray],
+    models: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     value: FloatArray,
     leaf: IntArray,
 ) -> None:
+    (feature, threshold, children), (intercept, coefficients, lower, upper) = splits, models
     for at in range(rows.shape[1]):
         node = 0
         while children[node, 0] != node:

@@ -169,5 +169,4 @@ def _deviation(moments: FloatArray) -> FloatArray:
     weight = moments[..., 0, 0]
     terms = np.full(weight.shape, moments.shape[-1] - 1.0)
     error = corrected_error(residual_squares(moments), weight, terms)
-    deviation: FloatArray = weight * np.where(np.isfinite(error), error, _WORST)
-    return deviation
+    return np.asarray(weight * np.where(np.isfinite(error), error, _WORST))

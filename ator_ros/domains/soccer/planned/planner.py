@@ -31,8 +31,7 @@ from ator_ros.motion.trajectory import most_states, write_states
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import ObjectState
 
-_INTERVALS = (0.25, 0.05)
-"""Times in s between the states that are checked, first and last: 6 cm at full speed."""
+_INTERVALS = (0.25, 0.05)  # s between the states that are checked, first and last: 6 cm at full speed
 
 _CLEARING = np.arange(0.0, 1.5, 0.01)  # lengths in m of straight drives that may lead away from a ball
 
