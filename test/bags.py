@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,24 +23,17 @@ GOALS = (Pose(1.0, 0.5, 1.0), Pose(-0.5, 0.5, 3.0))
 
 
 class Tick(NamedTuple):
-    """A state of the robot, its stamp, and the command that follows."""
+    """A state of the robot, its stamp, and the command that follows, by default to go on as it drives."""
 
     time: float
     pose: Pose
     v: float
     w: float
+    then: Command | None = None
 
 
 class Messages:
-    """Makes messages for a recording.
-
-    Parameters
-    ----------
-    offset : float
-        Added to all stamps in s.
-    place : (float, float)
-        Added to all positions in m.
-    """
+    """Makes messages for a recording; `offset` (s) and `place` (m) are added to stamps and positions."""
 
     def __init__(self, offset: float = 0.0, place: tuple[float, float] = (0.0, 0.0)) -> None:
         from rosbags.typesys import Stores, get_typestore
@@ -62,6 +56,10 @@ class Messages:
     def twist(self, vx: float, vy: float, w: float) -> Any:
         vector = self.types["geometry_msgs/msg/Vector3"]
         return self.types[TWIST](vector(vx, vy, 0.0), vector(0.0, 0.0, w))
+
+    def command(self, tick: Tick) -> Any:
+        then = tick.then or Command(tick.v, tick.w)
+        return self.twist(then.v, 0.0, then.w)
 
     def odometry(
         self,
@@ -91,35 +89,32 @@ class Messages:
         return self.types["geometry_msgs/msg/PoseStamped"](self.header(time, frame), self.pose(x, y))
 
 
-def record(
-    folder: Path, *, topics: tuple[str, ...] = ("/robot/odom", "/robot/cmd_vel"), jump: float = 0.0
-) -> list[float]:
+Extra = tuple[str, str, Callable[[Messages, Tick], Any]]
+
+
+def write_bag(bag: Path, make: Messages, ticks: Sequence[Tick], *topics: Extra) -> Path:
+    """Write a recording; `topics` are name, type, and factory of the messages, one for each tick."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        links = [writer.add_connection(topic, kind, typestore=make.store) for topic, kind, _ in topics]
+        for number, tick in enumerate(ticks):
+            for link, (_, kind, message) in zip(links, topics, strict=True):
+                writer.write(link, 1000 * number, make.store.serialize_cdr(message(make, tick), kind))
+    return bag
+
+
+def record(bag: Path, *, jump: float = 0.0, commands: bool = True) -> list[float]:
     """Record two drives with pauses as the nodes do, and return their durations in s.
 
     The robot's clock jumps by `jump` s between them.
     """
-    from rosbags.rosbag2 import StoragePlugin, Writer
-
-    make, types = Messages(), {"odom": ODOMETRY, "cmd_vel": TWIST}
-    durations = []
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer, Simulation(ROBOT) as sim:
-        links = {
-            topic.rpartition("/")[2]: writer.add_connection(
-                topic, types[topic.rpartition("/")[2]], typestore=make.store
-            )
-            for topic in topics
-        }
-
-        def write(topic: str, message: object, time: float) -> None:
-            if topic in links:
-                kind = types[topic]
-                writer.write(links[topic], int(time * 1e9), make.store.serialize_cdr(message, kind))
+    ticks, durations = list[Tick](), list[float]()
+    with Simulation(ROBOT) as sim:
 
         def tick(command: Command) -> World:
-            time, robot = sim.time, sim.world().robot
-            state = Tick(time + jump * bool(durations), robot.pose, robot.v, robot.w)
-            write("odom", make.odometry(state), time)
-            write("cmd_vel", make.twist(command.v, 0.0, command.w), time + 0.001)
+            robot = sim.world().robot
+            ticks.append(Tick(sim.time + jump * bool(durations), robot.pose, robot.v, robot.w, command))
             sim.command(command)
             sim.tick()
             return sim.world()
@@ -134,6 +129,8 @@ def record(
             durations.append(world.time - start)
             for _ in range(12):
                 tick(STOP)
+    sent = [("/robot/cmd_vel", TWIST, Messages.command)] if commands else []
+    write_bag(bag, Messages(), ticks, ("/robot/odom", ODOMETRY, Messages.odometry), *sent)
     return durations
 
 

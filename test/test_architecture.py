@@ -12,52 +12,17 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ator_ros"
 LAYERS = [
-    "geometry",
-    "printable",
-    "resources",
-    "schema",
-    "files",
-    "compiled",
-    "examples",
-    "world",
-    "robot",
-    "motion",
-    "actions",
-    "tops",
-    "simulation",
-    "experience",
-    "performance",
-    "refinement",
-    "execution",
-    "domains",
-    "planning",
-    "evaluation",
-    "learning",
-    "nodes",
-    "view",
-    "tools",
-]
+    "geometry", "printable", "resources", "schema", "files", "compiled", "examples", "world", "robot",
+    "motion", "actions", "tops", "simulation", "experience", "performance", "refinement", "execution",
+    "domains", "planning", "evaluation", "learning", "nodes", "view", "tools",
+]  # fmt: skip
 """Modules and folders of the package, lowest layer first; each imports only from itself and lower ones."""
 WITH_ROS = {"examples", "nodes", "tools", "view"}
 ROS = {
-    "action_msgs",
-    "ator_interfaces",
-    "builtin_interfaces",
-    "diagnostic_msgs",
-    "geometry_msgs",
-    "launch",
-    "launch_ros",
-    "nav_msgs",
-    "rcl_interfaces",
-    "rclpy",
-    "rosgraph_msgs",
-    "sensor_msgs",
-    "std_msgs",
-    "std_srvs",
-    "tf2_msgs",
-    "unique_identifier_msgs",
-    "visualization_msgs",
-}
+    "action_msgs", "ator_interfaces", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "launch",
+    "launch_ros", "nav_msgs", "rcl_interfaces", "rclpy", "rosgraph_msgs", "sensor_msgs", "std_msgs",
+    "std_srvs", "tf2_msgs", "unique_identifier_msgs", "visualization_msgs",
+}  # fmt: skip
 """Packages of ROS, without `ament_index_python`, which `resources` uses to find installed files."""
 FILES = sorted(PACKAGE.rglob("*.py"))
 PAPER = PACKAGE.parent / "examples" / "paper_in_one_file.py"

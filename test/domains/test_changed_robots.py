@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import pytest
-from changed import CHANGES
 
 from ator_ros.actions.base import Action, Goal, Point, Status
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import load_robot
+from ator_ros.robot.description import Limits, load_robot
 from ator_ros.simulation.run import place
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.world.state import ObjectState, RobotState, World
 
 PIONEER = load_robot()
+_V, _W, _A, _BRAKE, _AW = dataclasses.astuple(PIONEER.limits)
+ROBOTS = {
+    "described": PIONEER,
+    "weak": dataclasses.replace(PIONEER, limits=Limits(_V, _W, 0.7 * _A, _BRAKE, 0.7 * _AW)),
+    "lagging": dataclasses.replace(PIONEER, motor_time_constant=0.12),
+}
+"""As described; with motors that accelerate by 70 % of that, and brake as hard; with a lag of 0.12 s."""
 _LONGEST = 30 * CONTROL_RATE
 
 
@@ -29,10 +36,10 @@ class Drive:
     status: Status
 
 
-def drive(change: str, action: Action, start: World, goal: Goal) -> Drive:
-    """Execute an action of the described robot on the changed robot."""
-    changed, plans = CHANGES[change], 0
-    with Simulation(changed.robot(PIONEER)) as simulation:
+def drive(robot: str, action: Action, start: World, goal: Goal) -> Drive:
+    """Execute an action of the described robot on another one."""
+    plans = 0
+    with Simulation(ROBOTS[robot]) as simulation:
         place(simulation, start)
         action.start(simulation.world(), goal)
         for _ in range(_LONGEST):
@@ -46,16 +53,16 @@ def drive(change: str, action: Action, start: World, goal: Goal) -> Drive:
         return Drive(simulation.time, plans, step.status)
 
 
-def approach(change: str, bearing: float, yaw: float, speed: float = 0.0) -> Drive:
+def approach(robot: str, bearing: float, yaw: float, speed: float = 0.0) -> Drive:
     """Approach a ball 3.5 m away, from a start turned by `bearing` (rad), to hold it at `yaw`."""
     ball = ObjectState(1.8, 0.0)
     start = World(0.0, RobotState(Pose(-1.7, 0.0, bearing)), {BALL: ball})
-    return drive(change, GoToPose(PIONEER), start, Goal(Pose(ball.x, ball.y, yaw), speed, Point.HOLD))
+    return drive(robot, GoToPose(PIONEER), start, Goal(Pose(ball.x, ball.y, yaw), speed, Point.HOLD))
 
 
 def test_a_plan_slows_down_for_a_weaker_robot() -> None:
     """The plan's time is scaled, so that the robot stays on its path and captures the ball."""
-    described, changed = approach("none", 2.2, 1.9), approach("motors", 2.2, 1.9)
+    described, changed = approach("described", 2.2, 1.9), approach("weak", 2.2, 1.9)
     assert changed.status is Status.SUCCEEDED
     assert changed.plans == 0
     assert described.time <= changed.time < 1.3 * described.time
@@ -64,7 +71,7 @@ def test_a_plan_slows_down_for_a_weaker_robot() -> None:
 @pytest.mark.parametrize(("bearing", "yaw"), [(0.0, 0.0), (2.2, 1.9)])
 def test_a_robot_whose_motors_lag_brakes_in_time(bearing: float, yaw: float) -> None:
     """The controller looks ahead by the measured lag, so that the robot does not hit the ball."""
-    described, changed = approach("none", bearing, yaw), approach("lag", bearing, yaw)
+    described, changed = approach("described", bearing, yaw), approach("lagging", bearing, yaw)
     assert changed.status is Status.SUCCEEDED
     assert changed.plans == 0
     assert changed.time < 1.2 * described.time

@@ -8,12 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from executions import execution as execution_of
 
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.motion_watch import MotionWatch
-from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.supervisor import Deadlines, Phase, Supervisor
+from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.robot.response import ramped
@@ -166,16 +166,8 @@ def execute(
 ) -> Goal:
     """Execute a goal until it ends, at most for `longest` s."""
     robot, rng = library.robot, np.random.default_rng(seed)
-    execution = Supervisor(
-        library,
-        chain,
-        refine=False,
-        again_after=0.0,
-        now=0.0,
-        predictor=Predictor(robot, {}),
-        deadlines=Deadlines(),
-        fence=Fence(-100.0, -100.0, 100.0, 100.0),
-    )
+    fence = Fence(-100.0, -100.0, 100.0, 100.0)
+    execution = execution_of(chain, library=library, again_after=0.0, now=0.0, fence=fence)
     goal, twin = Goal(execution, MotionWatch(robot, latency)), None
     due, received, stopped = 0.0, 0.0, False
     since: float | None = None

@@ -5,25 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
+from refinement_fakes import LIBRARY, ROBOT, call
 
-from ator_ros.actions.base import Goal, Status, Step
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.actions.base import Status, Step
 from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import load_robot
 from ator_ros.simulation.simulation import Simulation
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.chain import TopChain
 
-ROBOT = load_robot()
-LIBRARY = SOCCER.library(ROBOT)
 HEADING = 0.4
 
 Disturb = Callable[[Simulation, ChainExecutor, Step], bool]
-
-
-def call(top: str, x: float, y: float, yaw: float = 0.0) -> TopCall:
-    return TopCall(LIBRARY[top], Goal(Pose(x, y, yaw), 0.0, LIBRARY[top].point))
 
 
 APPROACH = TopChain((call("goToBall", 0.0, 0.0, HEADING),))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from bags import ODOMETRY, TWIST, Messages, Tick
+from bags import ODOMETRY, TWIST, Extra, Messages, Tick, write_bag
 
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
@@ -39,9 +39,6 @@ def ticks() -> Iterator[Tick]:
                 pose, time = Pose(x, y, wrap_angle(pose.yaw + w * TICK)), time + TICK
 
 
-Extra = tuple[str, str, Callable[[Messages, Tick], Any]]
-
-
 def recorded(
     folder: Path,
     *extra: Extra,
@@ -49,31 +46,12 @@ def recorded(
     cmd_vel: str = "/cmd_vel",
     offset: float = 0.0,
     place: tuple[float, float] = (0.0, 0.0),
-    order: Callable[[list[Tick]], list[Tick]] = list,
     **odometry: Any,
 ) -> Path:
-    """Write a recording of odometry and commands; `extra` has topic, type and factory of other messages."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-
-    make, bag = Messages(offset, place), folder / "bag"
-    with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-
-        def link(topic: str, kind: str) -> Any:
-            return writer.add_connection(topic, kind, typestore=make.store)
-
-        states, commands = link(odom, ODOMETRY), link(cmd_vel, TWIST)
-        others = [(link(topic, kind), kind, message) for topic, kind, message in extra]
-        for number, tick in enumerate(order(list(ticks()))):
-            now = 1000 * number
-
-            def write(connection: Any, kind: str, message: Any, at: int = now) -> None:
-                writer.write(connection, at, make.store.serialize_cdr(message, kind))
-
-            for connection, kind, message in others:
-                write(connection, kind, message(make, tick))
-            write(states, ODOMETRY, make.odometry(tick, **odometry))
-            write(commands, TWIST, make.twist(tick.v, 0.0, tick.w))
-    return bag
+    """Write a recording of odometry and commands, and of `extra` topics."""
+    states: Extra = (odom, ODOMETRY, lambda make, tick: make.odometry(tick, **odometry))
+    commands: Extra = (cmd_vel, TWIST, Messages.command)
+    return write_bag(folder / "bag", Messages(offset, place), list(ticks()), *extra, states, commands)
 
 
 def read(bag: Path, domain: Domain = SOCCER) -> Experience:
@@ -122,15 +100,11 @@ def test_messages_without_orientation_are_omitted_and_counted(tmp_path: Path, us
     def without_some(make: Messages, tick: Tick) -> Any:
         return make.odometry(tick, length=0.0 if round(tick.time / TICK) % 7 == 3 else 1.0)
 
-    topics = ("/robot/odom", ODOMETRY, without_some), ("/robot/cmd_vel", TWIST, command)
+    topics = ("/robot/odom", ODOMETRY, without_some), ("/robot/cmd_vel", TWIST, Messages.command)
     experience = read(recorded(tmp_path, *topics, odom="/x"))
     assert experience.frame["duration"].to_numpy() == pytest.approx(usual["duration"].to_numpy(), abs=TICK)
     (line,) = experience.remarks
     assert "messages: odom.pose.pose.orientation: expected a quaternion" in line
-
-
-def command(make: Messages, tick: Tick) -> Any:
-    return make.twist(tick.v, 0.0, tick.w)
 
 
 @pytest.mark.parametrize("topic", ["/v/odom", "/v/ball"])
@@ -148,7 +122,7 @@ def test_a_topic_of_another_type_is_skipped_and_reported(
 
 
 def test_of_several_robots_one_is_read(tmp_path: Path, usual: pd.DataFrame) -> None:
-    other = ("/b/odom", ODOMETRY, lambda make, tick: make.odometry(tick)), ("/b/cmd_vel", TWIST, command)
+    other = ("/b/odom", ODOMETRY, Messages.odometry), ("/b/cmd_vel", TWIST, Messages.command)
     bag = recorded(tmp_path, *other, odom="/a/odom", cmd_vel="/a/cmd_vel")
     with pytest.raises(ExperienceError, match="skipped /a/odom, /b/odom: expected one of them as odom"):
         read(bag)

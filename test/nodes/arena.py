@@ -12,7 +12,7 @@ from process import Process, Processes
 from ros_client import Client
 
 from ator_interfaces.action import ExecuteChain
-from ator_interfaces.msg import Outcome, TopCall
+from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
 from ator_ros.nodes.network import free_domain
 from ator_ros.world.state import STOP
@@ -24,11 +24,7 @@ STOP_DEADLINE = 0.5
 LONG_START = 60.0
 """Real seconds that a node may need to start on a loaded machine."""
 
-READY = {
-    "simulation": "simulating pioneer",
-    "executor": "ready for chains",
-    "refinement": "refining chains",
-}
+READY = {"simulation": "simulating pioneer", "executor": "ready for chains", "refinement": "refining chains"}
 SETTINGS: dict[str, dict[str, object]] = {
     # Faster than real time, the simulation waits for commands, so that load changes only the duration.
     "simulation": {"real_time_factor": 2.0, "command_wait": 0.5, "log_level": "debug"},
@@ -39,27 +35,19 @@ _STANDS = "robot stands"
 _STATUS = re.compile(rf"(\S+) s: ({_STANDS}|Command\(v=\S+, w=\S+\))")
 
 
-class ArenaClient:
+class ArenaClient(ChainClient):
     """A client that was created after the last node had started.
 
     Discovery drops a killed node after seconds only; a new participant does not discover it.
     """
 
-    def __init__(self, client: Client) -> None:
-        self.ros = client
-        self._chains = ChainClient(client)
-
-    def place(self) -> None:
+    def place(self, robot: Pose = START) -> None:
         """Place robot and ball at the start of the tests' chain, and wait for their messages."""
-        self.ros.place(robot=START, ball=BALL)
+        self.ros.place(robot=robot, ball=BALL)
         self.ros.eventually(
-            lambda: self.ros.robot().pose.distance(START) < 0.02 and abs(self.ros.ball().x) < 0.02,
+            lambda: self.ros.robot().pose.distance(robot) < 0.02 and abs(self.ros.ball().x) < 0.02,
             "robot and ball at their places",
         )
-
-    def send(self, calls: list[TopCall], *, refine: bool = False) -> SentGoal:
-        """Send a chain."""
-        return self._chains.send(calls, refine=refine)
 
     def ended(self, sent: SentGoal) -> ExecuteChain.Result:
         """Wait for the end of a goal; assert that it has a reason and that its record is published once."""
@@ -67,8 +55,7 @@ class ArenaClient:
         assert result.outcome.code
         assert result.outcome.reason
         assert result.record.outcome == result.outcome
-        chains = self._chains.chains
-        published = lambda: [chain.chain_id for chain in chains].count(result.record.chain_id)  # noqa: E731
+        published = lambda: [each.chain_id for each in self.chains].count(result.record.chain_id)  # noqa: E731
         self.ros.eventually(published, "the chain's record")
         assert published() == 1
         return result
@@ -81,17 +68,7 @@ class ArenaClient:
 
 
 class Arena:
-    """The three nodes on a domain of their own.
-
-    Parameters
-    ----------
-    domain : int
-        ROS domain.
-    logs : Path
-        Folder for the nodes' output.
-    settings : dict
-        Parameters by node, which replace those of `SETTINGS`.
-    """
+    """The three nodes on a domain of their own; `settings` replace parameters in `SETTINGS`, by node."""
 
     def __init__(self, domain: int, logs: Path, settings: dict[str, dict[str, object]] | None = None) -> None:
         self._settings = {name: own | (settings or {}).get(name, {}) for name, own in SETTINGS.items()}

@@ -15,16 +15,14 @@ from experience_rows import synthetic_model
 from refinement_requests import refine, request_of_the_paper, save_small_models
 from ros_client import Client
 from std_srvs.srv import SetBool, Trigger
-from stored import ROBOT, episodes, stored
+from stored import ROBOT, episodes, round_of, stored
 from test_models_node import status_of
 
 from ator_interfaces.msg import ActionPerformance, ObjectState, Outcome
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.store import action_sets_in, read_records
 from ator_ros.files import exclusive_folder
-from ator_ros.learning.round import Source, learn
-from ator_ros.learning.sets import RECORDS, current_set, digest_of, point_to, publish, read_manifest
+from ator_ros.learning.sets import RECORDS, current_set, digest_of, point_to, read_manifest
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.performance.model_file import save_model
@@ -154,8 +152,8 @@ def test_the_executor_loads_a_set(host: Host, client: Client, tmp_path: Path, mo
     folder = tmp_path / "learned"
     node = host("executor", models=models, learned=folder)
     stored(folder / RECORDS, episodes(60, slower=2.0))
-    made = learn(Source(folder, SOCCER, ROBOT, models), time="2026-01-01T00:00:00Z")
-    digest = digest_of(publish(folder, Path(made["made"])))
+    round_of(folder, models)
+    digest = digest_of(current_set(folder))
     client.eventually(lambda: f"switched to the learned set {digest}" in node.output, "the switch")
 
 
@@ -165,8 +163,8 @@ def test_the_refinement_node_loads_a_set(host: Host, client: Client, tmp_path: P
     node = host("refinement", models=models, learned=folder, gate=False)
     before = refine(client, request_of_the_paper())
     stored(folder / RECORDS, episodes(60, slower=2.0))
-    made = learn(Source(folder, SOCCER, ROBOT, models), time="2026-01-01T00:00:00Z")
-    place = publish(folder, Path(made["made"]))
+    round_of(folder, models)
+    place = current_set(folder)
     digest = digest_of(place)
     client.eventually(lambda: f"switched to the learned set {digest}" in node.output, "the switch")
     after = refine(client, request_of_the_paper())
