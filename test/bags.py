@@ -33,7 +33,15 @@ class Tick(NamedTuple):
 
 
 class Messages:
-    """Makes messages for a recording; `offset` (s) and `place` (m) are added to stamps and positions."""
+    """Makes messages for a recording.
+
+    Parameters
+    ----------
+    offset : float
+        Added to all stamps in s.
+    place : (float, float)
+        Added to all positions in m.
+    """
 
     def __init__(self, offset: float = 0.0, place: tuple[float, float] = (0.0, 0.0)) -> None:
         from rosbags.typesys import Stores, get_typestore

@@ -30,13 +30,27 @@ def same(world: World) -> World:
 
 @dataclass(frozen=True)
 class Base:
-    """How the base and its sensors differ from the described robot."""
+    """How the base and its sensors differ from the described robot.
+
+    Attributes
+    ----------
+    sensors : SensorConfig
+        Errors of the sensors.
+    latency : float
+        Latency in s that the executor compensates.
+    motor_lag : float
+        Time constant of the motors in s; 0: as described.
+    dead_zone : Command
+        Speeds up to which a command does nothing.
+    scale : float
+        Speeds and accelerations of the base, as a share of the described ones.
+    """
 
     sensors: SensorConfig = field(default_factory=SensorConfig)
-    latency: float = 0.0  # s that the executor compensates
-    motor_lag: float = 0.0  # time constant of the motors in s; 0: as described
-    dead_zone: Command = STOP  # up to which a command does nothing
-    scale: float = 1.0  # of speeds and accelerations, over the described ones
+    latency: float = 0.0
+    motor_lag: float = 0.0
+    dead_zone: Command = STOP
+    scale: float = 1.0
 
     def robot(self, robot: Robot) -> Robot:
         """Return the actual robot."""

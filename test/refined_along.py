@@ -24,8 +24,16 @@ from ator_ros.world.state import World
 class RefinedAlong:
     """Executes a chain as `ChainExecutor` does; answers of refinement arrive one tick after questions.
 
-    Refinement has chosen `chain` from the `plan` of the goal, with its open variables. The others are as for
-    `Supervisor` and `ChainExecutor`.
+    Parameters
+    ----------
+    chain : TopChain
+        The initial chain, chosen by refinement.
+    plan : TopChain
+        The plan of the goal, with its open variables.
+    again_after : float
+        Distance in m between the world and the refined forecast that causes a question; 0: never.
+    time_limit : float
+        Time in s that each step may take.
     """
 
     def __init__(

@@ -35,7 +35,12 @@ def declared(**changes: Any) -> RemoteCall:
 class Server(ActionServer):
     """A server that keeps its goals until a test finishes them.
 
-    `accepts` and `cancels` are whether it accepts goals and cancellations.
+    Parameters
+    ----------
+    node : Node
+        Node of the server.
+    accepts, cancels : bool
+        Whether it accepts goals and cancellations.
     """
 
     def __init__(self, node: Node, *, accepts: bool = True, cancels: bool = True) -> None:

@@ -68,7 +68,17 @@ class ArenaClient(ChainClient):
 
 
 class Arena:
-    """The three nodes on a domain of their own; `settings` replace parameters in `SETTINGS`, by node."""
+    """The three nodes on a domain of their own.
+
+    Parameters
+    ----------
+    domain : int
+        ROS domain.
+    logs : Path
+        Folder for the nodes' output.
+    settings : dict
+        Parameters by node, which replace those of `SETTINGS`.
+    """
 
     def __init__(self, domain: int, logs: Path, settings: dict[str, dict[str, object]] | None = None) -> None:
         self._settings = {name: own | (settings or {}).get(name, {}) for name, own in SETTINGS.items()}

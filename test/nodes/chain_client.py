@@ -71,7 +71,15 @@ class SentGoal:
 
 
 class ChainClient:
-    """Sends chains and subscribes to the executor's topics, to cmd_vel with the type `commands`, if any."""
+    """Sends chains and subscribes to the executor's topics.
+
+    Parameters
+    ----------
+    client : Client
+        Client on the domain of the executor.
+    commands : type, optional
+        The type of cmd_vel to subscribe to; None: no subscription.
+    """
 
     def __init__(self, client: Client, commands: type | None = Twist) -> None:
         self.ros = client

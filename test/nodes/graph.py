@@ -28,9 +28,14 @@ class Surface:
 
 
 def surface(observer: Node, name: str, namespace: str = "/") -> Surface:
-    """Return the names of a node, as another one on its domain, the `observer`, has discovered them.
+    """Return the names of a node; raises rclpy's NodeNameNonExistentError before it is discovered.
 
-    Raises rclpy's NodeNameNonExistentError before that.
+    Parameters
+    ----------
+    observer : Node
+        Another node on the same domain.
+    name, namespace : str
+        Of the inspected node; the namespace begins with a slash.
     """
     replies = _names(observer.get_service_names_and_types_by_node(name, namespace))
     requests = _names(observer.get_client_names_and_types_by_node(name, namespace))

@@ -23,12 +23,22 @@ SETTINGS = {"frame": "/odom", "odom_timeout": 1.0, "start_timeout": 2.0, "fence"
 
 
 class QuirkyBase(MovingBase):
-    """A base that publishes odometry with a quirk."""
+    """A base that publishes odometry with a quirk.
+
+    Attributes
+    ----------
+    quirk : callable
+        Changes each message.
+    late : int
+        Number of messages after which one is published after its successor; 0: none.
+    rate : int
+        Messages per second.
+    """
 
     def __init__(self, client: Client) -> None:
         self.quirk: Quirk = plain
-        self.late = self._count = 0  # messages after which one comes after its successor; 0: none
-        self.rate = round(1.0 / PERIOD)  # messages per second
+        self.late = self._count = 0
+        self.rate = round(1.0 / PERIOD)
         self._held: Odometry | None = None
         super().__init__(client)
 
