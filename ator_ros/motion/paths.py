@@ -1,15 +1,15 @@
-"""The search for all turn-drive-turn paths between two poses, over all combinations of entries and exits.
+"""Paths that turn, drive straight and turn again, and the search for all of them between two poses.
 
-For each pair of sides the heading of the straight drive is the only unknown: the drive must meet the last
-turn. Its roots are bracketed on a grid of first turns, where the parts of both sides just add, and refined in
-the tables of turns.
+The heading of the drive is the only unknown: the drive must meet the last turn. Its roots are bracketed on a
+grid of first turns, where the parts of both turns, which tables hold, just add. Plans choose among all paths
+with any of their entries and exits; features are times of the fastest (`ator_ros.motion.shapes`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,31 +18,92 @@ from ator_ros.compiled import compiled, inlined
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.durations import Rates, change_distance, drive_time, rates_of, turn_time
 from ator_ros.motion.manoeuvre import Side
-from ator_ros.motion.turns import (
-    EDGE,
-    ENTRIES,
-    FINE,
-    STEP,
-    WIDEST,
-    TurnTable,
-    look_up,
-    place_of,
-    turn_table,
-)
+from ator_ros.motion.turns import STEP, WIDEST, TurnTable, look_up, turn_table
 from ator_ros.robot.description import Limits
 
-_STRIDE = 9  # entries of the tables between two first turns of the grid: 5.625 degrees
-_GRID_STEP = STEP * _STRIDE / FINE
-_WORD = 32  # signs are collected in words of as many bits
-_WORDS = 3
-_GRID: FloatArray = _GRID_STEP * (np.arange(_WORDS * _WORD + 1, dtype=float) - _WORDS * _WORD // 2)
+RealArray = NDArray[np.floating[Any]]
+
+FULL_TURN = 2.0 * math.pi
+WIDTH = 32
+"""Turns of a grid whose gaps are compared at once: whole vectors."""
+_BITS = (1 << np.arange(WIDTH)).astype(np.uint32)
+_POINTS = 3 * WIDTH + 1
+_GRID_STEP = STEP / 4
+_GRID: FloatArray = _GRID_STEP * (np.arange(_POINTS, dtype=float) - _POINTS // 2)
 """First turns of up to 270 degrees either way."""
-_POINTS = len(_GRID)
-_COS, _SIN = np.cos(_GRID), np.sin(_GRID)
-_BITS = (1 << np.arange(_WORD)).astype(np.uint32)
-_ALL = (1 << _WORD) - 1
-_FULL_TURN = 2.0 * math.pi
-_APPROXIMATE = 0.05  # m by which a drive is off before its root is refined
+
+
+class Turn(NamedTuple):
+    """A turn next to the drive of a path, as seen from its end of the path.
+
+    Its row in the table, the speed at its beginning (m/s), the change of speed (m/s^2), the greatest rate
+    (rad/s).
+    """
+
+    row: int
+    speed: float
+    change: float
+    rate: float
+
+
+class Offset(NamedTuple):
+    """From where the first turn begins to where the last one ends, in m.
+
+    The drive ends `before` m ahead of where the last turn begins.
+    """
+
+    x: float
+    y: float
+    before: float
+
+
+@inlined
+def sign_bit(gap: float, step: int) -> np.uint32:
+    """Return the bit that `crossings` expects of a step where the gap is above zero, else 0."""
+    return _BITS[step] if gap > np.float32(0.0) else np.uint32(0)
+
+
+@inlined
+def crossings(above: int, steps: int, both: bool) -> int:
+    """Return a number whose bits are set for those of the first steps in which the drive meets the last turn.
+
+    The gap is how far the drive passes the end of the last turn on the right after each first turn. Where it
+    falls through zero the drive goes forward, else backward, which counts only if `both` do.
+    """
+    changes = (above ^ (above >> 1)) & ((1 << steps) - 1)
+    return changes if both else changes & above
+
+
+@inlined
+def lowest(bits: int) -> int:
+    """Return the place of the lowest bit that is set."""
+    return math.frexp(float(bits & -bits))[1] - 1
+
+
+@inlined
+def drive_between(
+    first: float,
+    last: float,
+    cos: float,
+    sin: float,
+    offset: Offset,
+    one: Turn,
+    two: Turn,
+    along1: FloatArray,
+    along2: FloatArray,
+    rates: Rates,
+) -> tuple[float, float, float]:
+    """Return the length (m; negative: backward) of the drive between two turns (rad), and both speeds (m/s).
+
+    `cos` and `sin` are those of its heading.
+    """
+    time1, time2 = turn_time(abs(first), one.rate, rates.aw), turn_time(abs(last), two.rate, rates.aw)
+    lane = cos * offset.x + sin * offset.y - offset.before - one.speed * time1 - two.speed * time2
+    # The last turn is driven from the goal.
+    length = lane - look_up(along1, one.row, first) - look_up(along2, two.row, -last)
+    before = min(max(one.speed + one.change * time1, -rates.v), rates.v)
+    after = min(max(two.speed + two.change * time2, -rates.v), rates.v)
+    return length, before, after
 
 
 class Ends(NamedTuple):
@@ -50,8 +111,8 @@ class Ends(NamedTuple):
 
     Attributes
     ----------
-    sides : ndarray, shape (5, n)
-        A row for each field of `Side`.
+    sides : ndarray, shape (n, 5)
+        A column for each field of `Side`.
     times : ndarray, shape (n,)
         Times of the straight parts in s.
     turns : TurnTable
@@ -62,29 +123,25 @@ class Ends(NamedTuple):
     times: FloatArray
     turns: TurnTable
 
-    def side(self, index: int) -> Side:
-        """Return one of them."""
-        return Side(*self.sides[:, index].tolist())
-
 
 def entries_of(sides: Sequence[Side], limits: Limits) -> Ends:
     """Return the beginnings of paths: straight to the speed of the turn, then the turn."""
-    length, outer, *turns = columns = _columns(sides)
-    times = drive_time(length, outer, turns[0], limits)
-    return Ends(columns, times, turn_table(columns[2:].T, limits))
+    rows = _rows(sides)
+    length, outer, speed = rows[:, :3].T
+    return Ends(rows, drive_time(length, outer, speed, limits), turn_table(rows[:, 2:], limits))
 
 
 def exits_of(sides: Sequence[Side], limits: Limits) -> Ends:
     """Return the ends of paths, as seen from the goal: the straight there begins at the speed of the turn."""
-    length, outer, *turns = columns = _columns(sides)
-    times = drive_time(length, turns[0], outer, limits)
-    return Ends(columns, times, turn_table(columns[2:].T, limits))
+    rows = _rows(sides)
+    length, outer, speed = rows[:, :3].T
+    return Ends(rows, drive_time(length, speed, outer, limits), turn_table(rows[:, 2:], limits))
 
 
-def _columns(sides: Sequence[Side]) -> FloatArray:
-    """Return the sides as columns, those with the same turn rate together."""
+def _rows(sides: Sequence[Side]) -> FloatArray:
+    """Return the sides as rows, those with the same turn rate together."""
     rows = sorted(sides, key=lambda side: side.rate)
-    return np.array(rows, dtype=float).reshape(-1, len(Side._fields)).T.copy()
+    return np.array(rows, dtype=float).reshape(-1, len(Side._fields))
 
 
 class Paths(NamedTuple):
@@ -115,16 +172,16 @@ def find_paths(
     exits: Ends,
     limits: Limits,
     *,
-    least_slack: float = -math.inf,
+    forward: bool = False,
     longest: float = math.inf,
     most: int = 10_000,
 ) -> Paths:
     """Find the `most` fastest paths from `start` to `goal` with these sides, of up to `longest` s.
 
-    Those are left out whose drive is less than `least_slack` (m) longer than its change of speed needs.
+    Where `forward`, those are left out whose drive is too short for its change of speed.
     """
     x, y, turn = map(float, start.relative(goal))
-    found = _search(x, y, turn, entries, exits, rates_of(limits), float(least_slack), float(longest))
+    found = _search(x, y, turn, entries, exits, rates_of(limits), forward, float(longest))
     columns = ranked(found, most).T.copy()
     return Paths(columns[0], columns[1].astype(np.intp), columns[2].astype(np.intp), *columns[3:])
 
@@ -136,19 +193,6 @@ def ranked(found: FloatArray, most: int) -> FloatArray:
     return found[np.argsort(found[:, 0], kind="stable")]
 
 
-class Turning(NamedTuple):
-    """A turn next to the drive of a path, as seen from its end of the path.
-
-    Its row in the table, the speed at its beginning (m/s), the change of speed (m/s^2), the greatest rate
-    (rad/s).
-    """
-
-    row: int
-    speed: float
-    change: float
-    rate: float
-
-
 @compiled
 def _search(
     x: float,
@@ -157,55 +201,46 @@ def _search(
     entries: Ends,
     exits: Ends,
     rates: Rates,
-    least_slack: float,
+    forward: bool,
     longest: float,
 ) -> FloatArray:
     """Return time, entry, exit, first turn, last turn and drive of each path, shape (n, 6)."""
     found, count, steps = np.empty((1024, 6)), 0, np.empty(_POINTS, dtype=np.intp)
-    befores = np.empty((2, len(entries.times), _POINTS), dtype=np.float32)
-    afters = np.empty((2, len(exits.times), _POINTS), dtype=np.float32)
+    near = np.empty((len(entries.times), _POINTS), dtype=np.float32)
+    far = np.empty((len(exits.times), _POINTS), dtype=np.float32)
     # Local names avoid reference counting at each access.
     sides1, sides2, times1, times2 = entries.sides, exits.sides, entries.times, exits.times
     (along1, across1), (along2, across2) = entries.turns, exits.turns
     cos, sin = math.cos(turn), math.sin(turn)
-    _fill_befores(befores, x, y, entries, rates.aw)
+    _write_parts(near, entries, 0.0, x, y)
     for around in range(-1, 2):
         # The whole change of heading may be either way round, or a full turn more.
-        total = turn + around * _FULL_TURN
-        _fill_afters(afters, total, exits, rates.aw)
+        total = turn + around * FULL_TURN
+        _write_parts(far, exits, total, 0.0, 0.0)
         for entry in range(len(times1)):
-            gaps1, drives1 = befores[0, entry], befores[1, entry]
-            one = Turning(entry, sides1[2, entry], sides1[3, entry], sides1[4, entry])
+            one = Turn(entry, sides1[entry, 2], sides1[entry, 3], sides1[entry, 4])
             for exit_ in range(len(times2)):
-                two = Turning(exit_, sides2[2, exit_], sides2[3, exit_], sides2[4, exit_])
+                two = Turn(exit_, sides2[exit_, 2], sides2[exit_, 3], sides2[exit_, 4])
                 straight = times1[entry] + times2[exit_]
                 if straight + turn_time(abs(total), max(one.rate, two.rate), rates.aw) > longest:
                     continue
-                gaps2, drives2 = afters[0, exit_], afters[1, exit_]
-                ahead = x - sides1[0, entry] - sides2[0, exit_] * cos
-                aside = y - sides2[0, exit_] * sin
-                for root in range(_find_steps(steps, gaps1, gaps2)):
-                    step = steps[root]
-                    gap = gaps1[step] + gaps2[step]
-                    share = gap / (gap - gaps1[step + 1] - gaps2[step + 1])
-                    drive = (1.0 - share) * (drives1[step] + drives2[step])
-                    drive += share * (drives1[step + 1] + drives2[step + 1])
-                    if not drive >= least_slack - _APPROXIMATE:  # or it is NaN
+                back = sides2[exit_, 0]
+                offset = Offset(x - sides1[entry, 0] - back * cos, y - back * sin, 0.0)
+                for root in range(_write_steps(steps, near, far, entry, exit_, not forward)):
+                    at = steps[root]
+                    low, gap = _GRID[at], near[entry, at] + far[exit_, at]
+                    first = low + _GRID_STEP * (gap / (gap - near[entry, at + 1] - far[exit_, at + 1]))
+                    if not abs(total - first) < WIDEST:  # or it is NaN
                         continue
-                    first = _GRID[step] + share * _GRID_STEP
-                    first, c, s = refined(
-                        first, _GRID[step], _GRID[step + 1], gap, total, ahead, aside, one, two,
-                        across1, across2,
-                    )  # fmt: skip
+                    first, c, s = _refined(first, low, gap, total, offset, one, two, across1, across2)
                     last = total - first
-                    time1 = turn_time(abs(first), one.rate, rates.aw)
-                    time2 = turn_time(abs(last), two.rate, rates.aw)
-                    lane = c * ahead + s * aside - one.speed * time1 - two.speed * time2
-                    drive = drive_length(lane, first, last, entry, exit_, along1, along2)
-                    before = speed_after(one.speed, one.change, time1, rates.v)
-                    after = speed_after(two.speed, two.change, time2, rates.v)
-                    time = straight + time1 + time2 + drive_time(drive, before, after, rates)
-                    if drive - change_distance(before, after, rates) < least_slack or time > longest:
+                    drive, before, after = drive_between(
+                        first, last, c, s, offset, one, two, along1, along2, rates
+                    )
+                    time = straight + drive_time(drive, before, after, rates)
+                    time += turn_time(abs(first), one.rate, rates.aw)
+                    time += turn_time(abs(last), two.rate, rates.aw)
+                    if time > longest or (forward and drive < change_distance(before, after, rates)):
                         continue
                     if count == len(found):
                         shorter, found = found, np.empty((2 * count, 6))
@@ -216,108 +251,64 @@ def _search(
     return found[:count]
 
 
-@compiled
-def _fill_befores(befores: NDArray[np.float32], x: float, y: float, entries: Ends, aw: float) -> None:
-    """Write how far to the left of the end of each entry, and ahead, the goal (x, y) lies, in m.
-
-    Ahead, the distance counts that its turn adds to its time at the speed at which it begins.
-    """
-    (along, across), sides = entries.turns, entries.sides
-    for entry in range(befores.shape[1]):
-        ahead, row = x - sides[0, entry], entry * ENTRIES + EDGE - _STRIDE * (_POINTS // 2)
-        for step in range(_POINTS):
-            at, coasted = row + _STRIDE * step, sides[2, entry] * turn_time(_GRID[step], sides[4, entry], aw)
-            befores[0, entry, step] = _COS[step] * y - _SIN[step] * ahead - across[at]
-            befores[1, entry, step] = _COS[step] * ahead + _SIN[step] * y - along[at] - coasted
-
-
-@compiled
-def _fill_afters(afters: NDArray[np.float32], total: float, exits: Ends, aw: float) -> None:
-    """Write how far to the left of the goal each exit begins, and ahead, in m; NaN if its turn is too wide.
-
-    Each of `total` (rad), by which the heading changes in all, is turned first by one of the first turns.
-    """
-    (along, across), sides = exits.turns, exits.sides
-    for step in range(_POINTS):
-        angle = _GRID[step] - total
-        if not abs(angle) < WIDEST:
-            afters[0, :, step] = np.nan
-            continue
-        cos, sin = math.cos(angle), math.sin(angle)
-        for exit_ in range(afters.shape[1]):
-            low, share = place_of(exit_, angle)
-            length, coasted = sides[0, exit_], sides[2, exit_] * turn_time(angle, sides[4, exit_], aw)
-            afters[0, exit_, step] = length * sin - look_up(across, low, share)
-            afters[1, exit_, step] = -length * cos - look_up(along, low, share) - coasted
-
-
-@compiled
-def _find_steps(steps: NDArray[np.intp], before: NDArray[np.float32], after: NDArray[np.float32]) -> int:
-    """Write the steps of the grid in which the sign of `before + after` changes; return their number."""
+@inlined
+def _write_steps(
+    steps: NDArray[np.intp], near: RealArray, far: RealArray, entry: int, exit_: int, both: bool
+) -> int:
+    """Write the steps of the grid in which the drive meets the last turn; return their number."""
     count = 0
-    end = before[_POINTS - 1] + after[_POINTS - 1] > np.float32(0.0)
-    for word in range(_WORDS - 1, -1, -1):
+    for begin in range(0, _POINTS - 1, WIDTH):
         above = np.uint32(0)
-        for bit in range(_WORD):
-            step = word * _WORD + bit
-            above |= _BITS[bit] if before[step] + after[step] > np.float32(0.0) else np.uint32(0)
-        signs = np.int64(above) | (np.int64(end) << _WORD)
-        changes = (signs ^ (signs >> 1)) & _ALL
-        while changes:
-            steps[count] = word * _WORD + math.frexp(float(changes & -changes))[1] - 1
-            changes &= changes - 1
+        for step in range(WIDTH):
+            above |= sign_bit(near[entry, begin + step] + far[exit_, begin + step], step)
+        beyond = near[entry, begin + WIDTH] + far[exit_, begin + WIDTH] > np.float32(0.0)
+        roots = crossings(int(above) | (int(beyond) << WIDTH), WIDTH, both)
+        while roots:
+            steps[count] = begin + lowest(roots)
+            roots &= roots - 1
             count += 1
-        end = bool(above & 1)
     return count
 
 
 @compiled
-def refined(
+def _write_parts(parts: RealArray, ends: Ends, total: float, x: float, y: float) -> None:
+    """Write the parts, shape (ends, _POINTS), of ends in the gaps in m; NaN if their turns are too wide.
+
+    The turns go from each of the grid to `total` (rad), beyond the way (x, y) in m.
+    """
+    sides, across = ends.sides, ends.turns.across
+    for step in range(_POINTS):
+        angle = _GRID[step] - total
+        if not abs(angle) < WIDEST:
+            parts[:, step] = np.nan
+            continue
+        cos, sin = math.cos(angle), math.sin(angle)
+        for end in range(len(parts)):
+            parts[end, step] = cos * y - sin * (x - sides[end, 0]) - look_up(across, end, angle)
+
+
+@inlined
+def _refined(
     first: float,
     low: float,
-    high: float,
     gap: float,
     total: float,
-    ahead: float,
-    aside: float,
-    one: Turning,
-    two: Turning,
+    offset: Offset,
+    one: Turn,
+    two: Turn,
     across1: FloatArray,
     across2: FloatArray,
 ) -> tuple[float, float, float]:
     """Return a first turn (rad) after which the drive meets the last turn, its cosine and sine.
 
-    It does one secant step from `first`, within `low` and `high`. `gap` (m) is the residual at `low`: how far
-    the drive passes the end of the last turn on the right. The last turn ends `ahead` m and `aside` m from
-    where the first one begins.
+    It is a secant step from `first`. `gap` is that after the turn `low`, where the step of the grid begins.
     """
     c, s = math.cos(first), math.sin(first)
-    begin, share1 = place_of(one.row, first)
-    end, share2 = place_of(two.row, first - total)  # the last turn is driven from the goal
-    now = c * aside - s * ahead - look_up(across1, begin, share1) - look_up(across2, end, share2)
+    now = c * offset.y - s * offset.x
+    now -= look_up(across1, one.row, first) + look_up(across2, two.row, first - total)
     if now != gap:
-        change = min(max(now * (first - low) / (gap - now), low - first), high - first)
+        change = min(max(now * (first - low) / (gap - now), low - first), low + _GRID_STEP - first)
         square = change * change
         cos, sin = 1.0 - 0.5 * square, change * (1.0 - square * (1.0 / 6.0))
         first, c, s = first + change, c * cos - s * sin, s * cos + c * sin
     return first, c, s
-
-
-@inlined
-def speed_after(speed: float, change: float, time: float, v: float) -> float:
-    """Return the speed (m/s) after a turn of `time` s that begins at `speed`, within the limit `v`."""
-    return min(max(speed + change * time, -v), v)
-
-
-@inlined
-def drive_length(
-    lane: float, first: float, last: float, row1: int, row2: int, along1: FloatArray, along2: FloatArray
-) -> float:
-    """Return the length in m of the drive between two turns (rad), whose rows in the tables are given.
-
-    `lane` is how far in m the end of the last turn lies ahead in the direction of the drive, less what the
-    robot drives in the times of the turns at the speeds at which they begin.
-    """
-    begin, share1 = place_of(row1, first)
-    end, share2 = place_of(row2, -last)  # the last turn is driven from the goal
-    return lane - look_up(along1, begin, share1) - look_up(along2, end, share2)

@@ -5,60 +5,43 @@ come in groups: the first of each group is tried for all ends, the others of a g
 the fastest. `needed_shapes` chooses groups from a fine grid: the next shape is that which brings the times
 nearest to those of the whole grid.
 
-The search is compiled, since it dominates refinement. The heading of the drive is the only unknown: its roots
-are bracketed on a grid of first turns, where the parts of both turns just add. Tables, computed once per
-set, give the ends of turns. Paths whose lower bound exceeds the best time are skipped.
+The search is compiled, since it dominates refinement. Unlike the search for all paths it looks turns up
+without interpolation, and takes roots as they lie in the coarse grid.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ator_ros.compiled import compiled, inlined
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.durations import (
-    Rates,
-    change_distance,
-    change_time,
-    drive_time,
-    forward_time,
-    rates_of,
-    turn_time,
+from ator_ros.motion.durations import Rates, change_distance, change_time, drive_time, forward_time, turn_time
+from ator_ros.motion.paths import (
+    FULL_TURN,
+    WIDTH,
+    Offset,
+    RealArray,
+    Turn,
+    crossings,
+    drive_between,
+    lowest,
+    sign_bit,
 )
-from ator_ros.motion.paths import drive_length, speed_after
-from ator_ros.motion.turns import (
-    ENTRIES,
-    FINE,
-    HALF,
-    STEP,
-    WIDEST,
-    TurnTable,
-    look_up,
-    place_of,
-    turn_table,
-)
-from ator_ros.robot.description import Limits
+from ator_ros.motion.turns import ENTRIES, FINE, HALF, STEP, WIDEST, TurnTable, look_up, turn_table
 
 Rows = NDArray[np.void]
-RealArray = NDArray[np.floating[Any]]
 
 SPEED_STEP = 0.02  # m/s
-WIDTH = 32  # columns of the tables in which all of TURNS are looked up at once: whole vectors
-TURNS: FloatArray = STEP * np.arange(-HALF, HALF + 1, dtype=float)
-
-
-class TurnProfile(NamedTuple):
-    """How a turn is driven: change of speed in m/s^2, up to the limit, and greatest turn rate in rad/s."""
-
-    change: float
-    rate: float
+_TURNS: FloatArray = STEP * np.arange(-HALF, WIDTH - HALF, dtype=float)
+_COS, _SIN = np.cos(_TURNS.astype(np.float32)), np.sin(_TURNS.astype(np.float32))
+_STEP = np.float32(STEP)
 
 
 class TurnTables(NamedTuple):
@@ -84,38 +67,33 @@ class TurnTables(NamedTuple):
 
 
 @compiled
-def _row_of(tables: TurnTables, profile: int, speed: float) -> int:
-    """Return the row of turns with a profile that start at `speed` (m/s)."""
+def _row_of(tables: TurnTables, first: int, speed: float) -> int:
+    """Return the row of turns that start at `speed` (m/s); `first` is that of the lowest speed."""
     row = int((speed - tables.lowest) * (1.0 / SPEED_STEP) + 0.5)
-    return profile * tables.speeds + min(max(row, 0), tables.speeds - 1)
+    return first + min(max(row, 0), tables.speeds - 1)
 
 
 @compiled
 def _window_of(moved: float) -> tuple[int, int]:
-    """Return where in a row of `fractions` TURNS moved by `moved` (rad, within 540 degrees) begin."""
+    """Return where in a row of `fractions` the turns moved by `moved` (rad, within 540 degrees) begin."""
     place = int(2 * HALF * FINE + 0.5 + moved * (FINE / STEP))
     return place % FINE, place // FINE
 
 
 @lru_cache(maxsize=6)
-def turn_tables(limits: Limits, profiles: tuple[TurnProfile, ...], *, forward: bool = False) -> TurnTables:
-    """Compute the tables of `profiles` for a robot's limits: 3 MB for each m/s and profile."""
-    speeds = np.arange(-limits.v, limits.v + SPEED_STEP / 2, SPEED_STEP)
+def turn_tables(rates: Rates, profiles: tuple[tuple[float, float], ...], *, forward: bool) -> TurnTables:
+    """Compute tables for changes of speed (m/s^2) and turn rates (rad/s): 3 MB for each m/s and profile."""
+    speeds = np.arange(-rates.v, rates.v + SPEED_STEP / 2, SPEED_STEP)
     speeds = speeds[speeds > -SPEED_STEP] if forward else speeds
     rows = [(speed, *profile) for profile in profiles for speed in speeds.tolist()]
-    turns = turn_table(np.array(rows), limits)
-    # TURNS moved by up to 2 * HALF steps to either side; values beyond the table are discarded later.
+    turns = turn_table(np.array(rows), rates)
+    # Turns moved by up to 2 * HALF steps to either side; values beyond the table are discarded later.
     beyond = (2 * HALF - 1) * FINE
     across = turns.across.reshape(-1, ENTRIES)
     wide = np.pad(across[:, :-1], ((0, 0), (beyond, beyond + 2 * FINE)), mode="edge").astype(np.float32)
-    filled = ((0, 0), (0, WIDTH - len(TURNS)))
+    filled = ((0, 0), (0, WIDTH - 2 * HALF - 1))
     fractions = np.pad(wide.reshape(len(wide), -1, FINE).swapaxes(1, 2), ((0, 0), *filled))
     return TurnTables(turns, fractions, float(speeds[0]), len(speeds))
-
-
-_DETOUR, _SHORTFALL = 7.2, 2.0
-"""Costs, in m of driving at full speed, of each m that a drive passes an object at the goal too near, and of
-each m that a drive forward lacks for its change of speed: the robot turns at other speeds then."""
 
 
 class Shape(NamedTuple):
@@ -123,8 +101,10 @@ class Shape(NamedTuple):
 
     Attributes
     ----------
-    first, last : TurnProfile
-        How the turns are driven; the last as seen from the goal, backward in time.
+    first_change, first_rate : float
+        Change of speed in the first turn, up to the limit, in m/s^2; greatest turn rate in rad/s.
+    last_change, last_rate : float
+        Those of the last turn as seen from the goal, backward in time.
     share : float
         Speed between last turn and run. For a run of a given length: from the least (0) to the greatest (1)
         speed from which it can reach its end speed; for one as long as needed: a share of the limit. NaN
@@ -132,56 +112,37 @@ class Shape(NamedTuple):
     entry : float
         Speed in m/s to reach in a straight lead before the first turn; NaN where that begins at once.
     least_start, least_arrival : float
-        Least speeds in m/s at the start and at the goal of such paths.
+        Least speeds in m/s at the start and at the goal of such paths; NaN: any.
     direction : float
         1 if the drive between the turns goes forward, -1 if backward.
     """
 
-    first: TurnProfile
-    last: TurnProfile
+    first_change: float
+    first_rate: float
+    last_change: float
+    last_rate: float
     share: float = 0.0
     entry: float = np.nan
-    least_start: float = -np.inf
-    least_arrival: float = -np.inf
+    least_start: float = np.nan
+    least_arrival: float = np.nan
     direction: float = 1.0
 
 
-SHAPE = np.dtype(
-    [("first_profile", np.intp), ("last_profile", np.intp)]
-    + [(f"{turn}_{what}", float) for turn in ("first", "last") for what in TurnProfile._fields]
-    + [(name, float) for name in ("share", "entry", "least_start", "least_arrival")]
-    + [("direction", np.float32)],
+_SHAPE = np.dtype(
+    [(name, np.float32 if name == "direction" else float) for name in Shape._fields]
+    + [("first_row", np.intp), ("last_row", np.intp)],
     align=True,
 )
-"""A shape of path as a row."""
+"""A shape of path, and where the rows of its turns begin in the tables."""
 
 
 class Rules(NamedTuple):
-    """Parameters of all shapes of a set; see `ShapeSet`.
-
-    run: NaN if it is as long as needed. detour, shortfall: cost in s of each m by which a drive passes too
-    near the object, and by which a drive forward is too short for its change of speed.
-    """
-
-    rates: Rates
-    run: float
-    passing: float
-    detour: float
-    shortfall: float
-    forward: bool
-    free_heading: bool
-
-
-@dataclass(frozen=True)
-class ShapeSet:
-    """Shapes of paths, of which the fastest counts.
+    """What holds for all shapes of a set.
 
     Attributes
     ----------
-    groups : tuple of tuple of Shape
-        The first of each group is tried for all ends, the others where their first one is the fastest.
-    run : float or None
-        Length in m of the straight run at the end; None where it is as long as its change of speed needs.
+    run : float
+        Length in m of the straight run at the end; NaN where it is as long as its change of speed needs.
     passing : float
         Distance in m that the straight drive keeps from an object at the goal; 0 where there is none.
     forward : bool
@@ -191,56 +152,45 @@ class ShapeSet:
         object in front of the robot there.
     """
 
-    limits: Limits
-    groups: tuple[tuple[Shape, ...], ...]
-    run: float | None = 0.0
+    rates: Rates
+    run: float = 0.0
     passing: float = 0.0
     forward: bool = False
     free_heading: bool = False
 
-    @cached_property
-    def _shapes(self) -> tuple[Shape, ...]:
-        """All shapes: the first ones of all groups, then the others group by group."""
-        others = itertools.chain.from_iterable(group[1:] for group in self.groups)
-        return (*(group[0] for group in self.groups), *others)
 
-    @cached_property
-    def _profiles(self) -> tuple[TurnProfile, ...]:
-        return tuple(dict.fromkeys(each for shape in self._shapes for each in (shape.first, shape.last)))
+class ShapeSet(NamedTuple):
+    """Shapes of paths, of which the fastest counts.
 
-    @cached_property
-    def tables(self) -> TurnTables:
-        """The tables of all ways to turn."""
-        return turn_tables(self.limits, self._profiles, forward=self.forward)
+    Attributes
+    ----------
+    rows : ndarray
+        The shapes: the first ones of all groups, then the others group by group.
+    others : ndarray of int, shape (groups + 1,)
+        The rows at which the other shapes of each group begin, and the end.
+    missed : tuple of float
+        Time (s) and angle (rad) that stand for ends so near each other that no path has room.
+    """
 
-    @cached_property
-    def rows(self) -> Rows:
-        """The shapes as rows: the first ones of all groups, then the others group by group."""
-        number = self._profiles.index
-        rows = [
-            (number(shape.first), number(shape.last), *shape.first, *shape.last, *shape[2:])
-            for shape in self._shapes
-        ]
-        return np.array(rows, dtype=SHAPE)
+    rules: Rules
+    rows: Rows
+    others: NDArray[np.intp]
+    tables: TurnTables
+    missed: tuple[float, float]
 
-    @cached_property
-    def others(self) -> NDArray[np.intp]:
-        """The rows at which the other shapes of each group begin, and the end, shape (groups + 1,)."""
-        sizes = [len(self.groups), *(len(group) - 1 for group in self.groups)]
-        return np.cumsum(np.array(sizes, dtype=np.intp))
 
-    @cached_property
-    def missed(self) -> tuple[float, float]:
-        """Time (s) and angle (rad) where the ends are so near each other that no path has room."""
-        turned = 2.0 * np.pi if self.forward else np.pi
-        return float(2.0 * turn_time(turned, self.limits.w, self.limits.aw)), 2.0 * turned
-
-    @cached_property
-    def rules(self) -> Rules:
-        """What holds for all shapes."""
-        run = np.nan if self.run is None else self.run
-        costs = _DETOUR / self.limits.v, _SHORTFALL / self.limits.v
-        return Rules(rates_of(self.limits), run, self.passing, *costs, self.forward, self.free_heading)
+def shape_set(groups: Sequence[Sequence[Shape]], rules: Rules) -> ShapeSet:
+    """Return a set of shapes in groups: the others are tried where the first one is the fastest."""
+    shapes = [group[0] for group in groups]
+    shapes += itertools.chain.from_iterable(group[1:] for group in groups)
+    profiles = tuple(dict.fromkeys(profile for shape in shapes for profile in (shape[:2], shape[2:4])))
+    tables = turn_tables(rules.rates, profiles, forward=rules.forward)
+    first_row = {profile: number * tables.speeds for number, profile in enumerate(profiles)}
+    rows = [(*shape, first_row[shape[:2]], first_row[shape[2:4]]) for shape in shapes]
+    sizes = [len(groups), *(len(group) - 1 for group in groups)]
+    turned = 2.0 * math.pi if rules.forward else math.pi
+    missed = 2.0 * float(turn_time(turned, rules.rates.w, rules.rates.aw)), 2.0 * turned
+    return ShapeSet(rules, np.array(rows, dtype=_SHAPE), np.cumsum(sizes, dtype=np.intp), tables, missed)
 
 
 _END = np.dtype([("speed", float), ("length", float), ("time", float), ("row", np.intp)])
@@ -256,8 +206,8 @@ def _set_speed(entries: Rows, speed: float, shapes: Rows, tables: TurnTables, ru
         shape, entry = shapes[index], entries[index]
         reached = speed if math.isnan(shape["entry"]) else shape["entry"]
         entry["speed"], entry["length"] = reached, change_distance(speed, reached, rates)
-        entry["time"] = change_time(speed, reached, rates) if speed >= shape["least_start"] else np.inf
-        entry["row"] = _row_of(tables, shape["first_profile"], reached)
+        entry["time"] = np.inf if speed < shape["least_start"] else change_time(speed, reached, rates)
+        entry["row"] = _row_of(tables, shape["first_row"], reached)
 
 
 @compiled
@@ -268,8 +218,8 @@ def _set_arrival(exits: Rows, arrival: float, shapes: Rows, tables: TurnTables, 
         speed, run = _before_run(shape["share"], arrival, rules)
         exit_["speed"], exit_["length"] = speed, run
         time = forward_time(run, speed, arrival, rules.rates)
-        exit_["time"] = time if arrival >= shape["least_arrival"] else np.inf
-        exit_["row"] = _row_of(tables, shape["last_profile"], speed)
+        exit_["time"] = np.inf if arrival < shape["least_arrival"] else time
+        exit_["row"] = _row_of(tables, shape["last_row"], speed)
 
 
 @compiled
@@ -287,75 +237,41 @@ def _before_run(share: float, arrival: float, rules: Rules) -> tuple[float, floa
     return least + share * (greatest - least), rules.run
 
 
-_ROOM = 0.02
-"""Room in m that a drive needs beyond its change of speed if no last turn can make up for it."""
-_FULL_TURN = 2.0 * math.pi
-_MOST_TURNED = math.radians(450.0)
-_STEP = np.float32(STEP)
-
-# TURNS, padded to fill the processor's vectors.
-_WIDE = STEP * np.arange(-HALF, WIDTH - HALF)
-_COS, _SIN = np.cos(_WIDE.astype(np.float32)), np.sin(_WIDE.astype(np.float32))
-_BITS = (1 << np.arange(WIDTH)).astype(np.uint32)
-_INSIDE = (1 << 2 * HALF) - 1  # all turns but the last
-
-
-class _Offset(NamedTuple):
-    """From where the first turn begins to where the last one ends, and to the object at the goal, in m.
-
-    The drive ends `before` m ahead of where the last turn begins.
-    """
-
-    x: float
-    y: float
-    object_x: float
-    object_y: float
-    before: float
-
-
 @compiled
-def search_fastest(
-    ends: FloatArray,
-    shapes: Rows,
-    others: NDArray[np.intp],
-    tables: TurnTables,
-    rules: Rules,
-    missed: tuple[float, float],
-    hold: float,
-    result: FloatArray,
-) -> None:
-    """Find the fastest path for each of n pairs of ends.
+def fastest_paths(ends: FloatArray, shapes: ShapeSet, hold: float) -> FloatArray:
+    """Return the fastest path of these shapes for each of n pairs of ends.
 
     Parameters
     ----------
     ends : ndarray, shape (5, n)
-        See `fastest_paths`.
-    shapes, others, tables, rules
-        Those of a `ShapeSet`.
-    missed : tuple of float
-        Time (s) and angle (rad) that stand for ends between which no path has room.
+        Both ends, in the frame of the start: destination x, y of the axle in m and heading there in rad,
+        forward speeds at the start and at the destination in m/s.
     hold : float
-        See `fastest_paths`.
-    result : ndarray, shape (2, n)
-        Becomes the time in s, and the sum of the angles turned in rad.
+        Distance in m from the destination to the object in front of it.
+
+    Returns
+    -------
+    ndarray, shape (2, n)
+        Their times in s, and the sums of the angles of both turns in rad.
     """
-    count = len(others) - 1
-    firsts, most = shapes[:count], max(1, (others[1:] - others[:-1]).max())
-    entries, exits = np.empty(count, dtype=_END), np.empty(count, dtype=_END)
-    other_entries, other_exits = np.empty(most, dtype=_END), np.empty(most, dtype=_END)
+    rules, rows, others, tables, missed = shapes
+    result, count = np.empty((2, ends.shape[1])), len(others) - 1
+    entries, exits = np.empty(len(rows), dtype=_END), np.empty(len(rows), dtype=_END)
     gaps, zeros = np.empty(WIDTH, dtype=np.float32), np.zeros(WIDTH, dtype=np.float32)
+    firsts, first_entries, first_exits = rows[:count], entries[:count], exits[:count]
     likely = 0  # the last fastest group is tried first: its time prunes most others
     for at in range(ends.shape[1]):
         x, y, turn, speed, arrival = ends[0, at], ends[1, at], ends[2, at], ends[3, at], ends[4, at]
         if at == 0 or speed != ends[3, at - 1]:
-            _set_speed(entries, speed, firsts, tables, rules)
+            _set_speed(first_entries, speed, firsts, tables, rules)
         if at == 0 or arrival != ends[4, at - 1]:
-            _set_arrival(exits, arrival, firsts, tables, rules)
+            _set_arrival(first_exits, arrival, firsts, tables, rules)
         time, turned, likely = _fastest(
-            x, y, turn, hold, np.inf, likely, entries, exits, gaps, zeros, firsts, tables, rules
+            x, y, turn, hold, np.inf, likely, first_entries, first_exits, gaps, zeros, firsts, tables, rules
         )
         if others[likely] < others[likely + 1]:
-            group = shapes[others[likely] : others[likely + 1]]
+            begin, end = others[likely], others[likely + 1]
+            group, other_entries, other_exits = rows[begin:end], entries[begin:end], exits[begin:end]
             _set_speed(other_entries, speed, group, tables, rules)
             _set_arrival(other_exits, arrival, group, tables, rules)
             faster, angles, _ = _fastest(
@@ -366,6 +282,15 @@ def search_fastest(
         if time == np.inf:
             time, turned = missed
         result[0, at], result[1, at] = time, turned
+    return result
+
+
+_DETOUR, _SHORTFALL = 7.2, 2.0
+"""Costs, in m of driving at full speed, of each m that a drive passes an object at the goal too near, and of
+each m that a drive forward lacks for its change of speed: the robot turns at other speeds then."""
+_ROOM = 0.02
+"""Room in m that a drive needs beyond its change of speed if no last turn can make up for it."""
+_MOST_TURNED = math.radians(450.0)
 
 
 @inlined
@@ -388,45 +313,45 @@ def _fastest(
     cos, sin = math.cos(turn), math.sin(turn)
     object_x, object_y = x + hold * cos, y + hold * sin
     # The whole change of heading may be either way round, or a full turn more.
-    circle = math.copysign(_FULL_TURN, turn)
+    circle = math.copysign(FULL_TURN, turn)
     totals = (turn, turn - circle, turn + circle)
     windows = (_window_of(-totals[0]), _window_of(-totals[1]), _window_of(-totals[2]))
     best, result, turned, fastest = most, np.inf, 0.0, likely
-    along, across = tables.turns
+    (along, across), fractions = tables.turns, tables.fractions
     for number in range(len(shapes)):
         index = (likely + number) % len(shapes)
         shape, entry, exit_ = shapes[index], entries[index], exits[index]
         straight = entry["time"] + exit_["time"]
         if straight == np.inf:
             continue
+        one = Turn(entry["row"], entry["speed"], shape["first_change"], shape["first_rate"])
+        two = Turn(exit_["row"], exit_["speed"], shape["last_change"], shape["last_rate"])
         ahead, aside = object_x - entry["length"], object_y
         if rules.free_heading:
-            offset = _Offset(ahead, aside, ahead, aside, hold)
+            offset = Offset(ahead, aside, hold)
         else:
-            to_x, to_y = x - entry["length"] - exit_["length"] * cos, y - exit_["length"] * sin
-            offset = _Offset(to_x, to_y, ahead, aside, 0.0)
-        rate = max(shape["first_rate"], shape["last_rate"])
+            back = exit_["length"]
+            offset = Offset(x - entry["length"] - back * cos, y - back * sin, 0.0)
         for around in range(1 if rules.free_heading else 3 if rules.forward else 2):
             total = 0.0 if rules.free_heading else totals[around]
-            if straight + turn_time(abs(total), rate, rules.rates.aw) > best:
+            if straight + turn_time(abs(total), max(one.rate, two.rate), rules.rates.aw) > best:
                 continue
             if rules.free_heading:
                 far = zeros
             else:
                 fraction, column = windows[around]
-                far = tables.fractions[exit_["row"], fraction, column : column + WIDTH]
-            above = _fill_gaps(gaps, offset, shape["direction"], entry, far, tables)
-            # At a zero crossing from above the drive has this shape's direction, else the opposite one.
-            roots = above & ~(above >> 1) & _INSIDE
+                far = fractions[two.row, fraction, column : column + WIDTH]
+            above = _write_gaps(gaps, offset, shape["direction"], one.row, far, fractions)
+            roots = crossings(above, 2 * HALF, False)
             while roots:
-                step = math.frexp(float(roots & -roots))[1] - 1
+                step = lowest(roots)
                 roots &= roots - 1
-                first = TURNS[step] + _STEP * (gaps[step] / (gaps[step] - gaps[step + 1]))
+                first = _TURNS[step] + _STEP * (gaps[step] / (gaps[step] - gaps[step + 1]))
                 last = 0.0 if rules.free_heading else total - first
                 angles = abs(first) + abs(last)
                 if abs(last) < WIDEST and angles < _MOST_TURNED:
                     time = _time(
-                        first, last, straight, best, offset, shape, entry, exit_, along, across, rules
+                        first, last, straight, best, offset, ahead, aside, one, two, along, across, rules
                     )
                     if time < best:
                         best, result, turned, fastest = time, time, angles, index
@@ -434,26 +359,20 @@ def _fastest(
 
 
 @inlined
-def _fill_gaps(
-    gaps: RealArray,
-    offset: _Offset,
-    direction: float,
-    entry: Any,
-    far: RealArray,
-    tables: TurnTables,
+def _write_gaps(
+    gaps: RealArray, offset: Offset, direction: float, row: int, far: RealArray, fractions: RealArray
 ) -> int:
-    """Compute by how much a drive after each of TURNS misses the last turn, in the shape's direction.
+    """Write by how much a drive after each of the turns misses the last turn, in the shape's direction.
 
-    `far` is how far across the last turns begin. Return a number whose bits are set for gaps above 0, which
-    is faster to scan.
+    The first turns have a row in `fractions`; `far` is how far across the last ones lead. Return the bits of
+    `crossings`.
     """
-    x, y = np.float32(offset.x), np.float32(offset.y)
-    near = tables.fractions[entry["row"], 0, 2 * HALF : 2 * HALF + WIDTH]  # at TURNS
-    above = np.uint32(0)
+    near = fractions[row, 0, 2 * HALF : 2 * HALF + WIDTH]
+    x, y, above = np.float32(offset.x), np.float32(offset.y), np.uint32(0)
     for step in range(WIDTH):
         gap = direction * (y * _COS[step] - x * _SIN[step] - near[step] - far[step])
         gaps[step] = gap
-        above |= _BITS[step] if gap > np.float32(0.0) else np.uint32(0)
+        above |= sign_bit(gap, step)
     return int(above)
 
 
@@ -463,42 +382,40 @@ def _time(
     last: float,
     straight: float,
     best: float,
-    offset: _Offset,
-    shape: Any,
-    entry: Any,
-    exit_: Any,
+    offset: Offset,
+    ahead: float,
+    aside: float,
+    one: Turn,
+    two: Turn,
     along: FloatArray,
     across: FloatArray,
     rules: Rules,
 ) -> float:
-    """Return the time in s of a path; infinite if it is not allowed or exceeds `best`."""
+    """Return the time in s of a path; infinite if it is not allowed or exceeds `best`.
+
+    The object at the goal lies `ahead` and `aside` (m) of where the first turn begins.
+    """
     rates = rules.rates
-    time1 = turn_time(abs(first), shape["first_rate"], rates.aw)
-    time2 = turn_time(abs(last), shape["last_rate"], rates.aw)
-    result: float = time1 + time2 + straight
+    result = turn_time(abs(first), one.rate, rates.aw) + turn_time(abs(last), two.rate, rates.aw) + straight
     if result > best:
         return np.inf
     cos, sin = math.cos(first), math.sin(first)
-    coasted = entry["speed"] * time1
-    lane = cos * offset.x + sin * offset.y - offset.before - coasted - exit_["speed"] * time2
-    length = drive_length(lane, first, last, entry["row"], exit_["row"], along, along)
+    length, before, after = drive_between(first, last, cos, sin, offset, one, two, along, along, rates)
     if result + abs(length) * (1.0 / rates.v) > best:
         return np.inf
-    before = speed_after(entry["speed"], shape["first_change"], time1, rates.v)
-    after = speed_after(exit_["speed"], shape["last_change"], time2, rates.v)
     if rules.forward:
         least = change_distance(before, after, rates)
         if length < (least + _ROOM if rules.free_heading else 0.0):
             return np.inf
-        result += rules.shortfall * max(least - length, 0.0)
+        result += _SHORTFALL / rates.v * max(least - length, 0.0)
         length = max(length, least)
     result += drive_time(length, before, after, rates)
     if rules.passing > 0.0:
-        begin, share = place_of(entry["row"], first)
-        to_object = cos * offset.object_x + sin * offset.object_y - look_up(along, begin, share) - coasted
+        to_object = cos * ahead + sin * aside - look_up(along, one.row, first)
+        to_object -= one.speed * turn_time(abs(first), one.rate, rates.aw)
         if min(length, 0.0) < to_object < max(length, 0.0):
-            beside = cos * offset.object_y - sin * offset.object_x - look_up(across, begin, share)
-            result += rules.detour * max(rules.passing - abs(beside), 0.0)
+            beside = cos * aside - sin * ahead - look_up(across, one.row, first)
+            result += _DETOUR / rates.v * max(rules.passing - abs(beside), 0.0)
     return result
 
 
@@ -521,13 +438,9 @@ def needed_shapes(grid: ShapeSet, ends: FloatArray, *, hold: float) -> list[list
     hold : float
         Distance in m from the destination to the object in front of it.
     """
-    count = ends.shape[1]
-    times, result = np.empty((len(grid.rows), count)), np.empty((2, count))
-    alone, never = np.ones(2, dtype=np.intp), (np.inf, 0.0)
-    for number in range(len(times)):
-        row = grid.rows[number : number + 1]
-        search_fastest(ends, row, alone, grid.tables, grid.rules, never, hold, result)
-        times[number] = result[0]
+    alone = grid._replace(others=np.ones(2, dtype=np.intp), missed=(np.inf, 0.0))
+    each = (alone._replace(rows=grid.rows[number : number + 1]) for number in range(len(grid.rows)))
+    times = np.stack([fastest_paths(ends, shape, hold)[0] for shape in each])
     least = times.min(axis=0)
     reached = np.isfinite(least)
     if not reached.any():
@@ -561,24 +474,3 @@ def drawn_ends(like: FloatArray, count: int, rng: np.random.Generator) -> FloatA
     least, greatest = like[3:].min(axis=1)[:, None], like[3:].max(axis=1)[:, None]
     speeds = moving * rng.uniform(least, greatest, (2, count))
     return np.stack((distance * np.cos(bearing), distance * np.sin(bearing), turn, *speeds))
-
-
-def fastest_paths(ends: FloatArray, shapes: ShapeSet, *, hold: float) -> FloatArray:
-    """Return the fastest path of these shapes for each of n pairs of ends.
-
-    Parameters
-    ----------
-    ends : ndarray, shape (5, n)
-        Both ends, in the frame of the start: destination x, y of the axle in m and heading there in rad,
-        forward speeds at the start and at the destination in m/s.
-    hold : float
-        Distance in m from the destination to the object in front of it.
-
-    Returns
-    -------
-    ndarray, shape (2, n)
-        Their times in s, and the sums of the angles of both turns in rad.
-    """
-    result = np.empty((2, ends.shape[1]))
-    search_fastest(ends, shapes.rows, shapes.others, shapes.tables, shapes.rules, shapes.missed, hold, result)
-    return result

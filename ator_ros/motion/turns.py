@@ -13,8 +13,7 @@ import numpy as np
 
 from ator_ros.compiled import compiled, inlined
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.durations import turn_parts
-from ator_ros.robot.description import Limits
+from ator_ros.motion.durations import Bounds, turn_parts
 
 STEP = np.pi / 8.0
 """Angle in rad between the turns among which the features' paths are bracketed."""
@@ -91,7 +90,7 @@ class TurnTable(NamedTuple):
     across: FloatArray
 
 
-def turn_table(turns: FloatArray, limits: Limits) -> TurnTable:
+def turn_table(turns: FloatArray, limits: Bounds) -> TurnTable:
     """Compute the table of `turns`, shape (rows, 3).
 
     A row holds the speed at the beginning (m/s), its constant change (m/s^2) and the greatest turn rate
@@ -120,15 +119,10 @@ def _write_table(turns: FloatArray, v: float, aw: float, along: FloatArray, acro
 
 
 @inlined
-def place_of(row: int, angle: float) -> tuple[int, float]:
-    """Return where a turn by `angle` (rad) lies in a table: the entry before, and the share beyond."""
+def look_up(column: FloatArray, row: int, angle: float) -> float:
+    """Look up a turn by `angle` (rad) in a row of a column of a `TurnTable`."""
     place = angle * _PER_ANGLE + EDGE
     low = int(place)
-    return low + row * ENTRIES, place - low
-
-
-@inlined
-def look_up(table: FloatArray, low: int, share: float) -> float:
-    """Look up a column of a `TurnTable` at a place."""
-    result: float = table[low] + share * (table[low + 1] - table[low])
+    at = low + row * ENTRIES
+    result: float = column[at] + (place - low) * (column[at + 1] - column[at])
     return result

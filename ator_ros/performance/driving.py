@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -13,15 +12,16 @@ from typing import Annotated
 import numpy as np
 
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.shapes import Shape, ShapeSet, TurnProfile, drawn_ends, needed_shapes
+from ator_ros.motion.durations import rates_of
+from ator_ros.motion.shapes import Rules, Shape, ShapeSet, drawn_ends, needed_shapes, shape_set
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.schema import Within, require
 
 _Observed = Annotated[float, Within(1e-6, 1000.0)]
-_NUMBERS = 9  # numbers of a shape of path
+_NUMBERS = len(Shape._fields)
 
 StoredShape = tuple[float | None, ...]
-"""A `Shape` in a file: the fields of both turn profiles and the others; None where one does not apply."""
+"""A `Shape` in a file; None where a number does not apply."""
 StoredGroups = tuple[tuple[StoredShape, ...], ...]
 """Groups of shapes, see `ator_ros.motion.shapes.ShapeSet`."""
 
@@ -74,41 +74,26 @@ class DrivingStyle:
     @cached_property
     def drive_paths(self) -> ShapeSet:
         """The paths to a pose."""
-        run = None if self.forward else 0.0
-        shapes = _restored(self.drives)
-        return ShapeSet(self.limits, shapes, run=run, forward=self.forward, free_heading=self.free_heading)
+        run = math.nan if self.forward else 0.0
+        rules = Rules(rates_of(self.limits), run, forward=self.forward, free_heading=self.free_heading)
+        return shape_set(_restored(self.drives), rules)
 
     @cached_property
     def approach_paths(self) -> ShapeSet:
         """The paths to a pose at which the robot holds an object."""
         if not self.approaches:
             return self.drive_paths
-        shapes, run = _restored(self.approaches), None if self.forward else self.run
-        return ShapeSet(self.limits, shapes, run=run, passing=self.passing, forward=self.forward)
+        run = math.nan if self.forward else self.run
+        return shape_set(
+            _restored(self.approaches), Rules(rates_of(self.limits), run, self.passing, self.forward)
+        )
 
 
-def _restored(groups: StoredGroups) -> tuple[tuple[Shape, ...], ...]:
-    return tuple(tuple(map(restored_shape, group)) for group in groups)
-
-
-def stored_shape(shape: Shape) -> StoredShape:
-    """Return a shape of path as a file holds it."""
-    numbers = (*shape.first, *shape.last, *shape[2:])
-    return tuple(number if math.isfinite(number) else None for number in numbers)
-
-
-def restored_shape(numbers: StoredShape) -> Shape:
-    """Return the shape of path with these numbers."""
-    change, rate, loss, last_rate, share, entry, start, arrival, direction = numbers
-    return Shape(
-        TurnProfile(change or 0.0, rate or 0.0),
-        TurnProfile(loss or 0.0, last_rate or 0.0),
-        math.nan if share is None else share,
-        math.nan if entry is None else entry,
-        -math.inf if start is None else start,
-        -math.inf if arrival is None else arrival,
-        1.0 if direction is None else direction,
-    )
+def _restored(groups: StoredGroups) -> list[list[Shape]]:
+    return [
+        [Shape(*(math.nan if number is None else number for number in numbers)) for numbers in group]
+        for group in groups
+    ]
 
 
 # What candidates are chosen from; all numbers are shares of the limits.
@@ -129,12 +114,7 @@ TurnRates = Callable[[float, float], float]
 def free_shapes(limits: Limits, runs: Iterable[float] = (0.0,)) -> list[Shape]:
     """Return the shapes of paths of a base that turns at its limit at any speed, forward and backward."""
     return [
-        Shape(
-            TurnProfile(first * limits.a, limits.w),
-            TurnProfile(last * limits.a, limits.w),
-            share,
-            direction=direction,
-        )
+        Shape(first * limits.a, limits.w, last * limits.a, limits.w, share, direction=direction)
         for first, last, direction, share in itertools.product(_CHANGES, _CHANGES, (1.0, -1.0), runs)
     ]
 
@@ -148,7 +128,7 @@ def forward_shapes(
             gain * limits.a,
             first_rate(speed, gain) * limits.w,
             entry * limits.v,
-            least * limits.v if least else -math.inf,
+            least * limits.v if least else math.nan,
         )
         for speed, entry, least in (
             *((least, math.nan, least) for least in _LEAST),
@@ -161,7 +141,7 @@ def forward_shapes(
             loss * limits.brake,
             last_rate(speed, -loss) * limits.w,
             share,
-            least * limits.v if least else -math.inf,
+            least * limits.v if least else math.nan,
         )
         for speed, share, least in (
             *((speed, speed, 0.0) for speed in _ARRIVALS),
@@ -169,27 +149,30 @@ def forward_shapes(
         )
         for loss in _LOSSES
     ]
-    ends = [(0.0, limits.w, math.nan, -math.inf)] if free_heading else ends
+    ends = [(0.0, limits.w, math.nan, math.nan)] if free_heading else ends
     slowest = _SLOWEST * limits.w
     return [
-        Shape(TurnProfile(gain, rate), TurnProfile(loss, other), share, entry, start, arrival)
+        Shape(gain, rate, loss, other, share, entry, start, arrival)
         for gain, rate, entry, start in begins
         for loss, other, share, arrival in ends
         if min(rate, other) > slowest
     ]
 
 
-def chosen_shapes(shapes: Sequence[Shape], paths: ShapeSet, ends: FloatArray, *, hold: float) -> StoredGroups:
-    """Return the groups of `shapes` that bring the times of `paths` nearest to those of all.
+def chosen_shapes(shapes: Sequence[Shape], rules: Rules, ends: FloatArray, *, hold: float) -> StoredGroups:
+    """Return the groups of `shapes` that bring the times of paths nearest to those of all.
 
     They are needed between ends like `ends`, shape (5, n), see `ator_ros.motion.shapes.drawn_ends`.
     """
     drawn = drawn_ends(ends, _DRAWN, np.random.default_rng(_SEED))
-    grid = dataclasses.replace(paths, groups=tuple((shape,) for shape in shapes))
+    grid = shape_set([[shape] for shape in shapes], rules)
     return tuple(
-        tuple(stored_shape(shapes[number]) for number in group)
-        for group in needed_shapes(grid, drawn, hold=hold)
+        tuple(_stored(shapes[number]) for number in group) for group in needed_shapes(grid, drawn, hold=hold)
     )
+
+
+def _stored(shape: Shape) -> StoredShape:
+    return tuple(None if math.isnan(number) else number for number in shape)
 
 
 @lru_cache(maxsize=8)
@@ -199,4 +182,4 @@ def plain_driving(robot: Robot) -> DrivingStyle:
     speeds = np.linspace(0.0, limits.v, _PLAIN) * (np.arange(_PLAIN) % 2)
     unturned = np.zeros(_PLAIN)
     ends = np.stack((np.linspace(0.1, 5.0, _PLAIN), unturned, unturned, speeds, np.roll(speeds, _PLAIN // 2)))
-    return DrivingStyle(limits, chosen_shapes(free_shapes(limits), ShapeSet(limits, ()), ends, hold=0.0))
+    return DrivingStyle(limits, chosen_shapes(free_shapes(limits), Rules(rates_of(limits)), ends, hold=0.0))

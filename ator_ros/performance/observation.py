@@ -9,13 +9,15 @@ spot turns at no other speed. From these turns the shapes of paths are made whos
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from ator_ros.geometry import BoolArray, FloatArray
-from ator_ros.motion.shapes import ShapeSet
+from ator_ros.motion.durations import rates_of
+from ator_ros.motion.shapes import Rules
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import (
@@ -69,13 +71,15 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
         shapes = forward_shapes(limits, first, last, free_heading=free_heading)
         if not shapes:  # of an action whose odometry shows no turns, too
             shapes = forward_shapes(limits, _on_the_spot, _on_the_spot, free_heading=free_heading)
-        paths = ShapeSet(limits, (), run=None, forward=True, free_heading=free_heading)
+        rules = Rules(rates_of(limits), math.nan, forward=True, free_heading=free_heading)
         hold = robot.hold if holding.any() else 0.0
-        drives = chosen_shapes(shapes, paths, _geometry(starts, robot).ends, hold=hold)
+        drives = chosen_shapes(shapes, rules, _geometry(starts, robot).ends, hold=hold)
         return DrivingStyle(limits, drives, forward=True, free_heading=free_heading)
     free = starts if holding.all() else starts[~holding]
     ends = _geometry(free, robot).ends
-    driving = DrivingStyle(limits, chosen_shapes(free_shapes(limits), ShapeSet(limits, ()), ends, hold=0.0))
+    driving = DrivingStyle(
+        limits, chosen_shapes(free_shapes(limits), Rules(rates_of(limits)), ends, hold=0.0)
+    )
     return _best_approach(driving, starts[holding], robot) if holding.any() else driving
 
 
@@ -190,7 +194,7 @@ def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) ->
     shapes, ends = free_shapes(driving.limits, RUNS), _geometry(starts, robot).ends
 
     def approaching(run: float) -> DrivingStyle:
-        approaches = chosen_shapes(shapes, ShapeSet(driving.limits, (), run=run), ends, hold=robot.hold)
+        approaches = chosen_shapes(shapes, Rules(rates_of(driving.limits), run), ends, hold=robot.hold)
         return dataclasses.replace(driving, run=run, approaches=approaches)
 
     best = first = approaching(_RUN_LENGTHS[len(_RUN_LENGTHS) // 2])

@@ -284,8 +284,7 @@ def fastest(
             f"expected a start clear of ball and goals, got ({start.x:.2f}, {start.y:.2f}) m, "
             "which is too near one of them"
         )
-    slack = 0.0 if forward_only else -math.inf
-    paths = find_paths(start, goal, entries, exits, limits, least_slack=slack, longest=longest, most=tries)
+    paths = find_paths(start, goal, entries, exits, limits, forward=forward_only, longest=longest, most=tries)
     found, first, last, drive = _first_clear(
         from_center(start, robot),
         from_center(goal, robot),
@@ -300,8 +299,9 @@ def fastest(
             f"expected a free way from ({start.x:.2f}, {start.y:.2f}) m "
             f"to ({goal.x:.2f}, {goal.y:.2f}) m, found none"
         )
-    entry, exit_ = entries.side(paths.entries[found]), exits.side(paths.exits[found])
-    return Manoeuvre(start, goal, entry, exit_, first, last, drive, limits)
+    entry, exit_ = entries.sides[paths.entries[found]], exits.sides[paths.exits[found]]
+    sides = Side(*entry.tolist()), Side(*exit_.tolist())
+    return Manoeuvre(start, goal, *sides, first, last, drive, limits)
 
 
 def turn_on_spot(robot: Robot, start: Pose, yaw: float, limits: Limits, obstacles: Obstacles) -> Manoeuvre:
@@ -327,7 +327,7 @@ def _first_clear(
     """Return the first of the paths that can be driven, with its turns and drive once closed; -1 if none."""
     speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
     for index in range(len(paths.times)):
-        entry, leaving = entries[:, paths.entries[index]].copy(), exits[:, paths.exits[index]].copy()
+        entry, leaving = entries[paths.entries[index]], exits[paths.exits[index]]
         first, last, drive = paths.firsts[index], paths.lasts[index], paths.drives[index]
         if is_clear(start, goal, first, last, drive, entry, leaving, around, forward):
             first, last, drive, found = close(first, last, start, goal, entry, leaving, around.rates)

@@ -28,7 +28,7 @@ from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.durations import Rates, drive_time, rates_of, turn_time
 from ator_ros.motion.manoeuvre import Manoeuvre, Side, turn_displacement
 from ator_ros.motion.paths import Ends, ranked
-from ator_ros.motion.turns import WIDEST, look_up, place_of
+from ator_ros.motion.turns import WIDEST, look_up
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import World
 
@@ -83,7 +83,7 @@ def _run_up(robot: Robot, start: Pose, mouth: Pose, entries: Ends, limits: Limit
     if index < 0:
         return None
     entry, turn, pushed, released = found[index, [1, 3, 4, 5]].tolist()
-    begin = entries.side(int(entry))._replace(length=float(found[index, 2]))
+    begin = Side(*entries.sides[int(entry)].tolist())._replace(length=float(found[index, 2]))
     goal = _end_of(start, found[index], np.array(begin), around.rates)
     release = Side(0.0, released, released, 0.0, limits.w)
     return Manoeuvre(start, goal, begin, release, turn, 0.0, pushed, limits)
@@ -100,7 +100,7 @@ def _run_ups(seen: Pose, entries: Ends, shooting: _Shooting) -> FloatArray:
         straights in m, speeds at their ends in m/s.
     """
     rates, sides, (along, across) = shooting.rates, entries.sides, entries.turns
-    found, count = np.empty((len(_TURNS) * sides.shape[1] * len(_LEADS), 6)), 0
+    found, count = np.empty((len(_TURNS) * len(sides) * len(_LEADS), 6)), 0
     cos, sin = math.cos(seen.yaw), math.sin(seen.yaw)
     for turn in _TURNS:
         heading = (seen.yaw + turn + math.pi) % math.tau - math.pi
@@ -108,21 +108,21 @@ def _run_ups(seen: Pose, entries: Ends, shooting: _Shooting) -> FloatArray:
             continue
         c, s = math.cos(heading), math.sin(heading)
         ahead, aside = math.cos(seen.yaw + turn), math.sin(seen.yaw + turn)
-        for entry in range(sides.shape[1]):
-            turning = turn_time(turn, sides[4, entry], rates.aw)
-            speed = min(max(sides[2, entry] + sides[3, entry] * turning, -rates.v), rates.v)
-            low, share = place_of(entry, turn)
-            forth = look_up(along, low, share) + sides[2, entry] * turning
-            left = look_up(across, low, share)
+        for entry in range(len(sides)):
+            outer, begin, change, rate = sides[entry, 1], sides[entry, 2], sides[entry, 3], sides[entry, 4]
+            turning = turn_time(turn, rate, rates.aw)
+            speed = min(max(begin + change * turning, -rates.v), rates.v)
+            forth = look_up(along, entry, turn) + begin * turning
+            left = look_up(across, entry, turn)
             turned_x = seen.x + ahead * forth - aside * left
             turned_y = seen.y + aside * forth + ahead * left
             for further in _LEADS:
-                lead = sides[0, entry] + further
+                lead = sides[entry, 0] + further
                 x, y = turned_x + lead * cos, turned_y + lead * sin
                 pushed, released, time = _release(x, y, c, s, speed, shooting)
                 if time == np.inf:
                     continue
-                time += turning + drive_time(lead, sides[1, entry], sides[2, entry], rates)
+                time += turning + drive_time(lead, outer, begin, rates)
                 found[count, 0], found[count, 1], found[count, 2] = time, entry, lead
                 found[count, 3], found[count, 4], found[count, 5] = turn, pushed, released
                 count += 1
@@ -168,7 +168,7 @@ def _rolling_time(deceleration: float, speed: float, way: float) -> float:
 def _first_clear_run_up(start: Pose, found: FloatArray, entries: FloatArray, around: Surroundings) -> int:
     """Return the index of the first run-up that can be driven; -1 if none."""
     for index in range(len(found)):
-        entry = entries[:, int(found[index, 1])].copy()
+        entry = entries[int(found[index, 1])].copy()
         entry[0], turn, pushed, released = found[index, 2], found[index, 3], found[index, 4], found[index, 5]
         leaving = np.array((0.0, released, released, 0.0, around.rates.w))
         goal = _end_of(start, found[index], entry, around.rates)
