@@ -94,15 +94,7 @@ def direction(distance: Real, before: Any, after: Any, rates: Bounds) -> Real:
 @elementwise
 def drive_time(distance: Real, before: Any, after: Any, rates: Bounds) -> Real:
     """Return the time in s of straight drives over signed `distance` (m) between two speeds (m/s)."""
-    sign = direction(distance, before, after, rates)
-    result: Real = forward_time(sign * distance, sign * before, sign * after, rates)
-    return result
-
-
-@elementwise
-def forward_time(distance: Real, before: Any, after: Any, rates: Bounds) -> Real:
-    """Return the time in s of drives that gain speed first, or keep it, and lose it at the end."""
-    gaining, steady, losing, _ = forward_parts(distance, before, after, rates)
+    gaining, steady, losing, _ = drive_parts(distance, before, after, rates)
     result: Real = gaining + losing + steady
     return result
 

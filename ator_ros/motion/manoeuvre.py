@@ -162,18 +162,18 @@ def write_pieces(
     """
     ramp, held, v1 = _ramp(first, entry, bounds)
     _straight(speeds, 0, entry[0], entry[1], entry[2], bounds)
-    _piece(speeds, 3, ramp, entry[2], v1)
-    _piece(speeds, 4, held, v1, v1)
+    speeds[3] = ramp, entry[2], v1
+    speeds[4] = held, v1, v1
     ramp, held, v2 = _ramp(last, leaving, bounds)
     _straight(speeds, 5, distance, v1, v2, bounds)
-    _piece(speeds, 8, held, v2, v2)
-    _piece(speeds, 9, ramp, v2, leaving[2])
+    speeds[8] = held, v2, v2
+    speeds[9] = ramp, v2, leaving[2]
     _straight(speeds, 10, leaving[0], leaving[2], leaving[1], bounds)
     _turn(turns, 1, first, entry[4], bounds.aw)
     _turn(turns, 5, last, leaving[4], bounds.aw)
     for at in range(3):
         straight = speeds[5 * at, 0] + speeds[5 * at + 1, 0] + speeds[5 * at + 2, 0]
-        _piece(turns, 4 * at, straight, 0.0, 0.0)
+        turns[4 * at] = straight, 0.0, 0.0
     total = 0.0
     for piece in range(SPEED_PIECES):
         total += speeds[piece, 0]
@@ -191,16 +191,11 @@ def is_forward(speeds: FloatArray, distance: float, bounds: Rates) -> bool:
 
 
 @compiled
-def _piece(pieces: FloatArray, at: int, duration: float, begin: float, end: float) -> None:
-    pieces[at, 0], pieces[at, 1], pieces[at, 2] = duration, begin, end
-
-
-@compiled
 def _straight(pieces: FloatArray, at: int, distance: float, v1: float, v2: float, bounds: Rates) -> None:
     gaining, steady, losing, top = drive_parts(distance, v1, v2, bounds)
-    _piece(pieces, at, gaining, v1, top)
-    _piece(pieces, at + 1, steady, top, top)
-    _piece(pieces, at + 2, losing, top, v2)
+    pieces[at] = gaining, v1, top
+    pieces[at + 1] = steady, top, top
+    pieces[at + 2] = losing, top, v2
 
 
 @compiled
@@ -218,6 +213,6 @@ def _ramp(angle: float, side: FloatArray, bounds: Rates) -> tuple[float, float, 
 def _turn(turns: FloatArray, at: int, angle: float, rate: float, aw: float) -> None:
     ramp, steady = turn_parts(angle, rate, aw)
     peak = math.copysign(aw * ramp, angle)
-    _piece(turns, at, ramp, 0.0, peak)
-    _piece(turns, at + 1, steady, peak, peak)
-    _piece(turns, at + 2, ramp, peak, 0.0)
+    turns[at] = ramp, 0.0, peak
+    turns[at + 1] = steady, peak, peak
+    turns[at + 2] = ramp, peak, 0.0

@@ -22,7 +22,14 @@ from numpy.typing import NDArray
 
 from ator_ros.compiled import compiled, inlined
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.durations import Rates, change_distance, change_time, drive_time, forward_time, turn_time
+from ator_ros.motion.durations import (
+    Rates,
+    change_distance,
+    change_time,
+    drive_time,
+    forward_parts,
+    turn_time,
+)
 from ator_ros.motion.paths import (
     FULL_TURN,
     WIDTH,
@@ -217,8 +224,8 @@ def _set_arrival(exits: Rows, arrival: float, shapes: Rows, tables: TurnTables, 
         shape, exit_ = shapes[index], exits[index]
         speed, run = _before_run(shape["share"], arrival, rules)
         exit_["speed"], exit_["length"] = speed, run
-        time = forward_time(run, speed, arrival, rules.rates)
-        exit_["time"] = np.inf if arrival < shape["least_arrival"] else time
+        gaining, steady, losing, _ = forward_parts(run, speed, arrival, rules.rates)
+        exit_["time"] = np.inf if arrival < shape["least_arrival"] else gaining + losing + steady
         exit_["row"] = _row_of(tables, shape["last_row"], speed)
 
 

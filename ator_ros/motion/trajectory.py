@@ -1,11 +1,9 @@
-"""The motion of a plan over time: its opening, poses and velocities, and rates that keep a held object."""
+"""The motion of a plan over time: its opening, poses and velocities."""
 
 from __future__ import annotations
 
-import copy
 import math
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -13,7 +11,7 @@ from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.robot.description import Limits
-from ator_ros.world.state import CONTROL_PERIOD, RobotState
+from ator_ros.world.state import RobotState
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,69 +46,6 @@ def opening_of(start: RobotState, limits: Limits, *, stops: bool = False) -> Ope
         x += speed * duration / 6.0 * math.cos(heading)
         y += speed * duration / 6.0 * math.sin(heading)
     return Opening(start, RobotState(Pose(x, y, yaw + 0.5 * turned), after), duration)
-
-
-_HALVINGS = 20
-_Bound = tuple[float, float, float, float]
-"""An acceleration in a segment: what the squared rates before and after it are multiplied with, and the least
-and greatest sum."""
-
-
-def greatest_rates(v: FloatArray, w: FloatArray, steps: FloatArray, limits: Limits) -> FloatArray:
-    """Return how fast the time of a motion may pass at each of n moments, from 0 to 1.
-
-    Parameters
-    ----------
-    v, w : ndarray, shape (n,)
-        Planned velocities in m/s and rad/s, which change linearly between the moments.
-    steps : ndarray, shape (n - 1,)
-        Planned times in s between the moments.
-    limits : Limits
-        Accelerations that the base has.
-    """
-    segments = []
-    for drives, turns, step in zip(pairwise(v.tolist()), pairwise(w.tolist()), steps.tolist(), strict=True):
-        driving = (-limits.brake, limits.a) if sum(drives) >= 0.0 else (-limits.a, limits.brake)
-        segments.append((*_bounds(*drives, step, *driving), *_bounds(*turns, step, -limits.aw, limits.aw)))
-    most = [1.0]
-    for segment in reversed(segments):
-        most.append(_most_before(segment, most[-1]))
-    most.reverse()
-    squares = most[:1]
-    for segment, bound in zip(segments, most[1:], strict=True):
-        squares.append(max(0.0, min(bound, _span(segment, squares[-1])[1])))
-    return np.sqrt(squares)
-
-
-def _bounds(start: float, end: float, step: float, least: float, most: float) -> tuple[_Bound, _Bound]:
-    """Bound the acceleration at both ends of a segment in which a velocity goes from `start` to `end`."""
-    # It is the squared rate times what is planned, and half of its change in time times the velocity.
-    planned = (end - start) / step
-    first, last = 0.5 * start / step, 0.5 * end / step
-    return (planned - first, first, least, most), (-last, planned + last, least, most)
-
-
-def _most_before(segment: tuple[_Bound, ...], after: float) -> float:
-    """Return the greatest squared rate from which one of up to `after` can follow."""
-    low, high, middle = 0.0, 1.0, 1.0
-    for _ in range(_HALVINGS + 1):
-        least, most = _span(segment, middle)
-        low, high = (middle, high) if max(0.0, least) <= min(after, most) else (low, middle)
-        middle = 0.5 * (low + high)
-    return low
-
-
-def _span(segment: tuple[_Bound, ...], square: float) -> tuple[float, float]:
-    """Return from where to where the squared rate after a segment may be, given the one before."""
-    lowest, highest = -math.inf, math.inf
-    for before, after, least, most in segment:
-        rest = before * square
-        if after != 0.0:
-            ends = (least - rest) / after, (most - rest) / after
-            lowest, highest = max(lowest, min(ends)), min(highest, max(ends))
-        elif not least <= rest <= most:
-            return math.inf, 0.0
-    return lowest, highest
 
 
 DT = 0.01
@@ -224,9 +159,8 @@ class Trajectory:
         start, goal = poses[0], poses[-1]
         self.duration: float = sum(speeds[:, 0].tolist())
         states = np.empty((most_states(self.duration, DT), 5))
-        states = states[: write_states(states, speeds, turns, self.duration, start, goal, DT)]
-        self._times = np.minimum(DT * np.arange(len(states)), self.duration)
-        self._x, self._y, self._yaw, self._v, self._w = np.ascontiguousarray(states.T)
+        self._states = states[: write_states(states, speeds, turns, self.duration, start, goal, DT)]
+        self._times = np.minimum(DT * np.arange(len(self._states)), self.duration)
 
     def at(self, time: float) -> RobotState:
         """Return the planned state at `time` s after the start; it stays at the last one afterwards."""
@@ -235,40 +169,9 @@ class Trajectory:
         high = min(low + 1, len(self._times) - 1)
         span = self._times[high] - self._times[low]
         share = (min(max(time, 0.0), self.duration) - self._times[low]) / span if span > 0.0 else 0.0
-
-        def mix(values: FloatArray) -> float:
-            return float(values[low] + share * (values[high] - values[low]))
-
-        return RobotState(Pose(mix(self._x), mix(self._y), mix(self._yaw)), mix(self._v), mix(self._w))
-
-    def remainder(self, since: float, limits: Limits) -> Trajectory:
-        """Return the motion from the moment `since` (s) on, slower where it asks for more than `limits`."""
-        count = max(1, math.ceil((self.duration - since) / CONTROL_PERIOD))
-        moments = np.linspace(since, self.duration, count + 1)
-        v, w = np.interp(moments, self._times, self._v), np.interp(moments, self._times, self._w)
-        steps = np.diff(moments)
-        rates = greatest_rates(v, w, steps, limits)
-        times = np.concatenate(([0.0], np.cumsum(2.0 * steps / (rates[:-1] + rates[1:]))))
-        return self._retimed(since, times, rates)
-
-    def _retimed(self, since: float, times: FloatArray, rates: FloatArray) -> Trajectory:
-        """Return the motion from `since` on; at `times` its time passes at `rates`, linearly in between."""
-        slower = copy.copy(self)
-        slower.duration = float(times[-1])
-        slower._times = np.append(np.arange(0.0, slower.duration, DT), slower.duration)
-        rate = np.interp(slower._times, times, rates)
-        moments = since + _integral(rate, np.diff(slower._times))
-        slower._v = rate * np.interp(moments, self._times, self._v)
-        slower._w = rate * np.interp(moments, self._times, self._w)
-        slower._x = np.interp(moments, self._times, self._x)
-        slower._y = np.interp(moments, self._times, self._y)
-        slower._yaw = np.interp(moments, self._times, self._yaw)
-        return slower
+        x, y, yaw, v, w = (self._states[low] + share * (self._states[high] - self._states[low])).tolist()
+        return RobotState(Pose(x, y, yaw), v, w)
 
     def poses(self) -> FloatArray:
         """Return the sampled poses, shape (n, 3): x, y in m, yaw in rad."""
-        return np.stack((self._x, self._y, self._yaw), axis=1)
-
-
-def _integral(values: FloatArray, steps: FloatArray) -> FloatArray:
-    return np.concatenate(([0.0], np.cumsum(0.5 * (values[:-1] + values[1:]) * steps)))
+        return self._states[:, :3]
