@@ -8,7 +8,6 @@ from functools import partial
 import numpy as np
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.actions.base import Goal
 from ator_ros.actions.situation import SHORT, ActionSpec, Situation
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer import chains, situations
@@ -18,7 +17,7 @@ from ator_ros.resources import resource_path
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition, Term
-from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
+from ator_ros.tops.ranges import USUAL_RANGES, Ranges, arrival_speed
 from ator_ros.world.state import CONTROL_PERIOD
 
 TIME_LIMIT = 120.0
@@ -33,12 +32,10 @@ def arrival_limit(robot: Robot) -> float:
     return _ARRIVAL_SHARE * robot.limits.v
 
 
-def arrival_speed(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
-    """Return the range of an arrival speed in m/s."""
-    return Range(0.0, arrival_limit(robot), 6, rest=0.0)
-
-
-RANGES: Ranges = {**USUAL_RANGES, "speed": arrival_speed}
+RANGES: Ranges = {
+    **USUAL_RANGES,
+    "speed": lambda robot, goal: arrival_speed(robot, goal, most=arrival_limit(robot)),
+}
 
 
 def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType, SimpleNamespace
@@ -74,21 +74,18 @@ def fixed(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
 def arrive(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
     """Choose the bearing along which the robot comes from the place before."""
     places = [trial.world.robot.pose, *(call.goal.pose for call in trial.chain.calls[:-1])]
-    return _with_open_headings(
-        trial, dict(enumerate(itertools.starmap(_bearing, itertools.pairwise(places))))
-    )
+    return _with_open_headings(trial, _bearings(places))
 
 
 def face_goal(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
     """Choose the bearing of the next goal."""
-    places = [call.goal.pose for call in trial.chain.calls]
-    return _with_open_headings(
-        trial, dict(enumerate(itertools.starmap(_bearing, itertools.pairwise(places))))
-    )
+    return _with_open_headings(trial, _bearings([call.goal.pose for call in trial.chain.calls]))
 
 
-def _bearing(here: Pose, to: Pose) -> float:
-    return math.atan2(to.y - here.y, to.x - here.x)
+def _bearings(places: Sequence[Pose]) -> dict[int, float]:
+    """Return the bearing of the next place from each one, by its number."""
+    pairs = enumerate(itertools.pairwise(places))
+    return {number: math.atan2(to.y - here.y, to.x - here.x) for number, (here, to) in pairs}
 
 
 def _with_open_headings(trial: Trial, headings: Mapping[int, float]) -> Choice:

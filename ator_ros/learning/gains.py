@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +13,6 @@ from scipy.special import stdtrit
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.files import load, save
-from ator_ros.geometry import FloatArray
 from ator_ros.refinement.gate import MeasuredGain
 
 GAINS, KIND = "gains.json", "gains of refinement"
@@ -66,9 +64,9 @@ class Gains:
         that of two means (Welch).
         """
         refined = [chain for chain in self.chains if chain.refined]
-        compared = _array([chain.excess for chain in self.chains if not chain.refined])
+        compared = np.array([chain.excess for chain in self.chains if not chain.refined])
         predicted = float(np.mean([chain.gain for chain in refined])) if refined else math.nan
-        gained = _array([chain.gain - chain.excess for chain in refined])
+        gained = np.array([chain.gain - chain.excess for chain in refined])
         if min(len(gained), len(compared)) < 2:
             return MeasuredGain(len(gained), len(compared), predicted)
         mean = float(gained.mean() + compared.mean())
@@ -95,10 +93,6 @@ def chain_gain(record: Any, models: str) -> ChainGain | None:
     if not (math.isfinite(gain.predicted) and math.isfinite(excess)):
         return None
     return ChainGain(not gain.comparison, gain.predicted, excess, record.chain.action_set or DEFAULT_SET)
-
-
-def _array(values: Sequence[float]) -> FloatArray:
-    return np.array(values, dtype=float)
 
 
 def read_gains(folder: Path, models: str) -> Gains:

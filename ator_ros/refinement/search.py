@@ -138,7 +138,8 @@ def search(
     ]
     candidates = [window.first for window in windows]
     if given is not None:
-        candidates = [_joined(*each) for each in zip(given, candidates, strict=True)]
+        pairs = zip(given, candidates, strict=True)
+        candidates = [np.vstack((values, others)) if len(values) else others for values, others in pairs]
     elif not all(map(len, candidates)):
         raise NoCandidateError("expected candidates of every subgoal, got none")
     path = least_path(step_cost, candidates, given or (), deadline)
@@ -335,11 +336,6 @@ def _grid(domains: tuple[Range, ...], count: int) -> tuple[FloatArray, FloatArra
     grid = np.stack([axis.ravel() for axis in axes], axis=1) if domains else np.zeros((1, 0))
     grid.setflags(write=False)
     return grid, np.array([lines[number][1] - lines[number][0] for number in range(len(domains))])
-
-
-def _joined(first: FloatArray, others: FloatArray) -> FloatArray:
-    """Return candidates (n, k) that begin with one of shape (k,); where k is 0 there is only one."""
-    return np.concatenate((first[None, :], others)) if len(first) else others
 
 
 def _of(table: Sequence[int], free: int) -> int:

@@ -76,7 +76,7 @@ class Draft:
         goal = dataclasses.replace(self.chain.calls[step].goal, pose=pose)
         return dataclasses.replace(self, chain=self.chain.with_goal(step, goal))
 
-    def with_open(self, step: int, name: str, *, is_open: bool) -> Draft:
+    def with_open(self, step: int, name: str, is_open: bool) -> Draft:
         """Return the draft with a goal variable of a step (from 0) opened, or committed to."""
         calls = list(self.chain.calls)
         opened = calls[step].open | {name} if is_open else calls[step].open - {name}

@@ -240,11 +240,8 @@ class Page:
             for step, call in enumerate(self._editor.draft.chain.calls):
                 for name in _VARIABLES:
                     box = self._gui.add_checkbox(f"{step + 1}. {call.top.name}: {name}", call.opens(name))
-                    self._on_change(box, partial(self._set_open, step, name))
+                    self._on_change(box, partial(self._editor.edit, Draft.with_open, step, name))
                     self._boxes.append((step, name, box))
-
-    def _set_open(self, step: int, name: str, is_open: bool) -> None:
-        self._editor.edit(lambda draft: draft.with_open(step, name, is_open=is_open))
 
     def _show_texts(self, world: World | None) -> None:
         editor, backend, answer = self._editor, self._editor.backend, self._editor.answer
