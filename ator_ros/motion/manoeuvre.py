@@ -90,11 +90,14 @@ class Manoeuvre:
 
 
 @compiled
-def turn_displacement(angle: float, side: FloatArray, bounds: Rates) -> tuple[float, float]:
-    """Return where a turn driven as `side`, shape (5,), ends: forward and leftward in m."""
+def turned(start: Pose, angle: float, side: FloatArray, bounds: Rates) -> Pose:
+    """Return where the straight and the turn by `angle` (rad) of a side, shape (5,), lead from `start`."""
     headings = np.empty((2, len(NODES)))
     time = write_headings(angle, side[4], bounds.aw, headings)
-    return turn_end(time, headings, side[2], side[3], bounds.v)
+    x, y = turn_end(time, headings, side[2], side[3], bounds.v)
+    x += side[0]
+    c, s = math.cos(start.yaw), math.sin(start.yaw)
+    return Pose(start.x + c * x - s * y, start.y + s * x + c * y, start.yaw + angle)
 
 
 @compiled
@@ -102,15 +105,10 @@ def _gap(
     first: float, last: float, start: Pose, goal: Pose, entry: FloatArray, leaving: FloatArray, bounds: Rates
 ) -> tuple[float, float]:
     """Return how far the straight drive misses the last turn sideways, and its length, both in m."""
-    one_x, one_y = turn_displacement(first, entry, bounds)
-    two_x, two_y = turn_displacement(-last, leaving, bounds)
-    ahead, back = entry[0] + one_x, -leaving[0] - two_x
-    c, s = math.cos(start.yaw), math.sin(start.yaw)
-    begin_x, begin_y = start.x + c * ahead - s * one_y, start.y + s * ahead + c * one_y
-    c, s = math.cos(goal.yaw), math.sin(goal.yaw)
-    dx = goal.x + c * back + s * two_y - begin_x
-    dy = goal.y + s * back - c * two_y - begin_y
-    c, s = math.cos(start.yaw + first), math.sin(start.yaw + first)
+    begin = turned(start, first, entry, bounds)
+    end = turned(Pose(goal.x, goal.y, goal.yaw + math.pi), -last, leaving, bounds)
+    dx, dy = end.x - begin.x, end.y - begin.y
+    c, s = math.cos(begin.yaw), math.sin(begin.yaw)
     return c * dy - s * dx, c * dx + s * dy
 
 

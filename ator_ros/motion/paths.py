@@ -23,7 +23,6 @@ from ator_ros.robot.description import Limits
 
 RealArray = NDArray[np.floating[Any]]
 
-FULL_TURN = 2.0 * math.pi
 WIDTH = 32
 """Turns of a grid whose gaps are compared at once: whole vectors."""
 _BITS = (1 << np.arange(WIDTH)).astype(np.uint32)
@@ -180,8 +179,8 @@ def find_paths(
 
     Where `forward`, those are left out whose drive is too short for its change of speed.
     """
-    x, y, turn = map(float, start.relative(goal))
-    found = _search(x, y, turn, entries, exits, rates_of(limits), forward, float(longest))
+    end = Pose(*map(float, start.relative(goal)))
+    found = _search(end, entries, exits, rates_of(limits), forward, float(longest))
     columns = ranked(found, most).T.copy()
     return Paths(columns[0], columns[1].astype(np.intp), columns[2].astype(np.intp), *columns[3:])
 
@@ -194,16 +193,7 @@ def ranked(found: FloatArray, most: int) -> FloatArray:
 
 
 @compiled
-def _search(
-    x: float,
-    y: float,
-    turn: float,
-    entries: Ends,
-    exits: Ends,
-    rates: Rates,
-    forward: bool,
-    longest: float,
-) -> FloatArray:
+def _search(end: Pose, entries: Ends, exits: Ends, rates: Rates, forward: bool, longest: float) -> FloatArray:
     """Return time, entry, exit, first turn, last turn and drive of each path, shape (n, 6)."""
     found, count, steps = np.empty((1024, 6)), 0, np.empty(_POINTS, dtype=np.intp)
     near = np.empty((len(entries.times), _POINTS), dtype=np.float32)
@@ -211,11 +201,11 @@ def _search(
     # Local names avoid reference counting at each access.
     sides1, sides2, times1, times2 = entries.sides, exits.sides, entries.times, exits.times
     (along1, across1), (along2, across2) = entries.turns, exits.turns
-    cos, sin = math.cos(turn), math.sin(turn)
+    (x, y, turn), cos, sin = end, math.cos(end.yaw), math.sin(end.yaw)
     _write_parts(near, entries, 0.0, x, y)
     for around in range(-1, 2):
         # The whole change of heading may be either way round, or a full turn more.
-        total = turn + around * FULL_TURN
+        total = turn + around * math.tau
         _write_parts(far, exits, total, 0.0, 0.0)
         for entry in range(len(times1)):
             one = Turn(entry, sides1[entry, 2], sides1[entry, 3], sides1[entry, 4])

@@ -31,7 +31,6 @@ from ator_ros.motion.durations import (
     turn_time,
 )
 from ator_ros.motion.paths import (
-    FULL_TURN,
     WIDTH,
     Offset,
     RealArray,
@@ -320,7 +319,7 @@ def _fastest(
     cos, sin = math.cos(turn), math.sin(turn)
     object_x, object_y = x + hold * cos, y + hold * sin
     # The whole change of heading may be either way round, or a full turn more.
-    circle = math.copysign(FULL_TURN, turn)
+    circle = math.copysign(math.tau, turn)
     totals = (turn, turn - circle, turn + circle)
     windows = (_window_of(-totals[0]), _window_of(-totals[1]), _window_of(-totals[2]))
     best, result, turned, fastest = most, np.inf, 0.0, likely

@@ -159,19 +159,15 @@ class Trajectory:
         start, goal = poses[0], poses[-1]
         self.duration: float = sum(speeds[:, 0].tolist())
         states = np.empty((most_states(self.duration, DT), 5))
-        self._states = states[: write_states(states, speeds, turns, self.duration, start, goal, DT)]
-        self._times = np.minimum(DT * np.arange(len(self._states)), self.duration)
+        count = write_states(states, speeds, turns, self.duration, start, goal, DT)
+        self._columns = states[:count].T.copy()
+        self._times = np.minimum(DT * np.arange(count), self.duration)
 
     def at(self, time: float) -> RobotState:
         """Return the planned state at `time` s after the start; it stays at the last one afterwards."""
-        index = min(max(time, 0.0), self.duration) / DT
-        low = min(int(index), len(self._times) - 1)
-        high = min(low + 1, len(self._times) - 1)
-        span = self._times[high] - self._times[low]
-        share = (min(max(time, 0.0), self.duration) - self._times[low]) / span if span > 0.0 else 0.0
-        x, y, yaw, v, w = (self._states[low] + share * (self._states[high] - self._states[low])).tolist()
+        x, y, yaw, v, w = (float(np.interp(time, self._times, column)) for column in self._columns)
         return RobotState(Pose(x, y, yaw), v, w)
 
     def poses(self) -> FloatArray:
         """Return the sampled poses, shape (n, 3): x, y in m, yaw in rad."""
-        return self._states[:, :3]
+        return self._columns[:3].T

@@ -10,7 +10,7 @@ from robots import OTHERS, PIONEER
 
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.durations import rates_of
-from ator_ros.motion.manoeuvre import Manoeuvre, Side, close, turn_displacement
+from ator_ros.motion.manoeuvre import Manoeuvre, Side, close, turned
 from ator_ros.motion.paths import Ends, entries_of, exits_of, find_paths
 from ator_ros.motion.trajectory import Trajectory
 from ator_ros.robot.description import Limits, Robot
@@ -59,10 +59,9 @@ def gaps(goal: Pose, total: float, entry: FloatArray, exit_: FloatArray, limits:
     """Return by how much drives miss the last turn in m, after first turns 0.5 degrees apart."""
     firsts = np.radians(np.arange(-270.0, 270.1, 0.5))
     firsts = firsts[np.abs(total - firsts) < math.radians(292.0)]
-    rates = rates_of(limits)
-    x1, y1 = np.array([turn_displacement(first, entry, rates) for first in firsts]).T
-    x2, y2 = np.array([turn_displacement(first - total, exit_, rates) for first in firsts]).T
-    x1, x2 = x1 + entry[0], x2 + exit_[0]
+    rates, here = rates_of(limits), Pose(0.0, 0.0, 0.0)
+    x1, y1, _ = np.array([turned(here, first, entry, rates) for first in firsts]).T
+    x2, y2, _ = np.array([turned(here, first - total, exit_, rates) for first in firsts]).T
     end = START.relative(goal)
     c, s = math.cos(end.yaw), math.sin(end.yaw)
     dx, dy = end.x - c * x2 - s * y2 - x1, end.y - s * x2 + c * y2 - y1
