@@ -1,10 +1,10 @@
-"""Measure what refinement gains, behind the gate and not, from few drives of an action server.
+"""Measure what refinement gains, behind the gate and not, from few drives.
 
-scripts/run python scripts/few_drives.py --work trust
+scripts/run python scripts/few_drives.py --domains pursuit tour --oracle-jointly --work few_drives
+scripts/run python scripts/few_drives.py --domains soccer --drives 50 100 200 400 1000 --oracle 24 --work few_drives
 
-For each server it collects 50, 100, 200 and 400 random drives without ROS, learns from each, and executes the
-same new tours with every model. The oracle is executed once, beside the model of most drives. The command
-resumes.
+For each domain it collects random drives of each action without ROS, learns from them, and executes the same
+new chains with every model. The oracle is executed once, beside the model of most drives. The command resumes.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from ator_ros.tools.train import train
 
 USERS = {
     "fixed": "heading 0",
-    "arrive": "bearing from the station before",
-    "face_goal": "bearing of the next station",
+    "arrive": "bearing of the arrival",
+    "face_goal": "bearing of the next goal",
 }
 """What users do without refinement, as rows of the table."""
 POLICIES = ("naive", "refined", "gated")
@@ -36,21 +36,23 @@ POLICIES = ("naive", "refined", "gated")
 def measured(domain_name: str, drives: int, work: Path, options: argparse.Namespace) -> dict[str, Any]:
     """Collect, train and evaluate, as far as that is not done; return the summary of the evaluation."""
     domain = find_domain(domain_name)
-    folder = work / f"{domain_name}_{drives}"
-    source = ToolsetSource(domain=domain_name, models=str(folder / "models"))
+    name = domain_name if options.robot is None else f"{domain_name}_{options.robot.stem}"
+    folder = work / f"{name}_{drives}"
+    robot = "" if options.robot is None else str(options.robot)
+    source = ToolsetSource(domain=domain_name, robot=robot, models=str(folder / "models"))
     table, out = folder / "experience.parquet", folder / "evaluation"
     if (out / RESULT).exists():
         summary = dict(load(out / RESULT, KIND, dict[str, Any])["summary"])
         found = (summary["seed"], summary["situations"])
-        if found != (options.seed, options.tours):
-            raise SystemExit(f"{out}: expected seed {options.seed}, {options.tours} tours; got {found}")
+        if found != (options.seed, options.chains):
+            raise SystemExit(f"{out}: expected seed {options.seed}, {options.chains} chains; got {found}")
         return summary
     folder.mkdir(parents=True, exist_ok=True)
     command = "scripts/few_drives.py"
     if not table.exists():
         actions = list(domain.actions())
         collect(actions, source, table, command=command, episodes=drives, seed=options.seed + drives)
-    train([table], Path(source.models), command=command, domain=domain, robot=domain.robot(None))
+    train([table], Path(source.models), command=command, domain=domain, robot=domain.robot(options.robot))
     most = max(options.drives)
     first = drives == most
     settings = Settings(
@@ -60,15 +62,15 @@ def measured(domain_name: str, drives: int, work: Path, options: argparse.Namesp
         oracle=options.oracle if first else 0,
         oracle_margin=0.5 if first else None,
         source=source,
-        joint_oracle=first,
+        joint_oracle=first and options.oracle_jointly,
     )
-    others = None if first else work / f"{domain_name}_{most}" / "evaluation"
-    evaluate(settings, out, command=command, situations=options.tours, oracle_from=others)
+    others = None if first else work / f"{name}_{most}" / "evaluation"
+    evaluate(settings, out, command=command, situations=options.chains, oracle_from=others)
     return dict(load(out / RESULT, KIND, dict[str, Any])["summary"])
 
 
 def rows(domain_name: str, summaries: dict[int, dict[str, Any]]) -> Iterator[str]:
-    """Yield the rows of one server."""
+    """Yield the rows of one domain."""
     summary = summaries[max(summaries)]
     oracle, naive = summary["oracle"], summary["naive"]
     yield f"| {domain_name} | naive | {naive['mean_duration_s']:.2f} s | | | |"
@@ -96,14 +98,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--domains", nargs="+", default=["pursuit", "tour"])
     parser.add_argument("--drives", nargs="+", type=int, default=[50, 100, 200, 400])
-    parser.add_argument("--tours", type=int, default=500)
+    parser.add_argument("--robot", type=Path, help="file of a robot (default: the domain's)")
+    parser.add_argument("--chains", type=int, default=500)
     parser.add_argument("--oracle", type=int, default=12)
+    parser.add_argument("--oracle-jointly", action="store_true", help="as for evaluate")
     parser.add_argument("--seed", type=int, default=6040)
     parser.add_argument("--work", type=Path, required=True)
     parser.add_argument("--out", type=Path, help="file of the table (default: printed)")
     options = parser.parse_args(argv)
     lines = [
-        "| server | headings | duration | gain over naive (95 %) | of the oracle's | slower by over 2 % |",
+        "| domain | headings | duration | gain over naive (95 %) | of the oracle's | slower by over 2 % |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
     for name in options.domains:
