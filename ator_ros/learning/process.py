@@ -49,16 +49,11 @@ class RoundProcess:
         self._process.communicate()
 
 
-def lower_priority() -> None:
-    """Let all other processes run first."""
+def main() -> None:
+    """Do one round, after all other processes, and write its result to standard output."""
     os.nice(NICE)
     with suppress(OSError):  # Linux weighs sessions before processes, and this process has its own session
         Path("/proc/self/autogroup").write_text(str(NICE), encoding="ascii")
-
-
-def main() -> None:
-    """Do one round and write its result to standard output."""
-    lower_priority()
     from ator_ros.domains.domain import domain_for
     from ator_ros.learning.round import Source, learn
 

@@ -41,15 +41,29 @@ _STOPS = 10  # commands to stop at the end, in case some are lost
 
 
 def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
-    """Drive a base over ROS, and write a description with the estimated limits and lag.
+    """Drive the base that subscribes to cmd_vel, and write a description with the estimated limits and lag.
 
-    `options` are those of `arguments`, `words` the whole command line with arguments for ROS.
+    `options` are those of `arguments`, `words` the whole command line with arguments for ROS. The base is
+    stopped whatever happens.
+
+    Raises
+    ------
+    DriveError
+        Odometry is missing, another program commands the base, or it does not move.
     """
     template = load_robot(options.robot)
     limits = template.limits
     fastest = {"v": options.v or _FASTER * limits.v, "w": options.w or _FASTER * limits.w}
     drive = ProbeDrive(**fastest, space=options.space)
-    drive_over_ros(drive, template, options, words)
+    stay_on_this_machine(os.environ)
+    # rclpy's own handlers would invalidate the context before the robot has been stopped.
+    rclpy.init(args=["calibrate", *words], signal_handler_options=SignalHandlerOptions.NO)
+    node = Node("calibrate")
+    try:
+        _Driver(node, drive, template, options).run()
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
     estimate = identify(drive.samples)
     found = described(dataclasses.replace(template, name=options.name or template.name), estimate)
     lines = report(estimate)
@@ -100,27 +114,6 @@ def report(estimate: BaseEstimate) -> list[str]:
                 f"the base may be faster (give more --space, or a greater --{name})"
             )
     return lines
-
-
-def drive_over_ros(
-    drive: ProbeDrive, robot: Robot, options: argparse.Namespace, words: Sequence[str]
-) -> None:
-    """Drive the base that subscribes to cmd_vel, and stop it whatever happens; see `calibrate`.
-
-    Raises
-    ------
-    DriveError
-        Odometry is missing, another program commands the base, or it does not move.
-    """
-    stay_on_this_machine(os.environ)
-    # rclpy's own handlers would invalidate the context before the robot has been stopped.
-    rclpy.init(args=["calibrate", *words], signal_handler_options=SignalHandlerOptions.NO)
-    node = Node("calibrate")
-    try:
-        _Driver(node, drive, robot, options).run()
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
 
 
 class _Driver:

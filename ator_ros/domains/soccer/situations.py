@@ -87,14 +87,10 @@ def _area_text(robot: Robot) -> str:
     )
 
 
-def _happens(rng: np.random.Generator, share: float) -> bool:
-    return bool(rng.random() < share)
-
-
 def _speed(robot: Robot, rng: np.random.Generator, share: float) -> float:
     """Draw a speed in m/s that the robot can do with a ball; it is not zero in `share` of the cases."""
     speed = float(rng.uniform(0.0, greatest_arrival(robot)))
-    return speed if _happens(rng, share) else 0.0
+    return speed if rng.random() < share else 0.0
 
 
 def go_to_pose(robot: Robot, rng: np.random.Generator, *, time_limit: float = TIME_LIMIT) -> Situation:
@@ -108,19 +104,19 @@ def go_to_pose(robot: Robot, rng: np.random.Generator, *, time_limit: float = TI
     short = short_goal(start, rng)
     if short is not None and is_inside(short, robot):
         return Situation("goToPose", RobotState(start), {}, Goal(short, 0.0, Point.AXLE))
-    leaves = _happens(rng, _LEAVING) and robot.holder is not None and BALL in robot.scene.objects
+    leaves = rng.random() < _LEAVING and robot.holder is not None and BALL in robot.scene.objects
     return (_leave_ball(robot, rng) if leaves else None) or situation
 
 
 def _long_drive(robot: Robot, rng: np.random.Generator, time_limit: float) -> Situation:
     """Draw a drive whose start and goal are drawn independently."""
-    with_ball = _happens(rng, 0.75) and robot.holder is not None and BALL in robot.scene.objects
+    with_ball = rng.random() < 0.75 and robot.holder is not None and BALL in robot.scene.objects
     goal = random_pose(robot, rng)
     nearest = ball_clearance(robot) if with_ball else SHORTEST
     most = farthest(robot, ALONE, nearest, time_limit=time_limit)
     start = pose_within(robot, rng, goal, nearest, most)
     state = RobotState(start)
-    if _happens(rng, 1.0 / 7.0):
+    if rng.random() < 1.0 / 7.0:
         v = float(rng.uniform(-0.3, 0.8) * robot.limits.v)
         w = float(rng.uniform(-0.5, 0.5) * robot.limits.w)
         state = RobotState(start, v, steady_rate(robot, w, v))

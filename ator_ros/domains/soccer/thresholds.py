@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import math
 from types import MappingProxyType
@@ -11,7 +10,7 @@ from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import ActionError, Goal
 from ator_ros.actions.situation import NoPlaceError
 from ator_ros.domains.soccer.field import BALL
-from ator_ros.robot.description import Limits, Robot
+from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import lost_beyond
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges, arrival_speed
 from ator_ros.world.state import World
@@ -84,11 +83,6 @@ def line_margins(robot: Robot) -> tuple[float, float]:
 def steady_rate(robot: Robot, w: float, v: float) -> float:
     """Return the turn rate `w` (rad/s), or at `v` (m/s) the greatest one without sliding, if that is less."""
     return math.copysign(min(abs(w), robot.grip / max(abs(v), 1e-3)), w)
-
-
-def gripping(robot: Robot, limits: Limits) -> Limits:
-    """Return the limits with a turn rate at which wheels don't slide, whatever the speed."""
-    return dataclasses.replace(limits, w=steady_rate(robot, limits.w, limits.v))
 
 
 def farthest(

@@ -54,10 +54,10 @@ def _push(robot: Robot, v: float, w: float, acceleration: float) -> float:
 @lru_cache(maxsize=16)
 def entries_with_ball(robot: Robot, limits: Limits, speed: float) -> Ends:
     """Return the ways to begin at `speed` (m/s) with the ball: straight, then turn as fast as it allows."""
-    sides = []
+    sides, gain = [], min(robot.holder_for("pushing a ball").limits.a, robot.limits.a)
     for v in sorted({*_shares(_ENTRY_SPEEDS, limits.v), speed}):
         lead = _straight(limits, speed, v)
-        for change in _shares(_ENTRY_GAINS, _gain_of(robot)):
+        for change in _shares(_ENTRY_GAINS, gain):
             rate = _fastest_rate(robot, limits, v, change)
             sides += [Side(lead, speed, v, change, rate)] if rate else []
     return entries_of(sides, limits)
@@ -100,11 +100,6 @@ def _keeps_ball(robot: Robot, limits: Limits, v: float, gain: float, rate: float
     """Return whether a turn keeps the ball, also at the greatest speed, where it gains no more."""
     lasts = v + gain * _LARGEST_TURN / rate < limits.v
     return _push(robot, v, rate, gain) >= _MARGIN and (lasts or _push(robot, limits.v, rate, 0.0) >= _MARGIN)
-
-
-def _gain_of(robot: Robot) -> float:
-    """Return the greatest gain of speed with the ball in m/s^2."""
-    return min(robot.holder_for("pushing a ball").limits.a, robot.limits.a)
 
 
 def _shares(shares: Sequence[float], limit: float) -> list[float]:

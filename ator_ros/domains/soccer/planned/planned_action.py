@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.domains.soccer.planned.tracker import DISTURBED_DISTANCE, Tracker
-from ator_ros.domains.soccer.thresholds import check_arrival, gripping
+from ator_ros.domains.soccer.thresholds import check_arrival, steady_rate
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.motion.trajectory import Trajectory, opening_of
@@ -47,7 +47,8 @@ class PlannedAction(Action):
         # What is left of the limits is for feedback.
         share = PLAN_SHARE - max(0.0, robot.motor_time_constant - _USUAL_LAG)
         usable = limits.within(robot.limits.scaled(max(share, _LEAST_SHARE)))
-        self.plan_limits = gripping(robot, usable)
+        # With a turn rate at which wheels don't slide, whatever the speed.
+        self.plan_limits = dataclasses.replace(usable, w=steady_rate(robot, usable.w, usable.v))
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the way to `goal`; see `Action.start`."""
