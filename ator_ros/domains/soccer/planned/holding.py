@@ -12,6 +12,7 @@ from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.planned.planner import Obstacles, fastest
 from ator_ros.domains.soccer.thresholds import check_held, lost_ball
+from ator_ros.motion.durations import change_distance
 from ator_ros.motion.manoeuvre import Manoeuvre, Side
 from ator_ros.motion.paths import Ends, entries_of, exits_of
 from ator_ros.robot.description import Limits, Robot
@@ -56,7 +57,7 @@ def entries_with_ball(robot: Robot, limits: Limits, speed: float) -> Ends:
     """Return the ways to begin at `speed` (m/s) with the ball: straight, then turn as fast as it allows."""
     sides, gain = [], min(robot.holder_for("pushing a ball").limits.a, robot.limits.a)
     for v in sorted({*_shares(_ENTRY_SPEEDS, limits.v), speed}):
-        lead = _straight(limits, speed, v)
+        lead = change_distance(speed, v, limits)
         for change in _shares(_ENTRY_GAINS, gain):
             rate = _fastest_rate(robot, limits, v, change)
             sides += [Side(lead, speed, v, change, rate)] if rate else []
@@ -75,7 +76,7 @@ def release_exits(robot: Robot, limits: Limits) -> Ends:
     """Return the ways to end at full speed with the ball: turn at a constant speed, then run up straight."""
     speeds = _shares(_RELEASE_SPEEDS, limits.v)
     sides = [
-        Side(_straight(limits, v, limits.v), limits.v, v, 0.0, rate * limits.w)
+        Side(change_distance(v, limits.v, limits), limits.v, v, 0.0, rate * limits.w)
         for v in speeds
         for rate in _RELEASE_RATES
         if _push(robot, v, rate * limits.w, 0.0) >= _MARGIN
@@ -88,7 +89,7 @@ def dribble_exits(robot: Robot, limits: Limits, speed: float) -> Ends:
     """Return the ways to end at `speed` (m/s) with the ball: turn as fast as it allows, then straight."""
     sides = []
     for v in sorted({*_shares(_EXIT_SPEEDS, limits.v), speed} - {0.0}):
-        run = _straight(limits, v, speed)
+        run = change_distance(v, speed, limits)
         for change in _shares(_EXIT_LOSSES, limits.brake):
             rates = (share * limits.w for share in _RATES)
             rate = next((each for each in rates if _push(robot, v, each, -change) >= _MARGIN), 0.0)
@@ -104,11 +105,6 @@ def _keeps_ball(robot: Robot, limits: Limits, v: float, gain: float, rate: float
 
 def _shares(shares: Sequence[float], limit: float) -> list[float]:
     return [round(share * limit, _DIGITS) for share in shares]
-
-
-def _straight(limits: Limits, v1: float, v2: float) -> float:
-    """Return the shortest distance in m in which the speed goes from v1 to v2 (m/s)."""
-    return abs(v2 * v2 - v1 * v1) / (2.0 * (limits.a if v2 > v1 else limits.brake))
 
 
 class HoldingAction(PlannedAction):
