@@ -83,7 +83,7 @@ def refine(domain: Domain, learner: Learner, folder: Path, trial: Trial) -> Refi
         return None
     models = load_models(robot, domain.known_features, folder=place)
     drawn = random.random() < learner.gains.comparison_share(SHARE)
-    gate = Gate(measured=learner.gains.measured, comparison=drawn)
+    gate = Gate(measured=learner.gains.measured, drawn=drawn)
     refiner = Refiner(robot, models, gate, ranges=domain.ranges, failure_cost=domain.time_limit)
     return refiner.refine(trial.world, trial.chain, placeholders=True)
 
@@ -103,7 +103,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     folder.mkdir(parents=True)
     source = Source(folder, domain, robot, folder / "none")
     begin: Any = lambda: _Round(source)  # noqa: E731
-    learner = Learner(folder, StoreInfo(robot.digest(), domain.name), begin, models=source.models, batch=20)
+    learner = Learner(folder, StoreInfo(robot.digest(), domain.name), begin, start="", batch=20)
     best = np.full(options.chains, math.nan)
     if options.oracle_from:
         best[:] = read_json(options.oracle_from / "evaluation.json")["runs"]["oracle"]["best"][
@@ -124,7 +124,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             learner.take(DEFAULT_SET, episode(record))
         if found is not None and run.success and (found.refined or found.comparison):
             excess = run.duration - found.predicted.duration
-            learner.take_chain(ChainGain(found.refined, found.gain, excess))
+            learner.take_chain(ChainGain(found.refined, found.saved, excess))
         learner.work(float(index))  # a round may begin,
         learner.work(float(index))  # and end
         compared = found is not None and found.comparison

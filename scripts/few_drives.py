@@ -73,6 +73,8 @@ def measured(domain_name: str, drives: int, work: Path, options: argparse.Namesp
 def rows(domain_name: str, summaries: dict[int, dict[str, Any]]) -> Iterator[str]:
     """Yield the rows of one domain."""
     summary = summaries[max(summaries)]
+    if "oracle" not in summary:
+        raise SystemExit(f"--drives: expected the largest number of earlier runs too, got {max(summaries)}")
     oracle, naive = summary["oracle"], summary["naive"]
     yield f"| {domain_name} | naive | {naive['mean_duration_s']:.2f} s | | | |"
     yield f"| | oracle | {oracle['mean_duration_s']:.2f} s | {_gain(oracle)} | | |"

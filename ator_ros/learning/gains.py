@@ -52,6 +52,11 @@ class Gains:
         """Return those of an action set."""
         return replace(self, chains=tuple(chain for chain in self.chains if chain.action_set == action_set))
 
+    def diagnostics(self) -> dict[str, str]:
+        """Return what refined chains of each action set have gained, in words."""
+        sets = dict.fromkeys((DEFAULT_SET, *(chain.action_set for chain in self.chains)))
+        return {f"measured gain per refined chain of {name}": str(self.of(name).measured) for name in sets}
+
     def comparison_share(self, greatest: float) -> float:
         """Return the probability with which the next chain shall run as planned, at most `greatest`."""
         return greatest * min(1.0, math.sqrt(_FULL_SHARE / (len(self.chains) + 1)))

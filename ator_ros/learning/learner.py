@@ -8,21 +8,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.store import RecordStore, StoreInfo
 from ator_ros.files import FileError, content_of, read_json, save
 from ator_ros.learning.gains import ChainGain, Gains, add_chain, read_gains
 from ator_ros.learning.process import RoundProcess
-from ator_ros.learning.sets import (
-    RECORDS,
-    Manifest,
-    current_set,
-    digest_of,
-    publish,
-    read_manifest,
-    remove_old,
-)
+from ator_ros.learning.sets import RECORDS, Manifest, current_set, publish, read_manifest, remove_old
 from ator_ros.schema import SchemaError
 
 ROUND, KIND = "round.json", "round of learning"
@@ -36,8 +27,8 @@ class Learner:
     """Stores records, starts rounds of learning, and publishes sets with better models.
 
     No other process may write to the folder of the learned sets, see `exclusive_folder`. `begin` starts a
-    round, after `batch` new records or 2 % of all; `most` episodes of an action set are kept. `models` is the
-    folder of the models of the start, which may be missing.
+    round, after `batch` new records or 2 % of all; `most` episodes of an action set are kept. `start` is
+    the digest of the models of the start, see `digest_of_start`.
 
     Raises
     ------
@@ -51,12 +42,12 @@ class Learner:
         info: StoreInfo,
         begin: Callable[[], RoundProcess],
         *,
-        models: Path,
+        start: str,
         batch: int,
         most: int = 20_000,
     ) -> None:
         self._folder, self._begin, self._batch, self._most = folder, begin, batch, most
-        self._models = models
+        self._start = start
         self._store = RecordStore(folder / RECORDS, info, most=most)
         remove_old(folder)
         self._waiting: deque[tuple[str, Episode]] = deque(maxlen=_MOST_WAITING)
@@ -158,7 +149,7 @@ class Learner:
         return self.problem or self._summary()
 
     def _read_gains(self) -> None:
-        models = digest_of(self._models) if self.manifest is None else self.manifest.digest
+        models = self._start if self.manifest is None else self.manifest.digest
         try:
             self.gains = read_gains(self._folder, models)
         except FileError as error:
@@ -183,8 +174,8 @@ class Learner:
             "learning": "under way" if self._round is not None else "waiting for records",
             "set": "that of the start" if self.manifest is None else self.manifest.digest,
             "last switch": "never" if self.manifest is None else self.manifest.time,
-            "measured gain per refined chain": str(self.gains.of(DEFAULT_SET).measured),
         }
+        values |= self.gains.diagnostics()
         for name, verdict in self._last.get("actions", {}).items():
             values[f"{name}: episodes"] = verdict["episodes"]
             values[f"{name}: {'switched' if verdict['kind'] else 'not switched'}"] = verdict["reason"]

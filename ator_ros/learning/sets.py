@@ -11,10 +11,12 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ator_ros.files import FileError, load, save
+from ator_ros.performance.model_file import models_folder
 
 KIND = "learned set"
 MANIFEST = "set.manifest"
@@ -40,12 +42,22 @@ class Manifest:
     reasons: dict[str, str]
 
 
-def digest_of(folder: Path) -> str:
-    """Return a short digest of the files of a set, without its manifest."""
+def digest_of(folder: Path, files: Iterable[Path] | None = None) -> str:
+    """Return a short digest of files in a folder: by default those of a set, without its manifest."""
     sha = hashlib.sha256()
-    for file in sorted(folder.rglob("*.json")):
+    for file in sorted(folder.rglob("*.json") if files is None else files):
         sha.update(str(file.relative_to(folder)).encode() + b"\0" + file.read_bytes() + b"\0")
     return sha.hexdigest()[:16]
+
+
+def digest_of_start(models: Path, action_sets: Iterable[str]) -> str:
+    """Return the digest of the models of the start; empty if one cannot be read, as readers report."""
+    try:
+        return digest_of(
+            models, [file for name in action_sets for file in models_folder(models, name).glob("*.json")]
+        )
+    except OSError:
+        return ""
 
 
 def read_manifest(folder: Path) -> Manifest:

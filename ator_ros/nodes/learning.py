@@ -19,6 +19,7 @@ from ator_ros.files import FileError, exclusive_folder
 from ator_ros.learning.gains import chain_gain
 from ator_ros.learning.learner import Learner
 from ator_ros.learning.process import RoundProcess
+from ator_ros.learning.sets import digest_of_start
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -78,13 +79,14 @@ class LearningNode(Node):
         folder = Path(settings["learned"]).expanduser() if settings["learned"] else _HOME
         self._open = contextlib.ExitStack()
         named = {name: settings[name] for name in ("domain", "robot", "models")}
+        models = Path(settings["models"]) if settings["models"] else self._domain.shipped_models
         try:
             self._open.enter_context(exclusive_folder(folder))
             self._learner = Learner(
                 folder,
                 StoreInfo(robot.digest(), self._domain.name),
                 lambda: RoundProcess(folder, time=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), **named),
-                models=Path(settings["models"]) if settings["models"] else self._domain.shipped_models,
+                start=digest_of_start(models, self._domain.action_sets),
                 batch=settings["batch"],
                 most=settings["most_episodes"],
             )

@@ -320,7 +320,7 @@ def gain_of(
     unknown = ("predicted", "uncertainty", "measured", "measured_low", "measured_high")
     gain = msg.Gain(models=models, **dict.fromkeys(unknown, math.nan))
     if refinement is not None and refinement.free:
-        gain.predicted = refinement.before.duration - refinement.after.duration
+        gain.predicted = refinement.saved
         gain.uncertainty = refinement.uncertainty
         gain.comparison = refinement.comparison
     if measured is not None:

@@ -15,7 +15,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain
 from ator_ros.files import FileError
 from ator_ros.learning.gains import GAINS, Gains, read_gains
-from ator_ros.learning.sets import Manifest, current_set, digest_of, read_manifest
+from ator_ros.learning.sets import Manifest, current_set, digest_of_start, read_manifest
 from ator_ros.nodes.diagnostics import STEADY
 from ator_ros.nodes.parameters import Parameter
 from ator_ros.performance.model import PerformanceModel
@@ -84,7 +84,7 @@ class LearnedSets:
             except FileError as error:
                 self._log_failure(error)
         self._gains_of: tuple[str, int] | None = None
-        self._start = digest_of(Path(models) if models else domain.shipped_models)
+        self._start = digest_of_start(Path(models) if models else domain.shipped_models, libraries)
         self.gains = Gains()
         node.get_logger().info("loading models; the first start compiles code, which may take a minute")
         self.present = self._load(place)
@@ -178,7 +178,7 @@ class LearnedSets:
         }
         if self._folder is not None:
             values["learned set"] = "none yet" if self._manifest is None else _described(self._manifest)
-            values["measured gain per refined chain"] = str(self.gains.of(DEFAULT_SET).measured)
+            values |= self.gains.diagnostics()
         return values
 
 

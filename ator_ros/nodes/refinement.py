@@ -57,7 +57,7 @@ PARAMETERS = (
     Parameter(
         "comparison_share",
         0.1,
-        "greatest share of chains that run as planned, to measure gains; only with `learned`",
+        "greatest share of chains that run the other way, to measure gains; only with `learned`",
         0.0,
         0.1,
         live=True,
@@ -106,8 +106,8 @@ class RefinementNode(Node):
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
         self._answered, self._cut_short, self._last_error = 0, 0, ""
         self._markers = LazyPublisher(self, MarkerArray, "refinement_markers")
-        self.create_service(RefineSubgoal, "refine_subgoal", self._serve, qos_profile=SERVICES)
-        self.create_service(PlanChains, "plan_chains", self._serve, qos_profile=SERVICES)
+        self.create_service(RefineSubgoal, "refine_subgoal", self._serve_refinement, qos_profile=SERVICES)
+        self.create_service(PlanChains, "plan_chains", self._serve_plan, qos_profile=SERVICES)
         self._diagnostics = Diagnostics(self, self._health)
         self.get_logger().info(
             f"refining chains for {robot.name} (domain {domain.name}, ROS domain "
@@ -127,9 +127,9 @@ class RefinementNode(Node):
         """Return the gate as it is now; some chains that are executed are drawn to measure what it gains."""
         if not self._settings["gate"]:
             return NO_GATE
-        measurable = self._settings["learned"] and request.measure and not request.alternatives
+        measurable = bool(self._settings["learned"]) and request.measure
         share = gains.comparison_share(self._settings["comparison_share"])
-        return Gate(measured=gains.measured, comparison=bool(measurable) and random.random() < share)
+        return Gate(measured=gains.measured, drawn=measurable and random.random() < share)
 
     def _refiner(self, read: ModelSet, gate: Gate) -> Refiner:
         """Return a refiner with the parameter `failure_cost` as it is now."""
@@ -140,16 +140,21 @@ class RefinementNode(Node):
     def _warm_up(self, library: TopLibrary, read: ModelSet) -> None:
         warm_up_refinement(library, self._refiner(read, Gate()))
 
-    def _serve(self, request: Any, _: Any) -> Any:
-        """Answer a request to refine or to plan; a defect must not end the node."""
-        started, refines = time.monotonic(), isinstance(request, RefineSubgoal.Request)
+    def _serve_refinement(self, request: RefineSubgoal.Request, _: Any) -> RefineSubgoal.Response:
+        started = time.monotonic()
         try:
-            response = self._refine(request) if refines else self._plan(request)
-        except Exception as error:
-            reason = self._failure(error)
-            response = (
-                messages.refused(reason, request.chain) if refines else PlanChains.Response(reason=reason)
-            )
+            response = self._refine(request)
+        except Exception as error:  # a defect must not end the node
+            response = messages.refused(self._failure(error), request.chain)
+        response.computation_time = time.monotonic() - started
+        return response
+
+    def _serve_plan(self, request: PlanChains.Request, _: Any) -> PlanChains.Response:
+        started = time.monotonic()
+        try:
+            response = self._plan(request)
+        except Exception as error:  # a defect must not end the node
+            response = PlanChains.Response(reason=self._failure(error))
         response.computation_time = time.monotonic() - started
         return response
 

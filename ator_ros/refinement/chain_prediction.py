@@ -248,8 +248,13 @@ class ChainModel:
             for each, cost in zip(actions, costs.sum(axis=1), strict=True)
         ]
 
+    @property
+    def duration_weight(self) -> float:
+        """What one second costs."""
+        return self._objective.weights.get("duration", 0.0)
+
     def uncertainty(self, before: Sequence[FloatArray], after: Sequence[FloatArray]) -> float:
-        """Return the uncertainty in s of the predicted gain of one chain over another.
+        """Return the uncertainty in s of the predicted gain in duration of one chain over another.
 
         It is what the models may err by, not how much single runs differ (`ChainPrediction.spread`). Where
         episodes that a model was not learned from show an error, the gain is that uncertain.
@@ -259,7 +264,7 @@ class ChainModel:
             signs = np.array([(1.0, -1.0)[chain] for chain, _ in places])
             more, other = model.error_of_sum(direct, signs)
             error, variance = error + more, variance + other
-        return self._objective.weights.get("duration", 0.0) * math.sqrt(error**2 + variance)
+        return math.sqrt(error**2 + variance)
 
     def _by_model(
         self, chains: Sequence[Sequence[FloatArray]]

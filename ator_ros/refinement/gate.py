@@ -21,7 +21,7 @@ class MeasuredGain:
     refined, compared : int
         Numbers of chains.
     predicted : float
-        Mean predicted gain in s of the refined ones.
+        Mean predicted gain in s of the refined ones, in duration: an objective may ask for longer chains.
     mean, low, high : float
         Mean gain in s, and its 95 % interval; NaN until two chains of both kinds were executed.
     """
@@ -37,7 +37,7 @@ class MeasuredGain:
     def too_low(self) -> bool:
         """Whether the interval lies below half of the predicted gain."""
         enough = self.refined >= _FEWEST_REFINED and self.compared >= _FEWEST_COMPARED
-        return enough and self.high < _REQUIRED * self.predicted
+        return enough and self.predicted > 0.0 and self.high < _REQUIRED * self.predicted
 
     def __str__(self) -> str:
         """Return it in words."""
@@ -67,28 +67,29 @@ class Gate:
         Uncertainties that the gain must exceed.
     measured : MeasuredGain
         What refined chains have gained; the gate is closed if that is too low.
-    comparison : bool
-        Whether this chain runs the other way, to measure what refinement gains: as planned although it would
-        be refined, or refined although the gate is closed.
+    drawn : bool
+        Whether this chain was drawn to run the other way, to measure what refinement gains: as planned
+        although it would be refined, or refined although the gate is closed.
     """
 
     least: float = CONTROL_PERIOD
     factor: float = 1.0
     measured: MeasuredGain = MeasuredGain()
-    comparison: bool = False
+    drawn: bool = False
 
     def pays(self, gain: float, uncertainty: float) -> bool:
         """Return whether a predicted gain in s, with its uncertainty in s, is expected to pay."""
-        return gain > self.least and gain > self.factor * uncertainty
+        return gain > self.least and (self.factor == 0.0 or gain > self.factor * uncertainty)
 
-    def decide(self, gain: float, uncertainty: float) -> tuple[bool, str]:
-        """Return whether to refine a chain with a predicted gain in s, and why in words."""
+    def decide(self, gain: float, uncertainty: float, unit: str = " s") -> tuple[bool, str]:
+        """Return whether to refine a chain with a predicted gain, and why in words."""
         if not gain >= _ZERO:
             return False, "no gain predicted"
         pays = self.pays(gain, uncertainty)
-        refine = pays and self.comparison == self.measured.too_low
-        reason = f"gain {gain:.2f} s ± {uncertainty:.2f} s: {'refined' if refine else 'kept as planned'}"
-        if pays and self.comparison:
+        refine = pays and self.drawn == self.measured.too_low
+        verdict = "refined" if refine else "kept as planned"
+        reason = f"gain {gain:.2f}{unit} ± {uncertainty:.2f}{unit}: {verdict}"
+        if pays and self.drawn:
             reason += ", to measure what refinement gains"
         elif pays and self.measured.too_low:
             reason += f", as the measured gain is {self.measured}"

@@ -75,9 +75,9 @@ class Refinement:
     complete : bool
         Whether the search was completed; otherwise `best` is the best found until the deadline.
     uncertainty : float
-        Of the predicted gain in s. The best of many candidates is predicted too well: for one variable by
-        about its uncertainty. Of n variables this optimism adds up, while the uncertainty of the sum grows
-        with √n only. So it is √n times that of `ChainModel.uncertainty`.
+        Of the predicted gain in duration, in s. The best of many candidates is predicted too well: for one
+        variable by about its uncertainty. Of n variables this optimism adds up, while the uncertainty of the
+        sum grows with √n only. So it is √n times that of `ChainModel.uncertainty`.
     comparison : bool
         Whether it would have been refined, but runs as planned, to measure what refinement gains.
     """
@@ -100,6 +100,11 @@ class Refinement:
     def gain(self) -> float:
         """The predicted gain of `best` over `original`, in s where only durations count."""
         return self.before.cost - self.after.cost
+
+    @property
+    def saved(self) -> float:
+        """The predicted gain in duration, in s."""
+        return self.before.duration - self.after.duration
 
     @property
     def chain(self) -> TopChain:
@@ -283,18 +288,17 @@ class Refiner:
                 best = replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
         before, after = predicted
         uncertainty = math.sqrt(len(analysis.free)) * model.uncertainty(model.given, optimum.values)
-        gain = before.cost - after.cost
-        refine, reason = self.gate.decide(gain, uncertainty)
+        in_cost = before.cost - after.cost, model.duration_weight * uncertainty
+        unit = " s" if model.duration_weight == 1.0 else " in cost"
+        refine, reason = self.gate.decide(*in_cost, unit)
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []
-        if refine and best == chain:
-            reason = "the chain is the best already"
-        elif invalid:
+        if invalid:
             reason = f"the best chain found is no valid plan: {'; '.join(invalid)}"
         if not optimum.complete:
             reason = f"{reason}; {_CUT_SHORT}"
         possible = best != chain and not invalid
-        compared = possible and not refine and self.gate.comparison and self.gate.pays(gain, uncertainty)
+        compared = possible and not refine and self.gate.drawn and self.gate.pays(*in_cost)
         return Refinement(
             refine and possible,
             reason + self._remarks(chain, analysis, analysis.not_free),

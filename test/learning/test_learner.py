@@ -44,7 +44,7 @@ def made(folder: Path, rounds: list[FakeRound]) -> Learner:
         rounds.append(FakeRound())
         return rounds[-1]
 
-    return Learner(folder, INFO, begin, models=folder / "none", batch=10)
+    return Learner(folder, INFO, begin, start="", batch=10)
 
 
 def take(learner: Learner, count: int) -> None:

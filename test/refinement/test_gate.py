@@ -18,7 +18,7 @@ from ator_ros.performance.error_process import fit_error_process
 from ator_ros.performance.features import GENERAL, PAPER_3
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import features_of, train
-from ator_ros.refinement.gate import NO_GATE, Gate
+from ator_ros.refinement.gate import NO_GATE, Gate, MeasuredGain
 from ator_ros.refinement.refiner import Refinement, Refiner
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import RobotState, World
@@ -26,6 +26,7 @@ from ator_ros.world.state import RobotState, World
 TOUR = find_domain("tour")
 ROBOT = TOUR.robot()
 VISIT = TOUR.library(ROBOT)["visit"]
+TOO_LOW = MeasuredGain(20, 5, 0.7, 0.1, 0.0, 0.2)
 
 
 def learned(count: int = 100) -> PerformanceModel:
@@ -82,3 +83,22 @@ def test_few_drives_make_a_gain_less_certain_than_many() -> None:
 def test_the_reason_gives_gain_and_uncertainty(gain: float, uncertainty: float, reason: str) -> None:
     assert Gate().decide(gain, uncertainty) == (reason.endswith("refined"), reason)
     assert NO_GATE.decide(gain, uncertainty)[0] is (gain > 0.0)
+    assert NO_GATE.decide(gain, math.inf)[0] is (gain > 0.0)  # a model without errors
+
+
+@pytest.mark.parametrize(
+    ("measured", "drawn", "changed", "compared"),
+    [
+        (MeasuredGain(), False, True, False),
+        (MeasuredGain(), True, False, True),
+        (TOO_LOW, False, False, False),
+        (TOO_LOW, True, True, False),
+        (dataclasses.replace(TOO_LOW, predicted=-0.7), False, True, False),  # asked for longer chains
+    ],
+)
+def test_a_drawn_chain_runs_the_other_way(
+    measured: MeasuredGain, drawn: bool, changed: bool, compared: bool
+) -> None:
+    answer = refined(learned(), Gate(measured=measured, drawn=drawn))
+    assert (answer.refined, answer.comparison) == (changed, compared)
+    assert answer.saved > answer.uncertainty
