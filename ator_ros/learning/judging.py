@@ -188,7 +188,8 @@ class RoundVerdict:
         Why the tree stays or is replaced, in a sentence with the mean losses of the tree in use and of the
         best candidate: absolute errors (s, m, rad), of success the Brier score.
     kind, tree
-        Name and tree of the better candidate, if any.
+        Name and tree of the better candidate, if any; spreads of durations are as large as its errors on the
+        tested records.
     tested, errors : ndarray or None
         Positions of the tested records, and what their values are more than the candidate predicted without
         them.
@@ -265,7 +266,17 @@ def judge(
     assert tree is not None  # it was learned from fewer records
     tested = test[:size]
     errors = data.values[tested] - predicted[name][:size]
+    if data.measure == "duration":
+        tree = _with_spread_of(errors, tree, data.table.iloc[tested])
     return RoundVerdict(count, f"{name}: {loss} from {figures}", name, tree, tested, errors)
+
+
+def _with_spread_of(errors: FloatArray, tree: ModelTree, table: pd.DataFrame) -> ModelTree:
+    """Return the tree with spreads that are usually as large as these errors of its rows of features."""
+    spread = 1.4826 * float(np.median(np.abs(errors)))  # standard deviation, robust against outliers
+    usual = float(np.median(tree.spread[tree.apply(table[list(tree.names)].to_numpy())]))
+    spreads = tree.spread * (spread / usual) if usual > 0.0 else np.full_like(tree.spread, spread)
+    return dataclasses.replace(tree, spread=spreads)
 
 
 def _held_out(data: TrainingData, learn: Learn, test: IntArray) -> FloatArray:

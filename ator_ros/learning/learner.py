@@ -50,7 +50,7 @@ class Learner:
         self._start = start
         self._store = RecordStore(folder / RECORDS, info, most=most)
         remove_old(folder)
-        self._waiting: deque[tuple[str, Episode]] = deque(maxlen=_MOST_WAITING)
+        self._waiting: deque[Callable[[], None]] = deque(maxlen=_MOST_WAITING)  # they write records
         self._round: RoundProcess | None = None
         self._began, self._ends = 0.0, 0
         self._wanted = False
@@ -93,18 +93,27 @@ class Learner:
     def take(self, action_set: str, episode: Episode) -> None:
         """Store a record; it is kept in memory while the disk is full."""
         self.taken += 1
-        self.lost += len(self._waiting) == self._waiting.maxlen
-        self._waiting.append((action_set, episode))
-        self._store_waiting()
+        self._put(lambda: self._store.append(action_set, episode))
 
     def take_chain(self, chain: ChainGain) -> None:
-        """Add a chain to what was gained with the set in use."""
-        with self._reporting_full_disk():
-            self.gains = add_chain(self._folder, self.gains, chain)
+        """Add a chain to what was gained with the set in use; it is kept in memory while the disk is full."""
+        models = self.gains.models
+
+        def write() -> None:
+            if self.gains.models == models:
+                self.gains = add_chain(self._folder, self.gains, chain)
+
+        self.taken += 1
+        self._put(write)
+
+    def _put(self, write: Callable[[], None]) -> None:
+        self.lost += len(self._waiting) == self._waiting.maxlen
+        self._waiting.append(write)
+        self._write_waiting()
 
     def work(self, now: float) -> str | None:
         """Start or finish a round at the real time `now` (s); return a message when a round ends."""
-        self._store_waiting()
+        self._write_waiting()
         due = max(self._batch, _SHARE * min(self.stored, self._most))
         if self._round is not None:
             if self._round.done:
@@ -141,6 +150,8 @@ class Learner:
                 self.problem = ""
             except (OSError, FileError) as error:
                 self.problem = f"a new set could not be published: {error}"
+                for verdict in result["actions"].values():
+                    verdict["kind"] = ""
         else:
             self.problem = ""
         self._last = {**result, "made": "", "ends": self._ends}
@@ -184,7 +195,7 @@ class Learner:
     def close(self) -> None:
         """End a round under way and close the store; records that cannot be written are lost."""
         self._end_round()
-        self._store_waiting()
+        self._write_waiting()
         self.lost += len(self._waiting)
         self._waiting.clear()
         self._store.close()
@@ -194,10 +205,12 @@ class Learner:
             self._round.kill()
             self._round = None
 
-    def _store_waiting(self) -> None:
+    def _write_waiting(self) -> None:
+        if not self._waiting:
+            return  # a report of a full disk stays until something was written
         with self._reporting_full_disk():
             while self._waiting:
-                self._store.append(*self._waiting[0])
+                self._waiting[0]()
                 self._waiting.popleft()
 
     @contextlib.contextmanager

@@ -9,6 +9,7 @@ import pytest
 from stored import INFO, episodes
 
 from ator_ros.experience.store import RecordStore, read_records
+from ator_ros.learning import gains
 from ator_ros.learning.learner import Learner
 from ator_ros.learning.sets import RECORDS
 
@@ -87,32 +88,44 @@ def test_a_round_that_fails_or_hangs_is_reported(learner: Learner, rounds: list[
     assert learner.work(1.0) == "learning failed: no memory"
     learner.learn_now()
     learner.work(2.0)
-    message = learner.work(1000.0)
+    assert "took longer" in (learner.work(1000.0) or "")
     assert rounds[1].killed
-    assert message is not None
-    assert "took longer" in message
 
 
+def test_a_set_that_cannot_be_published_is_no_switch(learner: Learner, rounds: list[FakeRound]) -> None:
+    take(learner, 10)
+    learner.work(0.0)
+    verdict = {"episodes": 10, "kind": "scaled", "reason": "scaled: error from 2 to 1 s"}
+    rounds[0].returned = {"made": "no such set", "actions": {"default/goToPose": verdict}}
+    rounds[0].done = True
+    assert "could not be published" in (learner.work(1.0) or "")
+    assert learner.diagnostics()["default/goToPose: not switched"] == verdict["reason"]
+
+
+@pytest.mark.parametrize("chains, records", [(2, 0), (1, 5)])
 def test_records_wait_while_the_disk_is_full(
-    tmp_path: Path, learner: Learner, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, learner: Learner, monkeypatch: pytest.MonkeyPatch, chains: int, records: int
 ) -> None:
     take(learner, 3)
 
-    def full(*_: object) -> int:
+    def full(*_: object, **__: object) -> int:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(RecordStore, "append", full)
-    take(learner, 5)
+    monkeypatch.setattr(gains, "save", full)
+    for _ in range(chains):
+        learner.take_chain(gains.ChainGain(True, 0.5, 0.1))
+    take(learner, records)
     learner.work(5.0)
     assert "expected room on the disk: No space left" in learner.problem
     assert not learner.has_room
     monkeypatch.undo()
     learner.work(10.0)
-    assert learner.problem == ""
-    assert learner.has_room
+    assert (learner.problem, learner.has_room) == ("", True)
     learner.close()
     assert learner.lost == 0
-    assert len(read_records(tmp_path / RECORDS, "default")) == 8
+    assert len(read_records(tmp_path / RECORDS, "default")) == 3 + records
+    assert len(gains.read_gains(tmp_path, learner.gains.models).chains) == chains
 
 
 def test_freezing_ends_a_round_and_persists(

@@ -74,6 +74,14 @@ def stored_again(folder: Path) -> Path:
     return folder
 
 
+def test_a_scaled_tree_has_the_spread_of_the_new_records(tmp_path: Path, shipped: Path) -> None:
+    stored(tmp_path / RECORDS, episodes(24, slower=1.5, noise=0.6))
+    assert "scaled" in round_of(tmp_path, shipped)["actions"][NAME]["kind"]
+    file = tmp_path / "current" / "goToPose.json"
+    tree = load_model(file, ROBOT, SOCCER.known_features).trees["duration"]
+    assert 0.4 < np.median(tree.spread) < 1.2
+
+
 def test_training_episodes_are_not_test_episodes(tmp_path: Path, shipped: Path) -> None:
     stored(tmp_path / RECORDS, episodes(60, slower=1.3))
     assert round_of(tmp_path, shipped)["made"]
