@@ -420,11 +420,7 @@ def _remote_spec(action: DeclaredAction, point: Point, time_limit: float, where:
             action.drives.sample, action.name, point, action.goal_variables, time_limit=time_limit
         )
     return ActionSpec(
-        action.name,
-        factory,
-        sample,
-        remote=action.remote,
-        goal_variables=action.goal_variables,
+        action.name, factory, sample, remote=action.remote, goal_variables=action.goal_variables
     )
 
 

@@ -206,12 +206,11 @@ class Learner:
             self._round = None
 
     def _write_waiting(self) -> None:
-        if not self._waiting:
-            return  # a report of a full disk stays until something was written
-        with self._reporting_full_disk():
-            while self._waiting:
-                self._waiting[0]()
-                self._waiting.popleft()
+        if self._waiting:  # else nothing is written, and a report of a full disk stays
+            with self._reporting_full_disk():
+                while self._waiting:
+                    self._waiting[0]()
+                    self._waiting.popleft()
 
     @contextlib.contextmanager
     def _reporting_full_disk(self) -> Iterator[None]:

@@ -30,16 +30,7 @@ from ator_ros.motion.durations import (
     forward_parts,
     turn_time,
 )
-from ator_ros.motion.paths import (
-    WIDTH,
-    Offset,
-    RealArray,
-    Turn,
-    crossings,
-    drive_between,
-    lowest,
-    sign_bit,
-)
+from ator_ros.motion.paths import WIDTH, Offset, RealArray, Turn, crossings, drive_between, lowest, sign_bit
 from ator_ros.motion.turns import ENTRIES, FINE, HALF, STEP, WIDEST, TurnTable, look_up, turn_table
 
 Rows = NDArray[np.void]

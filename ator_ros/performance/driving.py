@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Annotated
 
@@ -17,24 +17,12 @@ from ator_ros.motion.shapes import Rules, Shape, ShapeSet, drawn_ends, needed_sh
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.schema import Within, require
 
-_Observed = Annotated[float, Within(1e-6, 1000.0)]
 _NUMBERS = len(Shape._fields)
 
 StoredShape = tuple[float | None, ...]
 """A `Shape` in a file; None where a number does not apply."""
 StoredGroups = tuple[tuple[StoredShape, ...], ...]
 """Groups of shapes, see `ator_ros.motion.shapes.ShapeSet`."""
-
-
-@dataclass(frozen=True, slots=True)
-class ObservedLimits(Limits):
-    """Limits that odometry showed: they may lie beyond what a robot's description may say."""
-
-    v: _Observed
-    w: _Observed
-    a: _Observed
-    brake: _Observed
-    aw: _Observed
 
 
 @dataclass(frozen=True)
@@ -57,7 +45,7 @@ class DrivingStyle:
         object; without approaches these are as the drives.
     """
 
-    limits: ObservedLimits
+    limits: Limits
     drives: StoredGroups
     approaches: StoredGroups = ()
     forward: bool = False
@@ -178,7 +166,7 @@ def _stored(shape: Shape) -> StoredShape:
 @lru_cache(maxsize=8)
 def plain_driving(robot: Robot) -> DrivingStyle:
     """Return the assumption for an action that was not observed: all that the base can do."""
-    limits = ObservedLimits(**asdict(robot.limits))
+    limits = robot.limits
     speeds = np.linspace(0.0, limits.v, _PLAIN) * (np.arange(_PLAIN) % 2)
     unturned = np.zeros(_PLAIN)
     ends = np.stack((np.linspace(0.1, 5.0, _PLAIN), unturned, unturned, speeds, np.roll(speeds, _PLAIN // 2)))

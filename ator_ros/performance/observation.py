@@ -23,14 +23,13 @@ from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import (
     RUNS,
     DrivingStyle,
-    ObservedLimits,
     TurnRates,
     chosen_shapes,
     forward_shapes,
     free_shapes,
     plain_driving,
 )
-from ator_ros.robot.description import Robot
+from ator_ros.robot.description import GREATEST, LEAST, Limits, Robot
 
 _GREATEST, _OFTEN = 0.995, 0.95  # quantiles taken as the greatest speed and acceleration
 _LEAST_SAMPLES = 10  # for a quantile
@@ -88,19 +87,23 @@ def _geometry(starts: pd.DataFrame, robot: Robot, driving: DrivingStyle | None =
     return Geometry(direct, robot, driving)
 
 
-def observed_limits(rows: pd.DataFrame, robot: Robot) -> ObservedLimits:
-    """Return the greatest speeds and accelerations in m/s, rad/s, m/s^2, rad/s^2."""
+def observed_limits(rows: pd.DataFrame, robot: Robot) -> Limits:
+    """Return the greatest speeds and accelerations in m/s, rad/s, m/s^2, rad/s^2.
+
+    Glitches of odometry may show any; beyond the bounds of `Limits` they count as these.
+    """
     v, w, time, after = _series(rows)
     step = time[after] - time[after - 1]
     change = (np.abs(v[after]) - np.abs(v[after - 1])) / step
     base = robot.limits
-    return ObservedLimits(
+    seen = (
         _quantile(np.abs(v), _GREATEST, base.v),
         _quantile(np.abs(w), _GREATEST, base.w),
         _quantile(change[change > 0.0], _OFTEN, base.a),
         _quantile(-change[change < 0.0], _OFTEN, base.brake),
         _quantile(np.abs(w[after] - w[after - 1]) / step, _OFTEN, base.aw),
     )
+    return Limits(*np.clip(seen, LEAST, list(GREATEST.values())).tolist())
 
 
 def _series(rows: pd.DataFrame) -> tuple[FloatArray, FloatArray, FloatArray, np.ndarray]:
@@ -131,7 +134,7 @@ class _Turns(NamedTuple):
     full: BoolArray
 
 
-def _turns(rows: pd.DataFrame, limits: ObservedLimits) -> _Turns:
+def _turns(rows: pd.DataFrame, limits: Limits) -> _Turns:
     v, w, time, after = _series(rows)
     follows = np.zeros(len(v), dtype=bool)
     follows[after] = True

@@ -70,7 +70,8 @@ def train(
     """Learn the performance model of `action`.
 
     Duration is learned from the episodes that succeeded, success from the starts of all of them (its rate
-    where no tree is better), and the errors from the starts of those that succeeded.
+    where no tree is better), and the errors from the starts of those that succeeded, if enough have them; see
+    `without_errors`.
 
     Parameters
     ----------
@@ -109,8 +110,9 @@ def train(
     trees["success"] = _success_tree(starts["success"].to_numpy(dtype=float), table(starts))
     for measure in ("accuracy", "heading"):
         values = good_starts[OUTCOMES[measure]].to_numpy(dtype=float)
-        if np.isfinite(values).all():
-            trees[measure] = small_tree(good, values)
+        known = np.isfinite(values)
+        if known.sum() >= LEAST_EPISODES:
+            trees[measure] = small_tree(good[known], values[known])
     named = {feature.name: feature for feature in features}
     names = error_features(duration, named)
     return PerformanceModel(
@@ -122,6 +124,17 @@ def train(
         at_goal=observed_at_goal(good_starts, robot),
         errors=fit_error_process(names, good[names].to_numpy(), errors),
     )
+
+
+def without_errors(action: str, rows: pd.DataFrame) -> list[str]:
+    """Return remarks on errors at the goal that only some of the episodes that succeeded have."""
+    good_starts = rows[(rows["t"] == 0.0) & rows["success"]]
+    missing = {name: int((~np.isfinite(good_starts[name])).sum()) for name in list(OUTCOMES.values())[1:]}
+    return [
+        f"{action}: {name}: {count} of {len(good_starts)} episodes have none and are left out"
+        for name, count in missing.items()
+        if 0 < count < len(good_starts)
+    ]
 
 
 def error_features(tree: ModelTree, known: Container[str]) -> list[str]:

@@ -30,6 +30,11 @@ SHIPPED = ("config", "pioneer.yaml")
 """The description that is used where no other is named."""
 
 
+# Tables of turns take 3 MB for each m/s and way to turn; robots reach 15 m/s. The others: wrong units.
+LEAST, GREATEST = 0.01, {"v": 20.0, "w": 50.0, "a": 100.0, "brake": 100.0, "aw": 1000.0}
+"""The bounds of `Limits`."""
+
+
 @dataclass(frozen=True, slots=True)
 class Limits:
     """Greatest speeds (m/s, rad/s) and accelerations (m/s^2, rad/s^2), the same forward and backward.
@@ -37,12 +42,11 @@ class Limits:
     `a` holds for gaining speed, `brake` for losing it.
     """
 
-    # Tables of turns take 3 MB for each m/s and way to turn; robots reach 15 m/s. The others: wrong units.
-    v: Annotated[float, Within(0.01, 20.0)]
-    w: Annotated[float, Within(0.01, 50.0)]
-    a: Annotated[float, Within(0.01, 100.0)]
-    brake: Annotated[float, Within(0.01, 100.0)]
-    aw: Annotated[float, Within(0.01, 1000.0)]
+    v: Annotated[float, Within(LEAST, GREATEST["v"])]
+    w: Annotated[float, Within(LEAST, GREATEST["w"])]
+    a: Annotated[float, Within(LEAST, GREATEST["a"])]
+    brake: Annotated[float, Within(LEAST, GREATEST["brake"])]
+    aw: Annotated[float, Within(LEAST, GREATEST["aw"])]
 
     def scaled(self, factor: float) -> Limits:
         """Return these limits times `factor`."""

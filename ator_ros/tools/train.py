@@ -21,7 +21,7 @@ from ator_ros.files import FileError, is_name
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, model_path, save_model
-from ator_ros.performance.training import digest, start_ranges
+from ator_ros.performance.training import digest, start_ranges, without_errors
 from ator_ros.performance.training import train as train_model
 from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import add_setting, run_tool, topic
@@ -68,6 +68,8 @@ def train(
         except ExperienceError as error:
             errors.append(str(error))
             continue
+        for remark in without_errors(action, examples):
+            print(f"train: {remark}", file=sys.stderr)
         learned += 1
         starts = tests.frame[(tests.frame["action"] == action) & (tests.frame["t"] == 0.0)]
         measured = _measured(model, starts, tests.metadata.get("seed") or 0) if len(starts) else {}
@@ -137,11 +139,7 @@ def arguments() -> argparse.ArgumentParser:
         "experience", nargs="*", type=Path, help="tables of collect, or recordings (.mcap or their folders)"
     )
     parser.add_argument(
-        "--fresh",
-        nargs="+",
-        type=Path,
-        default=[],
-        help="other episodes, on which accuracy is measured",
+        "--fresh", nargs="+", type=Path, default=[], help="other episodes, on which accuracy is measured"
     )
     add_setting(parser, action_set=False)
     parser.add_argument("--models", type=Path, help="folder of the models (default: the shipped models/)")

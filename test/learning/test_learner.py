@@ -102,7 +102,7 @@ def test_a_set_that_cannot_be_published_is_no_switch(learner: Learner, rounds: l
     assert learner.diagnostics()["default/goToPose: not switched"] == verdict["reason"]
 
 
-@pytest.mark.parametrize("chains, records", [(2, 0), (1, 5)])
+@pytest.mark.parametrize(("chains", "records"), [(2, 0), (1, 5)])
 def test_records_wait_while_the_disk_is_full(
     tmp_path: Path, learner: Learner, monkeypatch: pytest.MonkeyPatch, chains: int, records: int
 ) -> None:

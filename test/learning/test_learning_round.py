@@ -63,15 +63,11 @@ def test_a_slower_robot_gets_new_models_soon(tmp_path: Path, shipped: Path, befo
     assert manifest.digest == digest_of(place)
     assert manifest.reasons[NAME] == verdict["reason"]
     assert manifest.seen[NAME] == before + 45
-    rows = read_records(stored_again(tmp_path / "fresh"), "default")
+    stored(tmp_path / "fresh", episodes(100, seed=99, slower=1.3))
+    rows = read_records(tmp_path / "fresh", "default")
     model = load_model(place / "goToPose.json", ROBOT, SOCCER.known_features)
     assert np.mean(np.abs(predicted(model, rows) - rows["duration"])) < 0.25
     assert model.errors is not None
-
-
-def stored_again(folder: Path) -> Path:
-    stored(folder, episodes(100, seed=99, slower=1.3))
-    return folder
 
 
 def test_a_scaled_tree_has_the_spread_of_the_new_records(tmp_path: Path, shipped: Path) -> None:

@@ -18,12 +18,7 @@ from ator_ros.robot.description import load_robot
 
 EDGES = [0.0, 1e-300, 1e-9, 0.01, 0.5, 1.0, 3.14159265358979, 7.0, 100.0, 1e4, 1e6]
 """Numbers that files, messages and command lines may contain, up to their checked bounds."""
-CHECKED = (
-    "performance",
-    "test_compiled.py",
-    "refinement/test_refinement_search.py",
-    "domains/test_shoot.py",
-)
+CHECKED = ("performance", "test_compiled.py", "refinement/test_refinement_search.py", "domains/test_shoot.py")
 """Tests that run compiled code."""
 
 

@@ -92,6 +92,7 @@ def put(*path: Any) -> Callable[[dict[str, Any]], object]:
         (lambda data: data["trees"].pop("duration"), r"trees\.duration: expected a tree; got None"),
         (put("trees", "duration", "root", "samples", "many"), r"trees\.duration\.root\.samples: expected"),
         (put("training", "starts", {"braking": [0.0, -1.0]}), r"training\.starts\.braking: expected a least"),
+        (put("driving", "limits", "v", 100.0), r"driving\.limits\.v: expected .* to 20"),
         (put("features", {}), r"trees\.duration\.features: expected features that the file lists"),
     ],
 )

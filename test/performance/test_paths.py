@@ -11,15 +11,15 @@ import pandas as pd
 import pytest
 
 from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.driving import DrivingStyle, ObservedLimits, plain_driving
+from ator_ros.performance.driving import DrivingStyle, plain_driving
 from ator_ros.performance.features import GENERAL, PATHS, feature_table
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.observation import observed_driving
 from ator_ros.performance.training import train
-from ator_ros.robot.description import load_robot
+from ator_ros.robot.description import Limits, load_robot
 
 ROBOT = load_robot()
-SLOW = DrivingStyle(ObservedLimits(0.5, 1.0, 0.4, 0.3, 2.0), plain_driving(ROBOT).drives)
+SLOW = DrivingStyle(Limits(0.5, 1.0, 0.4, 0.3, 2.0), plain_driving(ROBOT).drives)
 
 
 def time_to(x: float, y: float, turn: float, driving: DrivingStyle, *, hold: float = 0.0) -> float:
@@ -72,6 +72,10 @@ def test_limits_are_read_off_odometry() -> None:
     assert seen.limits.a == pytest.approx(0.2, rel=0.05)
     assert seen.limits.brake == pytest.approx(0.1, rel=0.05)
     assert seen.forward
+    glitches = episodes().assign(v=lambda rows: rows["v"].where(rows.index % 100 > 0, 1000.0))
+    driving = train("drive", glitches, ROBOT).driving
+    assert driving is not None
+    assert driving.limits.v == 20.0
 
 
 def test_paths_turn_only_as_the_action_was_seen_to_turn() -> None:

@@ -61,12 +61,7 @@ def check(estimate: BaseEstimate, robot: Robot, latency: float, *, within: float
 
 @pytest.mark.parametrize(
     ("limits", "lag", "latency"),
-    [
-        (PIONEER.limits, 0.12, 0.1),
-        (SLOW, 0.03, 0.15),
-        (QUICK, 0.02, 0.1),
-        (QUICK, 0.02, 0.0),
-    ],
+    [(PIONEER.limits, 0.12, 0.1), (SLOW, 0.03, 0.15), (QUICK, 0.02, 0.1), (QUICK, 0.02, 0.0)],
 )
 def test_a_base_is_identified(limits: Limits, lag: float, latency: float) -> None:
     robot = base(limits, lag)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import math
 import os
 import re
 import signal
@@ -31,6 +32,7 @@ ROBOT = load_robot()
 
 def table(path: Path, seed: int, **metadata: Any) -> Path:
     frames = [synthetic_experience(action, seed=seed) for action in ("goToPose", "dribbleBall")]
+    frames[0].loc[frames[0].index[frames[0]["success"]][0], "position_error"] = math.nan
     given = {"seed": seed, "robot_digest": ROBOT.digest(), "action_set": "default", **metadata}
     write_experience(path, Experience(pd.concat(frames, ignore_index=True), given))
     return path
@@ -169,10 +171,12 @@ sys.exit(collect.main(sys.argv[1:]))
 """Runs `collect` and prints its progress."""
 
 
-def test_train_writes_models_with_their_accuracy(learned: Path) -> None:
+def test_train_writes_models_with_their_accuracy(capsys: pytest.CaptureFixture[str], learned: Path) -> None:
+    assert re.search("goToPose: position_error: 1 of .* are left out", capsys.readouterr().err)
     names = ["dribbleBall.json", "goToPose.json"]
     assert sorted(path.name for path in learned.iterdir()) == names
     data = json.loads((learned / "goToPose.json").read_text())
+    assert "accuracy" in data["trees"]
     accuracy = data["accuracy"]
     assert accuracy["seed"] == 2
     assert 0.0 < accuracy["mae_s"] < 0.2

@@ -112,12 +112,7 @@ def test_a_leading_slash_of_a_frame_is_ignored(given: str, expected: str) -> Non
 
 
 def remarks(
-    *,
-    scale: float = 1.0,
-    in_world: bool = False,
-    jump: float = 0.0,
-    seconds: float = 8.0,
-    speed: float = 1.0,
+    *, scale: float = 1.0, in_world: bool = False, jump: float = 0.0, seconds: float = 8.0, speed: float = 1.0
 ) -> list[str]:
     """Drive arcs with a scaled or world-frame twist, or with jumping poses; return the remarks."""
     reader, pose, found = OdometryReader("odom"), FAR, list[str]()
