@@ -273,11 +273,7 @@ def write_experience(path: Path | str, experience: Experience) -> None:
     import pyarrow.parquet as pq
 
     table = pa.Table.from_pandas(experience.frame, preserve_index=False)
-    metadata = {
-        **header(KIND),
-        "columns": columns_among(experience.frame.columns),
-        **experience.metadata,
-    }
+    metadata = {**header(KIND), "columns": columns_among(experience.frame.columns), **experience.metadata}
     text = json.dumps(metadata, sort_keys=True).encode()
     table = table.replace_schema_metadata({**(table.schema.metadata or {}), _KEY: text})
     with atomic_write(path) as temporary:

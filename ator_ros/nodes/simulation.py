@@ -269,7 +269,7 @@ class SimulationNode(Node):
                 "paused": self._paused,
                 **self._ticks.diagnostics(),
                 "last error": self._rejected,
-            },
+            }
         )
 
 

@@ -109,9 +109,5 @@ def kinds(starts: pd.DataFrame, robot: Robot) -> dict[str, pd.DataFrame]:
     """Return subsets of starts by what makes a difference: at rest and not near the goal, near it, moving."""
     rest = (starts["v"].abs() <= AT_REST.v).to_numpy()
     near = Geometry(direct_of(starts), robot).dist < SHORT
-    masks = {
-        "at rest": rest & ~near,
-        f"turns, and drives below {SHORT:g} m": rest & near,
-        "in motion": ~rest,
-    }
+    masks = {"at rest": rest & ~near, f"turns, and drives below {SHORT:g} m": rest & near, "in motion": ~rest}
     return {name: starts[mask] for name, mask in masks.items()}
