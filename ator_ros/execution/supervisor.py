@@ -158,12 +158,7 @@ class Supervisor:
     # Ticks
 
     def tick(
-        self,
-        world: World,
-        now: float,
-        *,
-        overdue: frozenset[str] = frozenset(),
-        fault: str | None = None,
+        self, world: World, now: float, *, overdue: frozenset[str] = frozenset(), fault: str | None = None
     ) -> Command | None:
         """Process a newer state of the world; return the command for it.
 

@@ -56,12 +56,7 @@ class Episode:
 
 
 def run_episode(
-    simulation: Simulation,
-    action: Action,
-    situation: Situation,
-    *,
-    top: Top,
-    time_limit: float = TIME_LIMIT,
+    simulation: Simulation, action: Action, situation: Situation, *, top: Top, time_limit: float = TIME_LIMIT
 ) -> Episode:
     """Execute `action` in `situation`, tick by tick, until it ends or `time_limit` (s) is over.
 

@@ -262,11 +262,7 @@ def read_sources(
 
 
 def _source(
-    path: Path,
-    robot: Robot,
-    domain: Vocabulary,
-    action_set: str | None,
-    topics: Mapping[str, str] | None,
+    path: Path, robot: Robot, domain: Vocabulary, action_set: str | None, topics: Mapping[str, str] | None
 ) -> Experience:
     if path.suffix == ".parquet":
         table = read_experience(path)

@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -201,10 +200,6 @@ class RoundVerdict:
     tree: ModelTree | None = None
     tested: IntArray | None = None
     errors: FloatArray | None = None
-
-    def report(self) -> dict[str, Any]:
-        """Return what a round reports."""
-        return {"episodes": self.episodes, "reason": self.reason, "kind": self.kind}
 
 
 def judge(

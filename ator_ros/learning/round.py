@@ -188,7 +188,7 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
             )
             for measure, verdict in verdicts.items():
                 key = _key(name, measure)
-                actions[key] = verdict.report()
+                actions[key] = {each: getattr(verdict, each) for each in ("episodes", "reason", "kind")}
                 if verdict.tree is not None:
                     reasons[key], seen[key] = verdict.reason, int(rows[NUMBER].max()) + 1
             episodes[name] = max(verdict.episodes for verdict in verdicts.values())

@@ -90,7 +90,7 @@ class Manoeuvre:
 
 
 @compiled
-def turned(start: Pose, angle: float, side: FloatArray, bounds: Rates) -> Pose:
+def pose_after_turn(start: Pose, angle: float, side: FloatArray, bounds: Rates) -> Pose:
     """Return where the straight and the turn by `angle` (rad) of a side, shape (5,), lead from `start`."""
     headings = np.empty((2, len(NODES)))
     time = write_headings(angle, side[4], bounds.aw, headings)
@@ -105,8 +105,8 @@ def _gap(
     first: float, last: float, start: Pose, goal: Pose, entry: FloatArray, leaving: FloatArray, bounds: Rates
 ) -> tuple[float, float]:
     """Return how far the straight drive misses the last turn sideways, and its length, both in m."""
-    begin = turned(start, first, entry, bounds)
-    end = turned(Pose(goal.x, goal.y, goal.yaw + math.pi), -last, leaving, bounds)
+    begin = pose_after_turn(start, first, entry, bounds)
+    end = pose_after_turn(Pose(goal.x, goal.y, goal.yaw + math.pi), -last, leaving, bounds)
     dx, dy = end.x - begin.x, end.y - begin.y
     c, s = math.cos(begin.yaw), math.sin(begin.yaw)
     return c * dy - s * dx, c * dx + s * dy

@@ -177,7 +177,8 @@ def find_paths(
 ) -> Paths:
     """Find the `most` fastest paths from `start` to `goal` with these sides, of up to `longest` s.
 
-    Where `forward`, those are left out whose drive is too short for its change of speed.
+    Where `forward`, those are left out whose drive is too short for its change of speed, and some others on
+    which the robot drives backward in a turn.
     """
     end = Pose(*map(float, start.relative(goal)))
     found = _search(end, entries, exits, rates_of(limits), forward, float(longest))
@@ -195,7 +196,8 @@ def ranked(found: FloatArray, most: int) -> FloatArray:
 @compiled
 def _search(end: Pose, entries: Ends, exits: Ends, rates: Rates, forward: bool, longest: float) -> FloatArray:
     """Return time, entry, exit, first turn, last turn and drive of each path, shape (n, 6)."""
-    found, count, steps = np.empty((1024, 6)), 0, np.empty(_POINTS, dtype=np.intp)
+    found, count = np.empty((1024, 6)), 0
+    steps = np.empty(_POINTS, dtype=np.intp)
     near = np.empty((len(entries.times), _POINTS), dtype=np.float32)
     far = np.empty((len(exits.times), _POINTS), dtype=np.float32)
     # Local names avoid reference counting at each access.

@@ -5,8 +5,8 @@ come in groups: the first of each group is tried for all ends, the others of a g
 the fastest. `needed_shapes` chooses groups from a fine grid: the next shape is that which brings the times
 nearest to those of the whole grid.
 
-The search is compiled, since it dominates refinement. Unlike the search for all paths it looks turns up
-without interpolation, and takes roots as they lie in the coarse grid.
+The search is compiled, since it dominates refinement. Unlike the search for all paths it looks roots up in a
+coarse grid, without interpolating the ends of turns, and does not refine them; times are interpolated.
 """
 
 from __future__ import annotations
@@ -252,7 +252,8 @@ def fastest_paths(ends: FloatArray, shapes: ShapeSet, hold: float) -> FloatArray
         Their times in s, and the sums of the angles of both turns in rad.
     """
     rules, rows, others, tables, missed = shapes
-    result, count = np.empty((2, ends.shape[1])), len(others) - 1
+    result = np.empty((2, ends.shape[1]))
+    count = len(others) - 1
     entries, exits = np.empty(len(rows), dtype=_END), np.empty(len(rows), dtype=_END)
     gaps, zeros = np.empty(WIDTH, dtype=np.float32), np.zeros(WIDTH, dtype=np.float32)
     firsts, first_entries, first_exits = rows[:count], entries[:count], exits[:count]

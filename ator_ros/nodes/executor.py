@@ -276,7 +276,8 @@ class ExecutorNode(Node):
     async def _execute(self, handle: ServerGoalHandle) -> Any:
         """Begin a goal and wait for its end, which odometry callback and watchdog detect."""
         try:
-            predictors, refinement = self._predictors(), self._refinement
+            predictors = self._predictors()
+            refinement = self._refinement
             run = GoalRun(
                 handle, self._libraries, predictors, refinement, self._settings, self._fence, self._rolling
             )

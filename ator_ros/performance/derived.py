@@ -237,7 +237,8 @@ class Geometry:
     @cached_property
     def path(self) -> PathTimes:
         """The fastest turn-straight-turn path as the action was observed to drive."""
-        driving, holding = self._driving or plain_driving(self.robot), self.direct["hold"] > 0.5
+        driving = self._driving or plain_driving(self.robot)
+        holding = self.direct["hold"] > 0.5
         hold = self.robot.hold if holding.any() else 0.0
         shapes = driving.approach_paths if holding.any() else driving.drive_paths
         paths = fastest_paths(self.ends, shapes, hold=hold)

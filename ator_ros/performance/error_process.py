@@ -142,7 +142,8 @@ def _clipped(errors: FloatArray, points: FloatArray) -> FloatArray:
     """Return the errors (n,), each at most `_CLIPPED_AT` deviations off the median of similar episodes."""
     count = min(_NEIGHBORS, len(errors))
     nearest = np.argpartition(_squares(points, points), count - 1, axis=1)[:, :count]
-    usual, most = np.median(errors[nearest], axis=1), _CLIPPED_AT * _spread(errors)
+    usual = np.median(errors[nearest], axis=1)
+    most = _CLIPPED_AT * _spread(errors)
     return np.asarray(errors.clip(usual - most, usual + most))
 
 

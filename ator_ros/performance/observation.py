@@ -88,10 +88,7 @@ def _geometry(starts: pd.DataFrame, robot: Robot, driving: DrivingStyle | None =
 
 
 def observed_limits(rows: pd.DataFrame, robot: Robot) -> Limits:
-    """Return the greatest speeds and accelerations in m/s, rad/s, m/s^2, rad/s^2.
-
-    Glitches of odometry may show any; beyond the bounds of `Limits` they count as these.
-    """
+    """Return the greatest speeds and accelerations; glitches count as at most the bounds of `Limits`."""
     v, w, time, after = _series(rows)
     step = time[after] - time[after - 1]
     change = (np.abs(v[after]) - np.abs(v[after - 1])) / step

@@ -61,11 +61,7 @@ _BRAKING_EPISODES, _BRAKING_SHARE = 15, 0.05  # episodes, or at most a share, th
 
 
 def train(
-    action: str,
-    rows: pd.DataFrame,
-    robot: Robot,
-    *,
-    features: Sequence[Feature] = CANDIDATES,
+    action: str, rows: pd.DataFrame, robot: Robot, *, features: Sequence[Feature] = CANDIDATES
 ) -> PerformanceModel:
     """Learn the performance model of `action`.
 
@@ -128,12 +124,11 @@ def train(
 
 def without_errors(action: str, rows: pd.DataFrame) -> list[str]:
     """Return remarks on errors at the goal that only some of the episodes that succeeded have."""
-    good_starts = rows[(rows["t"] == 0.0) & rows["success"]]
-    missing = {name: int((~np.isfinite(good_starts[name])).sum()) for name in list(OUTCOMES.values())[1:]}
+    errors = rows.loc[(rows["t"] == 0.0) & rows["success"], ["position_error", "heading_error"]]
     return [
-        f"{action}: {name}: {count} of {len(good_starts)} episodes have none and are left out"
-        for name, count in missing.items()
-        if 0 < count < len(good_starts)
+        f"{action}: {name}: {count} of {len(errors)} episodes have none and are left out"
+        for name, count in errors.isna().sum().items()
+        if 0 < count < len(errors)
     ]
 
 
@@ -202,12 +197,7 @@ def _on_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, 
 
 
 def _best_learning(
-    table: pd.DataFrame,
-    durations: FloatArray,
-    base_of: _Base,
-    *,
-    extrapolation: float = 0.0,
-    leaf: int = 25,
+    table: pd.DataFrame, durations: FloatArray, base_of: _Base, *, extrapolation: float = 0.0, leaf: int = 25
 ) -> tuple[ModelTree, FloatArray]:
     """Return the tree of the best of `_SMOOTHINGS`, and its errors in s on other episodes, shape (n,)."""
     fold = np.arange(len(durations)) % _FEW_FOLDS

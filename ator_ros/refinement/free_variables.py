@@ -388,11 +388,7 @@ def _quantities(
 
 
 def within_experience(
-    analysis: Analysis,
-    world: World,
-    chain: TopChain,
-    models: Mapping[str, PredictsPerformance],
-    robot: Robot,
+    analysis: Analysis, world: World, chain: TopChain, models: Mapping[str, PredictsPerformance], robot: Robot
 ) -> Analysis:
     """Return `analysis` with the ranges narrowed to the goals that the models were trained on.
 

@@ -222,24 +222,29 @@ def source_of(options: argparse.Namespace) -> ToolsetSource:
     return ToolsetSource(**{name: given[name] for name in names if name in given})
 
 
-def number(
-    least: float = -math.inf, most: float = math.inf, *, kind: type = float, name: str = "finite"
-) -> Callable[[str], Any]:
+def number(least: float = -math.inf, most: float = math.inf) -> Callable[[str], float]:
     """Return a type for argparse: a finite number from `least` to `most`."""
     bounds = [f" {word} {value:g}" for word, value in (("from", least), ("to", most)) if math.isfinite(value)]
 
-    def read(text: str) -> Any:
+    def read(text: str) -> float:
         with contextlib.suppress(ValueError):
-            if math.isfinite(value := kind(text)) and least <= value <= most:
+            if math.isfinite(value := float(text)) and least <= value <= most:
                 return value
-        raise argparse.ArgumentTypeError(f"expected a {name} number{''.join(bounds)}, got {text!r}")
+        raise argparse.ArgumentTypeError(f"expected a finite number{''.join(bounds)}, got {text!r}")
 
     return read
 
 
-def whole(least: float = 0, most: float = math.inf) -> Callable[[str], int]:
+def whole(least: int = 0, most: int = 10**12) -> Callable[[str], int]:
     """Return a type for argparse: a whole number from `least` to `most`."""
-    return number(least, most, kind=int, name="whole")
+
+    def read(text: str) -> int:
+        with contextlib.suppress(ValueError):  # Python reads at most 4300 digits
+            if text.isdecimal() and least <= int(text) <= most:
+                return int(text)
+        raise argparse.ArgumentTypeError(f"expected a whole number from {least} to {most}, got {text!r}")
+
+    return read
 
 
 def jobs(text: str) -> int:

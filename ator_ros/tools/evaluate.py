@@ -26,12 +26,7 @@ from ator_ros.tools.command_line import (
 
 
 def evaluate(
-    settings: Settings,
-    out: Path,
-    *,
-    command: str,
-    situations: int = 100,
-    oracle_from: Path | None = None,
+    settings: Settings, out: Path, *, command: str, situations: int = 100, oracle_from: Path | None = None
 ) -> None:
     """Execute situations with every policy; write `evaluation.json` and the report, and print the tables.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -36,29 +36,50 @@ EXPLAINED = 50
 """Situations in which open variables are explained, at most."""
 MARGIN = 0.5
 """Time in s: headings predicted to take this much longer than the best are not executed by the oracle."""
-_SETTINGS = ("domain", "action_set", "episodes", "situations", "seed", "chain", "oracle")
 
 
-def study(options: argparse.Namespace, of_domain: Domain, command: str) -> None:
-    """Collect, train and evaluate for a robot; write `study.json` and `study.html` to the folder --out.
+def study(
+    out: Path,
+    source: ToolsetSource,
+    *,
+    command: str,
+    episodes: int,
+    situations: int,
+    seed: int,
+    chain: str | None,
+    oracle: int,
+) -> None:
+    """Collect, train and evaluate for a robot; write `study.json` and `study.html` to `out`.
 
-    `options` are those of `arguments`; `command` is the command line, for the result.
+    Parameters
+    ----------
+    out, source
+        Folder of the study, and what is studied, with the folder of the models that are learned.
+    command : str
+        The command line, for the result.
+    episodes, situations : int
+        Numbers of episodes of each action, and of situations of the evaluation.
+    seed : int
+        Seed of the episodes; fresh episodes and the evaluation use the two seeds after it.
+    chain : str or None
+        The chain of the evaluation, if the robot can execute it.
+    oracle : int
+        Number of headings of the first subgoal that the oracle executes.
     """
-    out, seed, situations = options.out, options.seed, options.situations
-    source = replace(source_of(options), models=str(out / "models"))
-    described, action_set = source.described(), source.action_set
+    of_domain, described, action_set = find_domain(source.domain), source.described(), source.action_set
     actions, left_out = possible_actions(of_domain, action_set, described)
     if not actions:
         raise EvaluationError("; ".join(dict.fromkeys(left_out.values())) or f"{of_domain.name}: no actions")
     for name, reason in left_out.items():
         print(f"study: without {name}: {reason}", file=sys.stderr)
-    _begin(out, source, options)
+    sizes = {"episodes": episodes, "situations": situations, "seed": seed, "chain": chain, "oracle": oracle}
+    _begin(out, source, sizes)
     tables = [out / "experience.parquet", out / "fresh.parquet"]
     for after, table in enumerate(tables):
         if not table.exists():
             print(f"study: {table.stem}", flush=True)
             made = f"collect of study, seed {seed + after}"
-            collect(actions, source, table, command=made, episodes=options.episodes, seed=seed + after)
+            collect(actions, source, table, command=made, episodes=episodes, seed=seed + after)
     models = {action: source.folder() / f"{action}.json" for action in actions}
     if not all(file.exists() for file in models.values()):
         print("study: models", flush=True)
@@ -71,7 +92,7 @@ def study(options: argparse.Namespace, of_domain: Domain, command: str) -> None:
             robot=described,
         )
     learned = [name for name, file in models.items() if file.exists()]
-    possible = possible_chain(of_domain, make_library(described, source), options.chain, learned)
+    possible = possible_chain(of_domain, make_library(described, source), chain, learned)
     evaluation: dict[str, Any] | None = None
     variables: list[dict[str, Any]] = []
     if possible is None:
@@ -80,8 +101,8 @@ def study(options: argparse.Namespace, of_domain: Domain, command: str) -> None:
         folder = out / "evaluation"
         if not (folder / RESULT).exists():
             print("study: evaluation", flush=True)
-            margin = MARGIN if options.oracle else None
-            evaluated = Settings(seed + 2, possible, POLICIES, options.oracle, margin, source=source)
+            margin = MARGIN if oracle else None
+            evaluated = Settings(seed + 2, possible, POLICIES, oracle, margin, source=source)
             evaluate(evaluated, folder, command="evaluate of study", situations=situations)
         evaluation = load(folder / RESULT, EVALUATION, dict[str, Any])["summary"]
         tools, library = tools_of(source)
@@ -112,15 +133,13 @@ def study(options: argparse.Namespace, of_domain: Domain, command: str) -> None:
     print(f"wrote {out / 'study.json'} and {out / 'study.html'}")
 
 
-def _begin(out: Path, source: ToolsetSource, options: argparse.Namespace) -> None:
+def _begin(out: Path, source: ToolsetSource, sizes: Mapping[str, Any]) -> None:
     """Check that the folder is empty or belongs to the same study."""
     file = out / "settings.json"
     if out.exists() and not out.is_dir():
         raise EvaluationError(f"--out {out}: expected a folder, got a file")
-    ours = {
-        "robot": source.described().description_digest(),
-        **{name: getattr(options, name) for name in _SETTINGS},
-    }
+    robot = source.described().description_digest()
+    ours = {"robot": robot, "domain": source.domain, "action_set": source.action_set, **sizes}
     if not os.path.lexists(file):
         save(file, "study settings", ours)
         return
@@ -173,8 +192,16 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
+def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
+    source = replace(source_of(options), models=str(options.out / "models"))
+    study(
+        options.out, source, command=command, episodes=options.episodes, situations=options.situations,
+        seed=options.seed, chain=options.chain, oracle=options.oracle,
+    )  # fmt: skip
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     return run_tool(
-        arguments(), study, argv, interrupted=RESUMES, needed=False, chain=lambda domain: domain.chains
+        arguments(), _run, argv, interrupted=RESUMES, needed=False, chain=lambda domain: domain.chains
     )

@@ -27,7 +27,8 @@ from ator_ros.world.messages import plain_frame
 
 _PORTS = (1024, 65535)  # below, only root may listen
 _PERIOD = 1.0 / 25.0  # s
-_SIMULATED = {"lockstep": True}  # at any speed: a busy machine does not change a chain
+# The simulation waits for the executor at any speed, so that a busy machine does not change a chain.
+_SIMULATED = {"lockstep": True}
 _EXECUTED = {"odom_timeout": 60.0}  # real s, the greatest allowed: a chain may be paused for so long
 
 

@@ -15,7 +15,7 @@ from stored import ROBOT, episodes, losses, round_of, stored
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.store import read_records
 from ator_ros.learning.judging import scaled
-from ator_ros.learning.sets import RECORDS, current_set, digest_of, read_manifest
+from ator_ros.learning.sets import CURRENT, RECORDS, current_set, digest_of, read_manifest
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import direct_of, duration_tree
@@ -73,7 +73,7 @@ def test_a_slower_robot_gets_new_models_soon(tmp_path: Path, shipped: Path, befo
 def test_a_scaled_tree_has_the_spread_of_the_new_records(tmp_path: Path, shipped: Path) -> None:
     stored(tmp_path / RECORDS, episodes(24, slower=1.5, noise=0.6))
     assert "scaled" in round_of(tmp_path, shipped)["actions"][NAME]["kind"]
-    file = tmp_path / "current" / "goToPose.json"
+    file = tmp_path / CURRENT / "goToPose.json"
     tree = load_model(file, ROBOT, SOCCER.known_features).trees["duration"]
     assert 0.4 < np.median(tree.spread) < 1.2
 
@@ -102,11 +102,8 @@ def test_a_set_with_larger_errors_is_rolled_back(tmp_path: Path, shipped: Path) 
     stored(tmp_path / RECORDS, episodes(30, seed=5)).close()  # the robot is as fast as before
     result = round_of(tmp_path, shipped)
     assert result["actions"][NAME]["kind"] == "back to the models of the start"
-    place = current_set(tmp_path)
-    assert place is not None
-    old, new = (
-        load_model(folder / "goToPose.json", ROBOT, SOCCER.known_features) for folder in (shipped, place)
-    )
+    folders = shipped, tmp_path / CURRENT
+    old, new = (load_model(folder / "goToPose.json", ROBOT, SOCCER.known_features) for folder in folders)
     rows = read_records(tmp_path / RECORDS, "default")
     assert np.array_equal(predicted(old, rows), predicted(new, rows))
 
@@ -134,9 +131,8 @@ def test_a_new_set_keeps_the_search_ranges_of_the_previous_experience(tmp_path: 
         for slower in (1.3, 1.7):  # and the next set
             stored(folder / RECORDS, episodes(45, seed=4, slower=slower))
             assert round_of(folder, models)["made"]
-        place = current_set(folder)
-        assert place is not None
-        assert load_model(place / "goToPose.json", ROBOT, SOCCER.known_features).experience == expected
+        file = folder / CURRENT / "goToPose.json"
+        assert load_model(file, ROBOT, SOCCER.known_features).experience == expected
 
 
 def test_records_with_impossible_durations_have_no_effect(tmp_path: Path, shipped: Path) -> None:

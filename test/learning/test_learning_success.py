@@ -13,7 +13,7 @@ from stored import ROBOT, episodes, losses, round_of, stored
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.episode import Episode
 from ator_ros.geometry import wrap_angle
-from ator_ros.learning.sets import RECORDS, current_set, read_manifest
+from ator_ros.learning.sets import CURRENT, RECORDS, current_set, read_manifest
 from ator_ros.performance.model_file import load_model
 
 SUCCESS = "default/goToPose/success"
@@ -76,8 +76,6 @@ def test_avoided_failures_are_not_forgotten(tmp_path: Path) -> None:
     for begin in range(0, 120, 30):
         stored(tmp_path / RECORDS, iter(straight[begin : begin + 30])).close()
         assert "start" not in round_of(tmp_path)["actions"][SUCCESS]["kind"]
-    place = current_set(tmp_path)
-    assert place is not None
-    model = load_model(place / "goToPose.json", ROBOT, SOCCER.known_features)
+    model = load_model(tmp_path / CURRENT / "goToPose.json", ROBOT, SOCCER.known_features)
     sharp = [episode for episode in episodes(200, seed=9) if turn_of(episode) > 1.2 * SHARP]
     assert np.mean([_success(model, episode) for episode in sharp]) < 0.3

@@ -9,8 +9,8 @@ import pytest
 from robots import OTHERS, PIONEER
 
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.motion.durations import rates_of
-from ator_ros.motion.manoeuvre import Manoeuvre, Side, close, turned
+from ator_ros.motion.durations import change_distance, rates_of, turn_time
+from ator_ros.motion.manoeuvre import Manoeuvre, Side, close, pose_after_turn
 from ator_ros.motion.paths import Ends, entries_of, exits_of, find_paths
 from ator_ros.motion.trajectory import Trajectory
 from ator_ros.robot.description import Limits, Robot
@@ -60,8 +60,8 @@ def gaps(goal: Pose, total: float, entry: FloatArray, exit_: FloatArray, limits:
     firsts = np.radians(np.arange(-270.0, 270.1, 0.5))
     firsts = firsts[np.abs(total - firsts) < math.radians(292.0)]
     rates, here = rates_of(limits), Pose(0.0, 0.0, 0.0)
-    x1, y1, _ = np.array([turned(here, first, entry, rates) for first in firsts]).T
-    x2, y2, _ = np.array([turned(here, first - total, exit_, rates) for first in firsts]).T
+    x1, y1, _ = np.array([pose_after_turn(here, first, entry, rates) for first in firsts]).T
+    x2, y2, _ = np.array([pose_after_turn(here, first - total, exit_, rates) for first in firsts]).T
     end = START.relative(goal)
     c, s = math.cos(end.yaw), math.sin(end.yaw)
     dx, dy = end.x - c * x2 - s * y2 - x1, end.y - s * x2 + c * y2 - y1
@@ -94,7 +94,12 @@ def test_paths_drive_forward_and_take_no_longer_where_that_is_asked() -> None:
         kept = find_paths(START, goal, entries, exits, limits, longest=bound)
         assert kept.times.tolist() == free.times[free.times <= bound].tolist()
         forward = find_paths(START, goal, entries, exits, limits, forward=True)
-        assert set(forward.times.tolist()) <= set(free.times.tolist())
-        assert (forward.drives >= 0.0).all()
+        one, two = entries.sides[free.entries].T, exits.sides[free.exits].T
+        before = one[2] + one[3] * turn_time(free.firsts, one[4], limits.aw)
+        after = two[2] + two[3] * turn_time(free.lasts, two[4], limits.aw)
+        before, after = (np.clip(speed, -limits.v, limits.v) for speed in (before, after))
+        suffices = free.drives >= change_distance(before, after, limits)
+        drives_forward = set(free.times[suffices & (before >= 0.0) & (after >= 0.0)])
+        assert set() < drives_forward <= set(forward.times) <= set(free.times[suffices])
         few = find_paths(START, goal, entries, exits, limits, most=7)
         assert few.times.tolist() == free.times[:7].tolist()

@@ -17,10 +17,7 @@ from ator_ros.nodes.qos import RESULTS
 
 pytestmark = pytest.mark.node
 
-
 CLIENT = {"silent": True}
-
-
 NEAR = [call("goToPose", Pose(0.5, 0.0, 0.0))]
 SETTINGS = {"odom_timeout": 2.0, "start_timeout": 20.0}
 

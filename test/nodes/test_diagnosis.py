@@ -16,8 +16,6 @@ from ator_ros.nodes.inputs import Input, TfListener
 from ator_ros.nodes.qos import NEWEST, SENSOR_DATA
 
 RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-
-
 CLIENT = {"silent": True}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 from chain_client import ChainClient, call
@@ -21,24 +22,12 @@ pytestmark = pytest.mark.node
 
 AWAY = [call("goToPose", Pose(2.0, 0.0, 0.0))]
 TO_BALL = [call("goToBall", Pose(0.0, 0.0, 0.0))]
-
-
 CLIENT = {"silent": True}
-
-
-def elsewhere(client: Client) -> None:
-    """Publish odometry under another name."""
-    MovingBase(client, odom="wheels/odom")
 
 
 def another_type(client: Client) -> None:
     """Publish another type as odom."""
     client.node.create_publisher(PoseStamped, "odom", NEWEST)
-
-
-def another_frame(client: Client) -> None:
-    """Publish odometry in another frame."""
-    MovingBase(client, frame="ann/odom")
 
 
 def silent(client: Client) -> None:
@@ -50,9 +39,15 @@ def silent(client: Client) -> None:
     ("fault", "expected"),
     [
         (lambda _: None, "no node publishes /odom in ROS domain "),
-        (elsewhere, "of type nav_msgs/Odometry there is /wheels/odom: remap with -r odom:=/wheels/odom"),
+        (
+            partial(MovingBase, odom="wheels/odom"),
+            "of type nav_msgs/Odometry there is /wheels/odom: remap with -r odom:=/wheels/odom",
+        ),
         (another_type, "odom: expected nav_msgs/Odometry, /test_client publishes geometry_msgs/PoseStamped"),
-        (another_frame, "expected the frame 'odom', got 'ann/odom'; set frame:=ann/odom"),
+        (
+            partial(MovingBase, frame="ann/odom"),
+            "expected the frame 'odom', got 'ann/odom'; set frame:=ann/odom",
+        ),
         (silent, "odom: /test_client publishes it, but sends no messages"),
     ],
 )

@@ -87,14 +87,12 @@ def no_direction(message: Odometry, yaw: float) -> None:
 
 
 CLIENT = {"silent": True}
+FAR = Pose(691_608.25, 5_334_761.5, 2.2)
 
 
 @pytest.fixture
 def base(client: Client) -> QuirkyBase:
     return QuirkyBase(client)
-
-
-FAR = Pose(691_608.25, 5_334_761.5, 2.2)
 
 
 @pytest.mark.parametrize("quirk", [plain, leading_slash, since_1970, long_quaternion, twist_in_odom])

@@ -28,7 +28,7 @@ NOT_INSTALLED = "domain: expected an entry point of ator_ros.domains, one of ["
 NONE_THERE = "argument --domain: expected one with {}, got bare, which has none"
 NAMESPACE = "expected a namespace of letters"
 REFUSED = [
-    *(("collect --episodes=" + text, NUMBER.format("episodes")) for text in ("-1", "1.5")),
+    *((f"collect --episodes={text}", NUMBER.format("episodes")) for text in (-1, 1.5, "1_000", 400 * "9")),
     ("evaluate --oracle=1.5", NUMBER.format("oracle")),
     ("evaluate --oracle=3 --oracle-from=.", "argument --oracle-from: not allowed with argument --oracle"),
     (

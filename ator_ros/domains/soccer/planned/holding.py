@@ -55,7 +55,8 @@ def _push(robot: Robot, v: float, w: float, acceleration: float) -> float:
 @lru_cache(maxsize=16)
 def entries_with_ball(robot: Robot, limits: Limits, speed: float) -> Ends:
     """Return the ways to begin at `speed` (m/s) with the ball: straight, then turn as fast as it allows."""
-    sides, gain = [], min(robot.holder_for("pushing a ball").limits.a, robot.limits.a)
+    gain = min(robot.holder_for("pushing a ball").limits.a, robot.limits.a)
+    sides = []
     for v in sorted({*_shares(_ENTRY_SPEEDS, limits.v), speed}):
         lead = change_distance(speed, v, limits)
         for change in _shares(_ENTRY_GAINS, gain):

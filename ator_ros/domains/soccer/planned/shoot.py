@@ -26,7 +26,7 @@ from ator_ros.domains.soccer.planned.planner import (
 )
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.durations import Rates, drive_time, rates_of, turn_time
-from ator_ros.motion.manoeuvre import Manoeuvre, Side, turned
+from ator_ros.motion.manoeuvre import Manoeuvre, Side, pose_after_turn
 from ator_ros.motion.paths import Ends, ranked
 from ator_ros.motion.turns import WIDEST, look_up
 from ator_ros.robot.description import Limits, Robot
@@ -180,7 +180,7 @@ def _first_clear_run_up(start: Pose, found: FloatArray, entries: FloatArray, aro
 @compiled
 def _end_of(start: Pose, run_up: FloatArray, entry: FloatArray, rates: Rates) -> Pose:
     """Return where a run-up ends; see `_run_ups`."""
-    x, y, heading = turned(start, run_up[3], entry, rates)
+    x, y, heading = pose_after_turn(start, run_up[3], entry, rates)
     pushed = run_up[4]
     return Pose(x + pushed * math.cos(heading), y + pushed * math.sin(heading), heading)
 
