@@ -227,10 +227,10 @@ def test_all_results_can_be_reproduced(tmp_path: Path) -> None:
 @pytest.mark.long
 def test_a_cluster_collects(tmp_path: Path) -> None:
     """Run the printed commands of a scheduler, a worker and `collect` on this machine."""
-    texts = [printed.text for printed in commands() if "dask" in printed.text]
+    texts = [printed.text for printed in commands()]
     (scheduler,) = [text for text in texts if text.startswith("dask scheduler")]
     (worker,) = [text for text in texts if text.startswith("dask worker")]
-    (collect,) = [text for text in texts if "--cluster" in text]
+    (collect,) = [text for text in texts if "--cluster tcp:" in text]
     here = "--host 127.0.0.1 --no-dashboard"
     started = [subprocess.Popen(f"{scheduler} {here} --port 0 --scheduler-file s.json".split(), cwd=tmp_path)]
     try:

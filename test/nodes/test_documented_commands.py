@@ -121,7 +121,7 @@ def test_the_printed_requests(shell: Shell) -> None:
 
 def test_two_robots_drive_at_the_same_time(shell: Shell) -> None:
     started = [shell.start(printed('ros2 run ator_ros simulation --ros-args -p "robots'))]
-    wait_for("simulating pioneer_3dx as ann, pioneer_3dx as bob", started[0])
+    wait_for("simulating pioneer_3dx as ann, bob", started[0])
     for name in ("ann", "bob"):
         for node, words in (("executor", "ready for chains"), ("refinement", "refining chains")):
             started.append(shell.start(printed(f"ros2 run ator_ros {node} --ros-args -r __ns:=/{name}")))
