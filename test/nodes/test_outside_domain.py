@@ -58,8 +58,8 @@ def test_a_domain_from_another_package_is_learned_and_executed(
     installed: Path, start: Start, client: Client, capsys: pytest.CaptureFixture[str]
 ) -> None:
     table, models = installed / "table.parquet", installed / "models"
-    run("collect", "--episodes", 200, "--seed", 5, "--out", table, "--jobs", 1)
-    assert "turnDriveTurn: 200 episodes" in capsys.readouterr().out
+    run("collect", "--episodes", 60, "--seed", 5, "--out", table, "--jobs", 1)
+    assert "turnDriveTurn: 60 episodes" in capsys.readouterr().out
     run("train", table, "--models", models)
     learned = json.loads((models / "turnDriveTurn.json").read_text())
     assert learned["features"]["cruised"] == "s"  # a feature of the domain, of its own goal variable
@@ -93,7 +93,6 @@ def test_a_domain_from_another_package_is_learned_and_executed(
     chains.wait_for_newer_odometry()
     result = chains.send(visits, refine=True).result()
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
-    assert result.record.refined, result.record.refinement
     assert (
         "cruise of step 2 (pass) is bound by the pre-condition of step 2 (pass): robot.v near goal.cruise"
         in result.record.refinement
