@@ -37,7 +37,7 @@ class FakeModel:
         self.used_variables = used
         self._spread = spread
 
-    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ("duration",)) -> Any:
+    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = (), signs: Any = None) -> Any:
         count = max(np.size(values) for values in direct.values())
         duration = np.broadcast_to(np.asarray(self._duration(direct), dtype=float), count)
         failure = np.asarray(direct.get("speedg", 0.0), dtype=float)
@@ -46,10 +46,8 @@ class FakeModel:
             spread=np.full(len(duration), self._spread),
             success=np.broadcast_to(1.0 - 0.5 * failure, duration.shape),
             accuracy=np.zeros(len(duration)),
+            error_of_sum=(0.0, self._spread**2),
         )
-
-    def error_of_sum(self, direct: Mapping[str, Any], signs: Any) -> tuple[float, float]:
-        return 0.0, self._spread**2
 
 
 def turning_time(direct: Mapping[str, Any]) -> Any:

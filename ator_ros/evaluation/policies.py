@@ -13,7 +13,7 @@ from typing import Any
 
 from ator_ros.evaluation.toolset import Toolset
 from ator_ros.evaluation.trials import Trial, open_places, open_speeds, reopened, with_headings
-from ator_ros.geometry import FloatArray, Pose
+from ator_ros.geometry import Pose
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import PATHS
@@ -51,13 +51,10 @@ class PathTime:
     driving: DrivingStyle | None = None
     used_variables = PATHS[0].derives
 
-    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ()) -> Any:  # noqa: ARG002
-        """Return the duration in s, shape (n,), and nothing else."""
-        return SimpleNamespace(duration=Geometry(direct, self.robot, self.driving).path.time)
-
-    def error_of_sum(self, direct: Mapping[str, Any], signs: FloatArray) -> tuple[float, float]:  # noqa: ARG002
-        """Return no error: nothing was measured."""
-        return 0.0, 0.0
+    def predict(self, direct: Mapping[str, Any], measures: Any = (), signs: Any = None) -> Any:  # noqa: ARG002
+        """Return the duration in s, shape (n,), and no error of a sum, as none was measured."""
+        duration = Geometry(direct, self.robot, self.driving).path.time
+        return SimpleNamespace(duration=duration, error_of_sum=(0.0, 0.0))
 
 
 def naive(tools: Toolset, trial: Trial) -> Choice:

@@ -38,6 +38,8 @@ class Prediction:
         Probability.
     accuracy, heading : ndarray or None
         Expected errors at the end in m and rad.
+    error_of_sum : tuple of float or None
+        Expected error in s of a signed sum of the durations, and its variance in s².
     """
 
     duration: FloatArray | None = None
@@ -45,6 +47,7 @@ class Prediction:
     success: FloatArray | None = None
     accuracy: FloatArray | None = None
     heading: FloatArray | None = None
+    error_of_sum: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -133,7 +136,9 @@ class PerformanceModel:
             for name, (low, high) in ranges.items()
         }
 
-    def predict(self, direct: Direct, measures: tuple[str, ...] = ("duration",)) -> Prediction:
+    def predict(
+        self, direct: Direct, measures: tuple[str, ...] = ("duration",), signs: FloatArray | None = None
+    ) -> Prediction:
         """Predict the performance of n situations at once.
 
         Parameters
@@ -142,6 +147,8 @@ class PerformanceModel:
             Direct variables, numbers or arrays of shape (n,), see `direct_table`.
         measures : tuple of str
             Which fields of the prediction to compute; those that were not learned stay None.
+        signs : ndarray, shape (n,), optional
+            Of the durations in a sum, whose error is then predicted as well.
         """
         geometry = self._geometry(direct)
         rows = geometry.rows
@@ -157,22 +164,13 @@ class PerformanceModel:
             if name == "duration":
                 fields["spread"] = tree.spread.take(leaf)
                 self._set_at_goal(geometry, fields)
-        return Prediction(**fields)
+        return Prediction(**fields, error_of_sum=None if signs is None else self._error(geometry, signs))
 
-    def error_of_sum(self, direct: Direct, signs: FloatArray) -> tuple[float, float]:
-        """Return the expected error in s of a signed sum of n predicted durations, and its variance in s².
-
-        Parameters
-        ----------
-        direct : mapping
-            As for `predict`.
-        signs : ndarray, shape (n,)
-            Of the durations in the sum.
-        """
+    def _error(self, geometry: Geometry, signs: FloatArray) -> tuple[float, float]:
         if self.errors is None:
             return 0.0, math.inf
         features = [self.features[name] for name in self.errors.features]
-        return self.errors.of_sum(table_of(self._geometry(direct), features), signs)
+        return self.errors.of_sum(table_of(geometry, features), signs)
 
     def _set_at_goal(self, geometry: Geometry, fields: Mapping[str, FloatArray]) -> None:
         """Replace the durations and spreads of situations at the goal."""

@@ -37,11 +37,12 @@ class PredictsPerformance(Protocol):
     def used_variables(self) -> frozenset[str]:
         """Direct variables that the prediction depends on."""
 
-    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ("duration",)) -> Any:
-        """Return a prediction whose fields named in `measures` are arrays of shape (n,)."""
+    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...], signs: FloatArray | None) -> Any:
+        """Return a prediction whose fields named in `measures` are arrays of shape (n,).
 
-    def error_of_sum(self, direct: Mapping[str, Any], signs: FloatArray) -> tuple[float, float]:
-        """Return the expected error in s of a signed sum of n durations, and its variance in s²."""
+        With `signs`, shape (n,), it has `error_of_sum`: the expected error in s of the sum of the durations
+        with these signs, and its variance in s².
+        """
 
 
 # The situations of a chain
@@ -210,7 +211,7 @@ class ChainModel:
         self._rows = step_rows(world, chain, robot, self.names)
         self._actions = [call.top.action for call in chain.calls]
         self._models = [models.get(action) for action in self._actions]
-        self._objective = objective
+        self.objective = objective
         #: The chain's own values, shapes (k,).
         self.given = [
             np.array([goal_values(call.goal)[name] for name in names], dtype=float)
@@ -224,47 +225,49 @@ class ChainModel:
             return np.zeros(1)
         direct = self._rows[index].table(before, after)
         with np.errstate(all="ignore"):
-            return self._cost(model.predict(direct, self._objective.needs))
+            return self._cost(model.predict(direct, self.objective.needs, None))
 
     def predict(self, *chains: Sequence[FloatArray]) -> list[ChainPrediction]:
         """Return the predictions for chains whose subgoals have these free values, each of shape (k,).
 
         A cost is infinite where that of a step is no number.
         """
+        return self._predicted(chains, None)[0]
+
+    def compare(
+        self, before: Sequence[FloatArray], after: Sequence[FloatArray]
+    ) -> tuple[ChainPrediction, ChainPrediction, float]:
+        """Return the predictions of two chains, and the uncertainty of the second's gain in duration (s).
+
+        It is what the models may err by, not how much single runs differ (`ChainPrediction.spread`). Where
+        episodes that a model was not learned from show an error, the gain is that uncertain.
+        """
+        (first, second), uncertainty = self._predicted((before, after), (1.0, -1.0))
+        return first, second, uncertainty
+
+    def _predicted(
+        self, chains: Sequence[Sequence[FloatArray]], signs: tuple[float, ...] | None
+    ) -> tuple[list[ChainPrediction], float]:
+        """Return the predictions, and how much the sum of their durations with these signs may err (s)."""
+        error = variance = 0.0
         actions: list[list[dict[str, float]]] = [[{} for _ in self._actions] for _ in chains]
         costs = np.zeros((len(chains), len(self._actions)))
-        fields = tuple(dict.fromkeys(REPORTED + self._objective.needs))
+        fields = tuple(dict.fromkeys(REPORTED + self.objective.needs))
         for model, places, direct in self._by_model(chains):
             with np.errstate(all="ignore"):
-                prediction = model.predict(direct, fields)
+                signed = None if signs is None else np.array([signs[chain] for chain, _ in places])
+                prediction = model.predict(direct, fields, signed)
+            if signs is not None:
+                error, variance = error + prediction.error_of_sum[0], variance + prediction.error_of_sum[1]
             columns = {name: getattr(prediction, name, None) for name in fields}
             known = {name: each.tolist() for name, each in columns.items() if each is not None}
             cost = self._cost(prediction)
             for row, (chain, step) in enumerate(places):
                 actions[chain][step] = {name: each[row] for name, each in known.items()}
                 costs[chain, step] = cost[row]
-        return [
-            ChainPrediction(tuple(each), float(cost))
-            for each, cost in zip(actions, costs.sum(axis=1), strict=True)
-        ]
-
-    @property
-    def duration_weight(self) -> float:
-        """What one second costs."""
-        return self._objective.weights.get("duration", 0.0)
-
-    def uncertainty(self, before: Sequence[FloatArray], after: Sequence[FloatArray]) -> float:
-        """Return the uncertainty in s of the predicted gain in duration of one chain over another.
-
-        It is what the models may err by, not how much single runs differ (`ChainPrediction.spread`). Where
-        episodes that a model was not learned from show an error, the gain is that uncertain.
-        """
-        error = variance = 0.0
-        for model, places, direct in self._by_model((before, after)):
-            signs = np.array([(1.0, -1.0)[chain] for chain, _ in places])
-            more, other = model.error_of_sum(direct, signs)
-            error, variance = error + more, variance + other
-        return math.sqrt(error**2 + variance)
+        sums = zip(actions, costs.sum(axis=1), strict=True)
+        predictions = [ChainPrediction(tuple(each), float(cost)) for each, cost in sums]
+        return predictions, math.sqrt(error**2 + variance)
 
     def _by_model(
         self, chains: Sequence[Sequence[FloatArray]]
@@ -288,7 +291,7 @@ class ChainModel:
                 yield model, places, DirectTable(tables[0][steps[0]].names, table)
 
     def _cost(self, prediction: Any) -> FloatArray:
-        return np.asarray(np.fmin(self._objective.cost(prediction), np.inf))  # NaN becomes infinite
+        return np.asarray(np.fmin(self.objective.cost(prediction), np.inf))  # NaN becomes infinite
 
 
 def predict_chain(

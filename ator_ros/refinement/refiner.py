@@ -77,7 +77,7 @@ class Refinement:
     uncertainty : float
         Of the predicted gain in duration, in s. The best of many candidates is predicted too well: for one
         variable by about its uncertainty. Of n variables this optimism adds up, while the uncertainty of the
-        sum grows with √n only. So it is √n times that of `ChainModel.uncertainty`.
+        sum grows with √n only. So it is √n times that of `ChainModel.compare`.
     comparison : bool
         Whether it would have been refined, but runs as planned, to measure what refinement gains.
     """
@@ -184,8 +184,8 @@ class Refiner:
         if not analysis.free:
             return self._left_alone(chain, analysis, model)
         if deadline():
-            [before] = [after] = model.predict(model.given)
-            optimum = unsearched(model.given, before.cost)
+            compared = model.compare(model.given, model.given)
+            optimum = unsearched(model.given, compared[0].cost)
         else:
             axes = [
                 [variable.domain for variable in analysis.free if variable.subgoal == index]
@@ -194,12 +194,12 @@ class Refiner:
             optimum = search(
                 model.step_cost, axes, model.given, allowed=regions.allowing(), deadline=deadline
             )
-            before, after = model.predict(model.given, optimum.values)
+            compared = model.compare(model.given, optimum.values)
         if not math.isfinite(optimum.cost):
             raise RefinementError(
                 "expected a finite prediction for some candidate, got none: check the distances"
             )
-        return self._answer(world, chain, analysis, model, optimum, (before, after))
+        return self._answer(world, chain, analysis, model, optimum, compared)
 
     def naive(self, world: World, chain: TopChain) -> TopChain:
         """Return the chain that the paper compares with: each subgoal suits the action leading to it alone.
@@ -279,17 +279,20 @@ class Refiner:
         analysis: Analysis,
         model: ChainModel,
         optimum: Optimum,
-        predicted: tuple[ChainPrediction, ChainPrediction],
+        compared: tuple[ChainPrediction, ChainPrediction, float],
     ) -> Refinement:
         """Return the answer after a search: the gate decides."""
         best = chain
         for index, names in enumerate(model.names):
             if names:
                 best = replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
-        before, after = predicted
-        uncertainty = math.sqrt(len(analysis.free)) * model.uncertainty(model.given, optimum.values)
-        in_cost = before.cost - after.cost, model.duration_weight * uncertainty
-        unit = " s" if model.duration_weight == 1.0 else " in cost"
+        before, after, error = compared
+        uncertainty = math.sqrt(len(analysis.free)) * error
+        weight = model.objective.weights.get("duration", 0.0)
+        in_cost, unit = (
+            (before.cost - after.cost, weight * uncertainty),
+            " s" if weight == 1.0 else " in cost",
+        )
         refine, reason = self.gate.decide(*in_cost, unit)
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []
@@ -298,7 +301,7 @@ class Refiner:
         if not optimum.complete:
             reason = f"{reason}; {_CUT_SHORT}"
         possible = best != chain and not invalid
-        compared = possible and not refine and self.gate.drawn and self.gate.pays(*in_cost)
+        comparison = possible and not refine and self.gate.drawn and self.gate.pays(*in_cost)
         return Refinement(
             refine and possible,
             reason + self._remarks(chain, analysis, analysis.not_free),
@@ -316,7 +319,7 @@ class Refiner:
             ),
             complete=optimum.complete,
             uncertainty=uncertainty,
-            comparison=compared,
+            comparison=comparison,
         )
 
     def _left_alone(self, chain: TopChain, analysis: Analysis, model: ChainModel) -> Refinement:

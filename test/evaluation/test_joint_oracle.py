@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,13 +36,11 @@ class Model:
 
     used_variables = frozenset({"x", "y", "yaw", "xg", "yg", "yawg"})
 
-    def predict(self, direct: dict[str, FloatArray], measures: tuple[str, ...] = ()) -> SimpleNamespace:
+    def predict(self, direct: dict[str, FloatArray], *_: Any) -> SimpleNamespace:
         names = ("x", "y", "yaw", "xg", "yg", "yawg")
         columns = np.broadcast_arrays(*(np.atleast_1d(direct[name]) for name in names))
-        return SimpleNamespace(duration=np.array([turned(*row) for row in zip(*columns, strict=True)]))
-
-    def error_of_sum(self, direct: dict[str, FloatArray], signs: FloatArray) -> tuple[float, float]:
-        return 0.0, 0.0
+        duration = np.array([turned(*row) for row in zip(*columns, strict=True)])
+        return SimpleNamespace(duration=duration, error_of_sum=(0.0, 0.0))
 
 
 TOOLS = Toolset(DOMAIN, ROBOT, {"drive_to": Model()})

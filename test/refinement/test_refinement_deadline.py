@@ -50,9 +50,9 @@ class CountingModel(FakeModel):
 
     predictions = 0
 
-    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = ("duration",)) -> Any:
+    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = (), signs: Any = None) -> Any:
         self.predictions += 1
-        return super().predict(direct, measures)
+        return super().predict(direct, measures, signs)
 
 
 def long_chain() -> TopChain:
