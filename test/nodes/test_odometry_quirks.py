@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 
 import pytest
@@ -127,5 +128,5 @@ def test_odometry_at_5_hz_is_reported_with_the_remedy(host: Host, client: Client
     host("executor", **(SETTINGS | {"odom_timeout": 0.3, "action_timeout": 4.0}))
     outcome = ChainClient(client).send([call("goToPose", base.pose.ahead(3.0))]).outcome()
     assert outcome.code == Outcome.FAILED, outcome.reason
-    assert "odom: messages came 0.2" in outcome.reason
+    assert re.search(r"odom: messages came 0\.(1[5-9]|2\d?) s apart", outcome.reason), outcome.reason
     assert "set odom_timeout:=" in outcome.reason
