@@ -145,11 +145,11 @@ class Diagnosis:
         `timeout` is the real s within which messages are expected; after half of it the robot pauses.
         """
         gaps, topic = self._inputs[name].gaps, self._inputs[name].topic
-        if len(gaps) < GAPS or min(gaps) <= 0.5 * timeout:
+        if len(gaps) < GAPS or (usual := float(np.median(gaps))) <= 0.5 * timeout:
             return ""
         return (
-            f"{topic}: messages came {min(gaps):.2f} s apart, too rarely for a timeout of {timeout:g} s: the "
-            f"robot pauses between them; set {name}_timeout:={math.ceil(40.0 * min(gaps)) / 10.0:.1f}"
+            f"{topic}: messages came {usual:.2f} s apart, too rarely for a timeout of {timeout:g} s: the "
+            f"robot pauses between them; set {name}_timeout:={math.ceil(40.0 * usual) / 10.0:.1f}"
         )
 
     def cause(self, name: str, timeout: float) -> str:

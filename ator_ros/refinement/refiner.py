@@ -289,11 +289,8 @@ class Refiner:
         before, after, error = compared
         uncertainty = math.sqrt(len(analysis.free)) * error
         weight = model.objective.weights.get("duration", 0.0)
-        in_cost, unit = (
-            (before.cost - after.cost, weight * uncertainty),
-            " s" if weight == 1.0 else " in cost",
-        )
-        refine, reason = self.gate.decide(*in_cost, unit)
+        in_cost = before.cost - after.cost, weight * uncertainty
+        refine, reason = self.gate.decide(*in_cost, " s" if weight == 1.0 else " in cost")
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []
         if invalid:

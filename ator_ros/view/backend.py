@@ -367,7 +367,7 @@ class Backend:
         try:
             self._start(run, draft, refine=refine)
         finally:
-            if self.paused:
+            if self.paused or self.can_place:  # another page may have paused it
                 self._resume()
 
     def _start(self, run: Run, draft: Draft, *, refine: bool) -> None:
