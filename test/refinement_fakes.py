@@ -14,6 +14,7 @@ from ator_ros.actions.base import Goal
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.geometry import Pose, wrap_angles
+from ator_ros.performance.model import Arrival
 from ator_ros.refinement.search import Deadline
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
@@ -36,6 +37,7 @@ class FakeModel:
         self._duration = duration
         self.used_variables = used
         self._spread = spread
+        self.arrival: Arrival | None = None
 
     def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = (), signs: Any = None) -> Any:
         count = max(np.size(values) for values in direct.values())

@@ -50,6 +50,7 @@ class PathTime:
     robot: Robot
     driving: DrivingStyle | None = None
     used_variables = PATHS[0].derives
+    arrival = None
 
     def predict(self, direct: Mapping[str, Any], measures: Any = (), signs: Any = None) -> Any:  # noqa: ARG002
         """Return the duration in s, shape (n,), and no error of a sum, as none was measured."""

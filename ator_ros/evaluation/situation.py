@@ -21,7 +21,8 @@ from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.policies import POLICIES, USUAL, Choice, naive
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
-from ator_ros.geometry import FloatArray, wrap_angle
+from ator_ros.geometry import FloatArray, Pose, wrap_angle
+from ator_ros.performance.direct import YAW, X, Y
 from ator_ros.refinement.chain_prediction import ChainModel
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.search import least_path
@@ -270,17 +271,15 @@ def best_headings(
     predicted = least_path(model.step_cost, offered, ())
     bound = math.inf if margin is None else predicted.cost + margin + _ROUNDING
     promising = [curve.values[curve.totals <= bound] for curve in predicted.curves]
-    poses = [trial.world.robot.pose, *(call.goal.pose for call in calls)]
     executed = 0
 
     def duration(index: int, before: FloatArray, after: FloatArray) -> FloatArray:
         nonlocal executed
-        from_headings = before[:, 0] if index else np.array([poses[0].yaw])
-        pairs = np.array(np.broadcast_arrays(from_headings, after[:, 0])).T.tolist()
-        executed += len(pairs)
-        starts = [RobotState(poses[index]._replace(yaw=yaw)) for yaw, _ in pairs]
-        legs = [with_headings(TopChain((calls[index],)), {0: yaw}) for _, yaw in pairs]
-        worlds = [World(0.0, start, trial.world.objects) for start in starts]
+        starts = model.situations(index, before, after).table[[X, Y, YAW]].T.tolist()
+        executed += len(starts)
+        worlds = [World(0.0, RobotState(Pose(*start)), trial.world.objects) for start in starts]
+        headings = np.broadcast_to(after[:, 0], len(starts)).tolist()
+        legs = [with_headings(TopChain((calls[index],)), {0: yaw}) for yaw in headings]
         return np.array([drive(world, leg) for world, leg in zip(worlds, legs, strict=True)])
 
     values = least_path(duration, promising, ()).values

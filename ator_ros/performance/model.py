@@ -73,6 +73,22 @@ UNOBSERVED = AtGoal()
 """What holds for an action of which no run at its goal was observed: it ends within a tick."""
 
 
+@dataclass(frozen=True)
+class Arrival:
+    """How far short of its goals an action usually stops.
+
+    Attributes
+    ----------
+    dist : float
+        Distance in m, on the line from the start to the goal.
+    angle : float
+        Angle in rad that is left of a turn to the goal's heading.
+    """
+
+    dist: Annotated[float, Within(0.0)]
+    angle: Annotated[float, Within(0.0)]
+
+
 @dataclass(frozen=True, eq=False)
 class PerformanceModel:
     """Model trees that predict how an action will perform.
@@ -93,6 +109,8 @@ class PerformanceModel:
         How long it takes at its goal; None where the tree predicts that too.
     errors : ErrorProcess or None
         What its errors on other episodes say about predictions elsewhere; None: any error is possible.
+    arrival : Arrival or None
+        Where it ends, if the robot stands at its start and end; None: at the goal.
     """
 
     action: str
@@ -103,6 +121,7 @@ class PerformanceModel:
     driving: DrivingStyle | None = None
     at_goal: AtGoal | None = UNOBSERVED
     errors: ErrorProcess | None = None
+    arrival: Arrival | None = None
 
     @cached_property
     def used_features(self) -> tuple[str, ...]:

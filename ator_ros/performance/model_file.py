@@ -14,7 +14,7 @@ from ator_ros.files import FileError, is_name, load, save
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.error_process import ErrorProcess
 from ator_ros.performance.features import Feature
-from ator_ros.performance.model import MEASURES, AtGoal, PerformanceModel
+from ator_ros.performance.model import MEASURES, Arrival, AtGoal, PerformanceModel
 from ator_ros.performance.tree.storage import StoredTree, restored, stored
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
@@ -39,6 +39,7 @@ class _ModelFile:
     trees: dict[Annotated[str, Must(f"one of {', '.join(MEASURES)}", MEASURES.__contains__)], StoredTree]
     errors: ErrorProcess | None
     driving: DrivingStyle | None = None
+    arrival: Arrival | None = None
 
     def __post_init__(self) -> None:
         """Check what the annotations do not."""
@@ -111,6 +112,7 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         trees={measure: stored(tree) for measure, tree in model.trees.items()},
         driving=model.driving,
         errors=model.errors,
+        arrival=model.arrival,
     )
     save(path, KIND, file, compact=("errors",))
 
@@ -153,7 +155,15 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
     metadata = {name: getattr(file, name) for name in names}
     trees = {measure: restored(tree) for measure, tree in file.trees.items()}
     return PerformanceModel(
-        file.action, robot, trees, named, metadata, file.driving, file.at_goal, file.errors
+        file.action,
+        robot,
+        trees,
+        named,
+        metadata,
+        file.driving,
+        file.at_goal,
+        file.errors,
+        file.arrival,
     )
 
 

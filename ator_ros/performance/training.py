@@ -13,13 +13,13 @@ import pandas as pd
 
 from ator_ros.actions.goal_variables import direct_name
 from ator_ros.experience.table import ExperienceError, goal_variables_of_columns
-from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
 from ator_ros.performance.derived import ANGLE_BETWEEN, Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.error_process import fit_error_process
 from ator_ros.performance.features import CANDIDATES, PATHS, Feature, declared_by, feature_table, names_of
-from ator_ros.performance.model import UNOBSERVED, AtGoal, PerformanceModel, narrowed
+from ator_ros.performance.model import UNOBSERVED, Arrival, AtGoal, PerformanceModel, narrowed
 from ator_ros.performance.observation import observed_driving
 from ator_ros.performance.rising_terms import RISING, rising_terms, sum_of
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
@@ -32,6 +32,9 @@ _SMOOTHINGS = (5.0, 60.0)
 along a heading runs into the jumps between them: much smoothing is better, unless an action changes its
 behavior at thresholds."""
 _FOLDS, _FEW_FOLDS = 10, 3
+_LEAF, _SMALL_LEAF = 25, 8
+"""Least number of episodes in a leaf; the latter if the robot stands at both ends, where a tree of the basic
+features finds the thresholds of an action server in fifty drives."""
 _PATH = "path_time"
 _CLIPPED_AT = 3.0
 """Median absolute deviations below the median at which duration less path time is clipped. A drive that is
@@ -40,13 +43,7 @@ what is predicted too short."""
 _FASTER_SHARE, _FASTER_BY = 0.05, 0.25
 """An action does not follow its path if this share of its drives is faster than their paths by that share of
 the median duration."""
-_FEW, _FEW_LEAF = 500, 8
-"""If the robot stands at both ends: episodes up to which trees of the basic features are tried, too, and the
-least number of them in a leaf. They find the thresholds of an action server in fifty drives."""
-_PREFERENCE = 0.8
-"""Share of their errors that counts for sums of rising terms, if the robot stands at both ends. So they are
-taken unless another tree errs by a fifth less. A tree splits at a threshold, and a search goes to the edge of
-that. But subgoals are not reached exactly, so that the robot often ends beyond the edge."""
+_NEAR_GOAL = 0.5  # m; closer to a goal its bearing does not matter, and terms are not fitted to such drives
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
 LEAST_EPISODES = 20
@@ -56,6 +53,7 @@ SMALL_LEAF = 50
 _NEAREST = 0.01  # m, least distance
 _AT_GOAL = ((0.02, 0.05), (0.03, 0.08))  # m and rad to the goal that may count as being there
 _LEAST_AT_GOAL = 3  # episodes that show how long an action takes there
+_TURNED = 0.5  # rad of a turn at the goal, which shows how much of it is left
 _ALIKE = 0.15  # greatest difference in s of durations that count as the same there: three ticks
 _BRAKING_EPISODES, _BRAKING_SHARE = 15, 0.05  # episodes, or at most a share, that make a deceleration known
 
@@ -111,6 +109,7 @@ def train(
             trees[measure] = small_tree(good[known], values[known])
     named = {feature.name: feature for feature in features}
     names = error_features(duration, named)
+    counted = _drives(good) if _stands(good) else np.full(len(good), True)
     return PerformanceModel(
         action,
         robot,
@@ -118,7 +117,8 @@ def train(
         named,
         driving=driving,
         at_goal=observed_at_goal(good_starts, robot),
-        errors=fit_error_process(names, good[names].to_numpy(), errors),
+        arrival=_observed_arrival(good_starts, good),
+        errors=fit_error_process(names, good.loc[counted, names].to_numpy(), errors[counted]),
     )
 
 
@@ -149,35 +149,37 @@ def duration_tree(table: pd.DataFrame, durations: FloatArray) -> tuple[ModelTree
     """Return a tree of durations (n,) in s, and its errors in cross-validation: actual less predicted, in s.
 
     Where the time of the path is among the features, the tree is learned of what drives take longer than
-    their paths, or than a sum of rising terms, whichever predicts better. Linear models of whole durations
-    undercut the time of the path where there is hardly room, which is where a search looks. The whole
-    durations of an action that does not follow its path to the end, such as a shot, take the place of the
-    first.
+    their paths: linear models of whole durations undercut that time where there is hardly room, which is
+    where a search looks. It is learned of the whole durations of an action that does not follow its path to
+    the end, such as a shot. If the robot stands at both ends, it is learned of what drives take longer than a
+    sum of rising terms, which a search cannot exploit as it does the jumps of a tree at a threshold.
     """
     if _PATH not in table:
         tree, errors = _best_learning(table, durations, _unbased, extrapolation=1.0)
-        return narrowed(tree), errors
-    bases = _bases(table, durations)
-    tried = [(base, *_best_learning(table, durations, base)) for base in bases]
-    basic = [*RISING, _PATH]
-    stands = not (table.filter(["v", "speedg"]).abs() > AT_REST.v).any(axis=None)
-    if len(table) <= _FEW and stands and set(basic) <= set(table.columns):
-        tried += [(base, *_best_learning(table[basic], durations, base, leaf=_FEW_LEAF)) for base in bases]
-    shares = [_PREFERENCE if stands and base is _on_terms else 1.0 for base, _, _ in tried]
-    missed = [share * np.abs(errors).mean() for share, (_, _, errors) in zip(shares, tried, strict=True)]
-    _, tree, errors = tried[int(np.argmin(missed))]
+    elif _stands(table):
+        basic = table[[*RISING, _PATH]]
+        tree, errors = _best_learning(basic, durations, _on_terms, leaf=_SMALL_LEAF, folds=_FOLDS)
+    else:
+        late = durations - table[_PATH].to_numpy()
+        faster = np.quantile(late, _FASTER_SHARE, method="lower") < -_FASTER_BY * np.median(durations)
+        tree, errors = _best_learning(table, durations, _unbased if faster else _on_path)
     return narrowed(tree), errors
+
+
+def _stands(table: pd.DataFrame) -> bool:
+    """Return whether the robot stands at both ends of all episodes, and their features show that."""
+    moving = table.filter(["v", "speedg"]).abs() > AT_REST.v
+    return {*RISING, _PATH, "v", "speedg"} <= set(table.columns) and not moving.any(axis=None)
+
+
+def _drives(table: pd.DataFrame) -> BoolArray:
+    """Return which episodes lead away from where they start; all, if those are too few."""
+    far: BoolArray = table["dist"].to_numpy() > _NEAR_GOAL
+    return far if far.sum() >= LEAST_EPISODES else np.full(len(far), True)
 
 
 _Base = Callable[[pd.DataFrame, FloatArray], tuple[tuple[Hinge, ...], FloatArray]]
 """Returns the terms that fit durations, and what the tree is to learn besides, shape (n,)."""
-
-
-def _bases(table: pd.DataFrame, durations: FloatArray) -> list[_Base]:
-    late = durations - table[_PATH].to_numpy()
-    faster = np.quantile(late, _FASTER_SHARE, method="lower") < -_FASTER_BY * np.median(durations)
-    terms = [_on_terms] if RISING.keys() <= set(table.columns) else []
-    return [_unbased if faster else _on_path, *terms]
 
 
 def _unbased(_: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
@@ -192,21 +194,28 @@ def _on_path(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, .
 
 
 def _on_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
-    base = rising_terms(table, durations)
+    drives = _drives(table)
+    base = rising_terms(table[drives], durations[drives])
     return base, durations - sum_of(base, table)
 
 
 def _best_learning(
-    table: pd.DataFrame, durations: FloatArray, base_of: _Base, *, extrapolation: float = 0.0, leaf: int = 25
+    table: pd.DataFrame,
+    durations: FloatArray,
+    base_of: _Base,
+    *,
+    extrapolation: float = 0.0,
+    leaf: int = _LEAF,
+    folds: int = _FEW_FOLDS,
 ) -> tuple[ModelTree, FloatArray]:
     """Return the tree of the best of `_SMOOTHINGS`, and its errors in s on other episodes, shape (n,)."""
-    fold = np.arange(len(durations)) % _FEW_FOLDS
+    fold = np.arange(len(durations)) % folds
     errors = np.empty((len(_SMOOTHINGS), len(durations)))
     learners = [
         ModelTreeRegressor(smoothing=each, extrapolation=extrapolation, min_samples_leaf=leaf)
         for each in _SMOOTHINGS
     ]
-    for number in range(_FEW_FOLDS):
+    for number in range(folds):
         held = fold == number
         base, target = base_of(table[~held], durations[~held])
         values = durations[held] - sum_of(base, table[held])
@@ -272,6 +281,15 @@ def observed_at_goal(starts: pd.DataFrame, robot: Robot) -> AtGoal | None:
             dist, most, max(float(within.mean()), CONTROL_PERIOD), max(float(within.std()), CONTROL_PERIOD)
         )
     return found
+
+
+def _observed_arrival(starts: pd.DataFrame, table: pd.DataFrame) -> Arrival | None:
+    """Return how far short of its goals an action stops whose robot stands at both ends: its usual errors."""
+    if not _stands(table):
+        return None
+    turns = (table["angle_at_dest"] > _TURNED).to_numpy()
+    errors = starts["position_error"].median(), starts.loc[turns, "heading_error"].median()
+    return Arrival(*(0.0 if math.isnan(error) else float(error) for error in errors))
 
 
 def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:

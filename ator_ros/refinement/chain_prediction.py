@@ -1,7 +1,8 @@
 """The predicted performance of a whole chain as a function of its free variables (paper, section 4.3).
 
-`StepRows` computes the situations in which the actions of a chain start and end, if every subgoal is reached
-exactly (paper, section 4.1). `ChainModel` predicts the actions from these situations and adds up their costs.
+`StepRows` computes the situations in which the actions of a chain start and end: at the subgoals (paper,
+section 4.1), or as far short of them as the action was observed to stop. `ChainModel` predicts the actions
+from these situations and adds up their costs.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ import numpy as np
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import direct_name, goal_values
-from ator_ros.geometry import FloatArray
+from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.direct import DIRECT_VARIABLES, SPEEDG, XG, YAW, YAWG, YG, DirectTable, V, X, Y
+from ator_ros.performance.model import Arrival
 from ator_ros.refinement.objective import Objective
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain, projected
@@ -32,6 +34,10 @@ _GOAL_ROWS = {"x": XG, "y": YG, "yaw": YAWG, "speed": SPEEDG}
 
 class PredictsPerformance(Protocol):
     """The interface of a performance model; `ator_ros.performance.model` has the learned one."""
+
+    @property
+    def arrival(self) -> Arrival | None:
+        """How far short of its goals the action stops; None: not at all."""
 
     @property
     def used_variables(self) -> frozenset[str]:
@@ -76,6 +82,10 @@ class StepRows:
         Its free variables.
     hold : float
         Distance in m from the axle to the hold.
+    arrival : Arrival or None
+        How far short of `previous` its action stops.
+    bearing : float
+        Direction in rad in which the robot comes to `previous`.
     """
 
     def __init__(
@@ -86,6 +96,8 @@ class StepRows:
         previous: Goal | None,
         previous_names: Sequence[str],
         hold: float,
+        arrival: Arrival | None = None,
+        bearing: float = 0.0,
     ) -> None:
         pose, declared = goal.pose, sorted(goal.values)
         self._names = (*DIRECT_VARIABLES, *map(direct_name, declared))
@@ -106,6 +118,7 @@ class StepRows:
         ]
         self._held = previous.pose if previous is not None and previous.point is Point.HOLD else None
         self._hold = hold
+        self._arrival, self._bearing = arrival, bearing
 
     def table(self, before: FloatArray, after: FloatArray) -> DirectTable:
         """Return the table for candidates, shapes (n or 1, k), of the subgoals before and after the step."""
@@ -119,10 +132,21 @@ class StepRows:
             yaw, moved = table[YAW], {row for row, _ in self._of_start}
             for row, given, way in ((X, self._held.x, np.cos(yaw)), (Y, self._held.y, np.sin(yaw))):
                 table[row] = (table[row] if row in moved else given) - self._hold * way
+        if self._arrival is not None:
+            table[X] -= self._arrival.dist * math.cos(self._bearing)
+            table[Y] -= self._arrival.dist * math.sin(self._bearing)
+            turn = wrap_angles(table[YAW] - self._bearing)
+            table[YAW] -= np.clip(turn, -self._arrival.angle, self._arrival.angle)
         return DirectTable(self._names, table)
 
 
-def step_rows(world: World, chain: TopChain, robot: Robot, names: Sequence[Sequence[str]]) -> list[StepRows]:
+def step_rows(
+    world: World,
+    chain: TopChain,
+    robot: Robot,
+    names: Sequence[Sequence[str]],
+    models: Mapping[str, PredictsPerformance],
+) -> list[StepRows]:
     """Return the direct variables of each action of `chain`; `names` are the subgoals' free variables.
 
     A step whose TOP does not arrive leaves the robot where its post-condition puts it.
@@ -131,24 +155,30 @@ def step_rows(world: World, chain: TopChain, robot: Robot, names: Sequence[Seque
     start: Sequence[Any] = (*state.pose, state.v, state.w)
     previous: Goal | None = None
     before: Sequence[str] = ()
+    arrival, bearing = None, 0.0
     stays = any(not call.top.arrives for call in chain.calls[:-1])
     for index, call in enumerate(chain.calls):
-        rows.append(StepRows(start, call.goal, names[index], previous, before, robot.hold))
+        rows.append(StepRows(start, call.goal, names[index], previous, before, robot.hold, arrival, bearing))
         if stays:
             world = projected(world, call, robot)
         if call.top.arrives:
             previous, before = call.goal, names[index]
+            model = models.get(call.top.action)
+            arrival = model.arrival if model is not None and previous.point is Point.AXLE else None
+            bearing = math.atan2(previous.pose.y - start[1], previous.pose.x - start[0])
             start = tuple(columns_after(goal_values(previous), previous.point, robot).values())
         else:
-            previous, before = None, ()
+            previous, before, arrival = None, (), None
             start = (*world.robot.pose, world.robot.v, world.robot.w)
     return rows
 
 
-def chain_situations(world: World, chain: TopChain, robot: Robot) -> list[DirectTable]:
-    """Return the direct variables of each action of `chain`, all of whose subgoals are reached exactly."""
+def chain_situations(
+    world: World, chain: TopChain, robot: Robot, models: Mapping[str, PredictsPerformance]
+) -> list[DirectTable]:
+    """Return the direct variables of each action of `chain` with its own values."""
     as_given = np.zeros((1, 0))
-    rows = step_rows(world, chain, robot, [()] * len(chain.calls))
+    rows = step_rows(world, chain, robot, [()] * len(chain.calls), models)
     return [step.table(as_given, as_given) for step in rows]
 
 
@@ -208,7 +238,7 @@ class ChainModel:
         objective: Objective,
     ) -> None:
         self.names = names
-        self._rows = step_rows(world, chain, robot, self.names)
+        self._rows = step_rows(world, chain, robot, self.names, models)
         self._actions = [call.top.action for call in chain.calls]
         self._models = [models.get(action) for action in self._actions]
         self.objective = objective
@@ -218,12 +248,16 @@ class ChainModel:
             for call, names in zip(chain.calls, self.names, strict=True)
         ]
 
+    def situations(self, index: int, before: FloatArray, after: FloatArray) -> DirectTable:
+        """Return the situations of one action for candidates, shapes (n or 1, k), at both its ends."""
+        return self._rows[index].table(before, after)
+
     def step_cost(self, index: int, before: FloatArray, after: FloatArray) -> FloatArray:
         """Return the cost of one action, shape (n,), see `ator_ros.refinement.search.StepCost`."""
         model = self._models[index]
         if model is None:
             return np.zeros(1)
-        direct = self._rows[index].table(before, after)
+        direct = self.situations(index, before, after)
         with np.errstate(all="ignore"):
             return self._cost(model.predict(direct, self.objective.needs, None))
 

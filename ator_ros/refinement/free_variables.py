@@ -352,7 +352,7 @@ def _outside_experience(
 ) -> tuple[list[str], set[int]]:
     """Return sentences on what of a chain lies outside the experience, and steps whose distance does."""
     found, far, opened = list[str](), set[int](), frozenset[str]()
-    situations = chain_situations(world, chain, robot)
+    situations = chain_situations(world, chain, robot, models)
     for step, (call, direct) in enumerate(zip(chain.calls, situations, strict=True)):
         known = experience_of(models.get(call.top.action))
         opens = frozenset(name for name in ("x", "y", "yaw", "speed") if call.opens(name))

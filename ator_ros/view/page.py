@@ -316,7 +316,7 @@ def gate_text(answer: Answer | None, problem: str) -> str:
 def rules_text(world: World, chain: TopChain, robot: Robot, models: Mapping[str, PerformanceModel]) -> str:
     """Return, by step, the rule that predicts the duration and what its terms add in this situation."""
     parts = []
-    for call, situation in zip(chain.calls, chain_situations(world, chain, robot), strict=True):
+    for call, situation in zip(chain.calls, chain_situations(world, chain, robot, models), strict=True):
         model = models.get(call.top.action)
         text = "no model" if model is None else model.explain(situation)
         parts.append(f"**{plain(call.top.name)}**\n```\n{text}\n```")

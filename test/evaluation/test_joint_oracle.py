@@ -34,6 +34,7 @@ def turned(x: float, y: float, yaw: float, xg: float, yg: float, yawg: float) ->
 class Model:
     """Predicts the true durations."""
 
+    arrival = None
     used_variables = frozenset({"x", "y", "yaw", "xg", "yg", "yawg"})
 
     def predict(self, direct: dict[str, FloatArray], *_: Any) -> SimpleNamespace:

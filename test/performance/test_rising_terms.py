@@ -5,12 +5,13 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+import pandas as pd
 import pytest
 from experience_rows import dead_zone_drives, dead_zone_time
 
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.trials import random_trial
-from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.model import Arrival, PerformanceModel
 from ator_ros.performance.training import direct_of, train
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.chain import TopChain
@@ -38,6 +39,21 @@ def test_the_rules_show_the_dead_zone_and_nothing_falls(model: PerformanceModel)
     assert {"dist", "angle_to_dest", "angle_at_dest"} == {hinge.feature for hinge in base}
     for name, hinges in itertools.groupby(base, key=lambda hinge: hinge.feature):
         assert min(itertools.accumulate(hinge.slope for hinge in hinges)) > -1e-9, name
+
+
+def test_drives_that_begin_at_their_goals_hide_no_threshold() -> None:
+    rows, near = dead_zone_drives(200, seed=1), dead_zone_drives(40, seed=2)
+    near[["x", "y"]] = near[["xg", "yg"]] + 0.01
+    near["duration"] = near["time_to_go"] = 0.3
+    learned = train("drive_to", pd.concat([rows, near]), ROBOT)
+    along = {"x": -2.0, "y": 0.0, "v": 0.0, "w": 0.0, "xg": 2.0, "yg": 0.0, "speedg": 0.0, "hold": 0.0}
+    direct = {**along, "yaw": 0.0, "yawg": np.radians([0.0, 10.0, 40.0])}
+    assert learned.predict(direct).duration == pytest.approx(dead_zone_time(direct), abs=0.12)
+
+
+def test_how_far_short_of_its_goals_an_action_stops_is_learned() -> None:
+    rows = dead_zone_drives(100, seed=1).assign(position_error=0.12, heading_error=0.05)
+    assert train("drive_to", rows, ROBOT).arrival == Arrival(dist=0.12, angle=0.05)
 
 
 def test_an_explanation_adds_up(model: PerformanceModel) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from refinement_fakes import ROBOT, call, world
+import pytest
+from refinement_fakes import ANGLE, ROBOT, FakeModel, call, turning_time, world
 
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose
+from ator_ros.performance.model import Arrival
 from ator_ros.refinement.chain_prediction import chain_situations
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
@@ -14,5 +16,15 @@ from ator_ros.tops.conditions import Condition, Term
 def test_a_pure_turn_leaves_the_position_for_the_next_step() -> None:
     turn = Top("turn", "turn", Condition(), Condition((Term("robot.yaw", "goal.yaw", 0.1),)))
     calls = TopCall(turn, Goal(Pose(0.0, 0.0, 1.5))), call("goToPose", 1.0, 1.0, 0.0)
-    table = chain_situations(world(x=-1.0, y=0.5), TopChain(calls), ROBOT)[1]
+    table = chain_situations(world(x=-1.0, y=0.5), TopChain(calls), ROBOT, {})[1]
     assert [float(table[name][0]) for name in ("x", "y", "yaw")] == [-1.0, 0.5, 1.5]
+
+
+def test_a_step_begins_where_the_action_before_it_usually_stops() -> None:
+    model = FakeModel(turning_time, ANGLE)
+    model.arrival = Arrival(dist=0.1, angle=0.2)
+    calls = [call("goToPose", 1.0, 0.0, yaw) for yaw in (1.5, -0.1, 0.0)]
+    tables = chain_situations(world(x=-1.0, y=0.0), TopChain(tuple(calls)), ROBOT, {"goToPose": model})
+    starts = [[float(table[name][0]) for name in ("x", "y", "yaw")] for table in tables]
+    assert starts[1] == pytest.approx([0.9, 0.0, 1.3])
+    assert starts[2] == pytest.approx([0.9, 0.0, 0.0])
