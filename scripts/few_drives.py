@@ -61,7 +61,7 @@ def measured(domain_name: str, drives: int, work: Path, options: argparse.Namesp
         next(iter(domain.chains)),
         (*POLICIES, *USERS) if first else POLICIES,
         oracle=options.oracle if first else 0,
-        oracle_margin=0.5 if first else None,
+        oracle_margin=0.3 if first else None,
         source=source,
         joint_oracle=first and options.oracle_jointly,
     )
