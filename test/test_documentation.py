@@ -65,6 +65,7 @@ BY_TEST = {
     r"ros2 run ator_ros learning": "nodes/test_learning_node.py::test_learning_can_be_frozen_and_",
     r"scripts/run pip install .* \./my_package": "nodes/test_outside_domain.py::test_a_domain_from_another_",
     r".* examples/paper_in_one_file\.py": "test_paper_in_one_file.py::test_it_prints_",
+    r".* examples/who_goes_to_the_ball\.py .*": "test_who_goes_to_the_ball.py::test_both_decisions_are_",
     r".* ator_ros\.examples\.plan_and_execute .*": "nodes/test_plans_node.py::test_the_example_",
     r".* ator_ros\.examples\.refine_and_execute": "nodes/test_client_example.py::test_it_drives_the_",
     r"make run EXE=(collect|train|demo) ARGS='.*~/ws/src/shuttle/.*'": "nodes/test_own_server.py::test_own_",

@@ -39,7 +39,7 @@ from ator_ros.performance.model_file import (
     models_folder,
     save_model,
 )
-from ator_ros.performance.training import error_features
+from ator_ros.performance.training import error_features, observed_arrival
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
 
@@ -104,7 +104,14 @@ def improved(
             names, data["duration"].table[names].to_numpy()[found.tested], found.errors
         )
     return verdicts, PerformanceModel(
-        action, robot, chosen, known, driving=driving, at_goal=at_goal, errors=errors
+        action,
+        robot,
+        chosen,
+        known,
+        driving=driving,
+        at_goal=at_goal,
+        errors=errors,
+        arrival=observed_arrival(rows[rows["success"]], robot),
     )
 
 

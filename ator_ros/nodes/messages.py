@@ -122,8 +122,7 @@ def chain_from(
 ) -> TopChain:
     """Read a chain with goals in the frame `frame`; one that leads out of the fence raises MessageError."""
     checks.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
-    calls = [_call_from(call, library, frame, f"{where}.calls[{i}]") for i, call in enumerate(chain.calls)]
-    read = TopChain(tuple(calls))
+    read = TopChain(tuple(calls_from(chain.calls, library, frame=frame, where=f"{where}.calls")))
     violation = None if fence is None else fence.violation(read, library.robot, where)
     if violation is not None:
         raise MessageError(violation)
@@ -144,6 +143,13 @@ def alternatives_from(
         except MessageError as error:
             read.append(str(error))
     return read
+
+
+def calls_from(
+    calls: Sequence[msg.TopCall], library: TopLibrary, *, frame: str, where: str = "calls"
+) -> list[TopCall]:
+    """Read steps with goals in the frame `frame`."""
+    return [_call_from(call, library, frame, f"{where}[{number}]") for number, call in enumerate(calls)]
 
 
 def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -> TopCall:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import random
 import time
 import traceback
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
-from ator_interfaces.srv import PlanChains, RefineSubgoal
+from ator_interfaces.srv import PlanChains, PredictDurations, RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import warm_up_refinement
@@ -38,13 +39,14 @@ from ator_ros.planning.goals import PlanningError
 from ator_ros.planning.planner import chains_for
 from ator_ros.printable import printable
 from ator_ros.refinement import RefinementError
+from ator_ros.refinement.durations import predict_durations
 from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.refinement.refiner import Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
 from ator_ros.tops.conditions import state_variables
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world.messages import MessageError, pose_from, world_from
+from ator_ros.world.messages import MessageError, count, pose_from, world_from
 
 PARAMETERS = (
     FRAME,
@@ -75,6 +77,7 @@ PARAMETERS = (
 
 _WARNING_PERIOD = 2.0
 _LONGEST_REASON = 500
+_MOST_PREDICTED = 100  # situations, and calls, of one request
 
 
 class RefinementNode(Node):
@@ -87,6 +90,7 @@ class RefinementNode(Node):
         reason. A request that cannot be evaluated is answered with accepted = false. Requests are answered
         one after the other. After `deadline` the answer is the best chain found, and cut_short is true.
         plan_chains (ator_interfaces/PlanChains): chains for a goal, from the conditions of the TOPs.
+        predict_durations (ator_interfaces/PredictDurations): how long steps take from several situations.
     Publishes
         refinement_markers (visualization_msgs/MarkerArray, transient local): the naive chain, the
         chain to execute, and the predicted times by heading as rings, of the last request.
@@ -108,6 +112,9 @@ class RefinementNode(Node):
         self._markers = LazyPublisher(self, MarkerArray, "refinement_markers")
         self.create_service(RefineSubgoal, "refine_subgoal", self._serve_refinement, qos_profile=SERVICES)
         self.create_service(PlanChains, "plan_chains", self._serve_plan, qos_profile=SERVICES)
+        self.create_service(
+            PredictDurations, "predict_durations", self._serve_durations, qos_profile=SERVICES
+        )
         self._diagnostics = Diagnostics(self, self._health)
         self.get_logger().info(
             f"refining chains for {robot.name} (domain {domain.name}, ROS domain "
@@ -141,20 +148,20 @@ class RefinementNode(Node):
         warm_up_refinement(library, self._refiner(read, Gate()))
 
     def _serve_refinement(self, request: RefineSubgoal.Request, _: Any) -> RefineSubgoal.Response:
-        started = time.monotonic()
-        try:
-            response = self._refine(request)
-        except Exception as error:  # a defect must not end the node
-            response = messages.refused(self._failure(error), request.chain)
-        response.computation_time = time.monotonic() - started
-        return response
+        return self._answered_by(self._refine, request, lambda why: messages.refused(why, request.chain))
 
     def _serve_plan(self, request: PlanChains.Request, _: Any) -> PlanChains.Response:
+        return self._answered_by(self._plan, request, lambda why: PlanChains.Response(reason=why))
+
+    def _serve_durations(self, request: PredictDurations.Request, _: Any) -> PredictDurations.Response:
+        return self._answered_by(self._predict, request, lambda why: PredictDurations.Response(reason=why))
+
+    def _answered_by(self, answer: Callable[[Any], Any], request: Any, refuse: Callable[[str], Any]) -> Any:
         started = time.monotonic()
         try:
-            response = self._plan(request)
+            response = answer(request)
         except Exception as error:  # a defect must not end the node
-            response = PlanChains.Response(reason=self._failure(error))
+            response = refuse(self._failure(error))
         response.computation_time = time.monotonic() - started
         return response
 
@@ -204,6 +211,20 @@ class RefinementNode(Node):
             reason=f"{len(chains)} chain{'s' * (len(chains) > 1)}" if chains else "the goal holds already",
             chains=[messages.chain_of(chain, action_set=name, frame=frame) for chain in chains],
         )
+
+    def _predict(self, request: PredictDurations.Request) -> PredictDurations.Response:
+        frame = self._settings["frame"]
+        for field in ("situations", "calls"):
+            count(getattr(request, field), field, least=1, most=_MOST_PREDICTED)
+        name = messages.action_set_from(request, allowed=self._libraries, where="request")
+        worlds = [
+            world_from(situation, frame=frame, where=f"situations[{number}]")
+            for number, situation in enumerate(request.situations)
+        ]
+        calls = messages.calls_from(request.calls, self._libraries[name], frame=frame)
+        found = predict_durations(worlds, calls, self._robot, self._sets.present[name].models)
+        durations, spreads, success = (values.ravel().tolist() for values in found)
+        return PredictDurations.Response(accepted=True, durations=durations, spreads=spreads, success=success)
 
     def _health(self) -> Health:
         usable = any(read.models for read in self._sets.present.values())

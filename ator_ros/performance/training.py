@@ -14,7 +14,7 @@ import pandas as pd
 from ator_ros.actions.goal_variables import direct_name
 from ator_ros.experience.table import ExperienceError, goal_variables_of_columns
 from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
-from ator_ros.performance.derived import ANGLE_BETWEEN, Geometry
+from ator_ros.performance.derived import ANGLE_AT, ANGLE_BETWEEN, Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.error_process import fit_error_process
@@ -117,7 +117,7 @@ def train(
         named,
         driving=driving,
         at_goal=observed_at_goal(good_starts, robot),
-        arrival=_observed_arrival(good_starts, good),
+        arrival=observed_arrival(good_starts, robot),
         errors=fit_error_process(names, good.loc[counted, names].to_numpy(), errors[counted]),
     )
 
@@ -283,12 +283,15 @@ def observed_at_goal(starts: pd.DataFrame, robot: Robot) -> AtGoal | None:
     return found
 
 
-def _observed_arrival(starts: pd.DataFrame, table: pd.DataFrame) -> Arrival | None:
-    """Return how far short of its goals an action stops whose robot stands at both ends: its usual errors."""
-    if not _stands(table):
+def observed_arrival(starts: pd.DataFrame, robot: Robot) -> Arrival | None:
+    """Return how far short of its goals an action stops whose robot stands at both ends; else None.
+
+    It is the usual error at the end of the episodes that succeeded, of whose first rows `starts` consists.
+    """
+    if (starts[["v", "speedg"]].abs() > AT_REST.v).any(axis=None):
         return None
-    turns = (table["angle_at_dest"] > _TURNED).to_numpy()
-    errors = starts["position_error"].median(), starts.loc[turns, "heading_error"].median()
+    turned = Geometry(direct_of(starts), robot).rows[ANGLE_AT] > _TURNED
+    errors = starts["position_error"].median(), starts.loc[turned, "heading_error"].median()
     return Arrival(*(0.0 if math.isnan(error) else float(error) for error in errors))
 
 

@@ -1,0 +1,72 @@
+"""Predicted durations of steps from several situations, for planners and for the assignment of tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ator_ros.geometry import FloatArray
+from ator_ros.performance.direct import DirectTable
+from ator_ros.refinement.chain_prediction import PredictsPerformance, StepRows
+from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import TopCall
+from ator_ros.world.state import World
+
+
+class Durations(NamedTuple):
+    """Predictions for n situations and m steps, NaN where an action has no model.
+
+    Attributes
+    ----------
+    durations, spreads : ndarray, shape (n, m)
+        Expected durations, and the standard deviations of single ones, in s.
+    success : ndarray, shape (n, m)
+        Probabilities.
+    """
+
+    durations: FloatArray
+    spreads: FloatArray
+    success: FloatArray
+
+
+def predict_durations(
+    worlds: Sequence[World], calls: Sequence[TopCall], robot: Robot, models: Mapping[str, PredictsPerformance]
+) -> Durations:
+    """Predict each of m steps from each of n situations.
+
+    Parameters
+    ----------
+    worlds : sequence of World
+        Situations in which a step would start; only the robot's state counts.
+    calls : sequence of TopCall
+        The steps, with their own goals; whether their pre-conditions hold is not checked.
+    robot : Robot
+        The robot in all situations.
+    models : mapping
+        Action name to performance model.
+    """
+    found = Durations(*np.full((3, len(worlds), len(calls)), np.nan))
+    starts = np.array([(*world.robot.pose, world.robot.v, world.robot.w) for world in worlds])
+    for action in dict.fromkeys(call.top.action for call in calls):
+        model = models.get(action)
+        if model is None or not worlds:
+            continue
+        columns = [number for number, call in enumerate(calls) if call.top.action == action]
+        tables = [_situations(starts, calls[number], robot) for number in columns]
+        table = DirectTable(tables[0].names, np.hstack([each.table for each in tables]))
+        prediction = model.predict(table, ("duration", "spread", "success"), None)
+        for values, name in zip(found, ("duration", "spread", "success"), strict=True):
+            if (predicted := getattr(prediction, name)) is not None:
+                values[:, columns] = predicted.reshape(len(columns), len(worlds)).T
+    return found
+
+
+def _situations(starts: FloatArray, call: TopCall, robot: Robot) -> DirectTable:
+    """Return the direct variables of a step for starts x, y, yaw, v, w, shape (n, 5)."""
+    given = np.zeros((1, 0))
+    one = StepRows(starts[0].tolist(), call.goal, (), None, (), robot.hold).table(given, given)
+    table = one.table.repeat(len(starts), axis=1)
+    table[: starts.shape[1]] = starts.T
+    return DirectTable(one.names, table)
