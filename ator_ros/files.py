@@ -142,15 +142,7 @@ def save(
 
 
 def load(path: Path | str, kind: str, schema: type[T]) -> T:
-    """Read a file of this kind.
-
-    Parameters
-    ----------
-    path : Path or str
-    kind : str
-        As in `save`.
-    schema : type
-        A dataclass.
+    """Read a file of this kind, see `save`.
 
     Raises
     ------

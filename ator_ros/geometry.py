@@ -57,13 +57,7 @@ def wrap_angle(angle: float) -> float:
 
 
 def wrap_angles(angles: Any) -> FloatArray:
-    """Return the same angles in [-pi, pi), element by element.
-
-    Parameters
-    ----------
-    angles : array_like, any shape
-        Angles in rad.
-    """
+    """Return the same angles in rad, of any shape, in [-pi, pi), element by element."""
     return np.asarray((np.asarray(angles, dtype=float) + np.pi) % (2.0 * np.pi) - np.pi)
 
 

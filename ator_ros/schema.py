@@ -76,14 +76,7 @@ NOT_EMPTY = Must("at least one", bool)
 
 
 def structured(data: object, schema: type[T]) -> T:
-    """Return `data` as an instance of `schema`.
-
-    Parameters
-    ----------
-    data : object
-        Parsed data.
-    schema : type
-        A dataclass, or a type built of them.
+    """Return parsed data as an instance of `schema`, a dataclass or a type built of them.
 
     Raises
     ------

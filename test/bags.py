@@ -33,15 +33,7 @@ class Tick(NamedTuple):
 
 
 class Messages:
-    """Makes messages for a recording.
-
-    Parameters
-    ----------
-    offset : float
-        Added to all stamps in s.
-    place : (float, float)
-        Added to all positions in m.
-    """
+    """Makes messages for a recording; `offset` (s) is added to all stamps, `place` (m) to all positions."""
 
     def __init__(self, offset: float = 0.0, place: tuple[float, float] = (0.0, 0.0)) -> None:
         from rosbags.typesys import Stores, get_typestore

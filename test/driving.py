@@ -30,27 +30,13 @@ def same(world: World) -> World:
 
 @dataclass(frozen=True)
 class Base:
-    """How the base and its sensors differ from the described robot.
-
-    Attributes
-    ----------
-    sensors : SensorConfig
-        Errors of the sensors.
-    latency : float
-        Latency in s that the executor compensates.
-    motor_lag : float
-        Time constant of the motors in s; 0: as described.
-    dead_zone : Command
-        Speeds up to which a command does nothing.
-    scale : float
-        Speeds and accelerations of the base, as a share of the described ones.
-    """
+    """How the base and its sensors differ from the described robot."""
 
     sensors: SensorConfig = field(default_factory=SensorConfig)
-    latency: float = 0.0
-    motor_lag: float = 0.0
-    dead_zone: Command = STOP
-    scale: float = 1.0
+    latency: float = 0.0  # s, which the executor compensates
+    motor_lag: float = 0.0  # time constant in s; 0: as described
+    dead_zone: Command = STOP  # speeds up to which a command does nothing
+    scale: float = 1.0  # of the described speeds and accelerations
 
     def robot(self, robot: Robot) -> Robot:
         """Return the actual robot."""

@@ -24,16 +24,8 @@ from ator_ros.world.state import World
 class RefinedAlong:
     """Executes a chain as `ChainExecutor` does; answers of refinement arrive one tick after questions.
 
-    Parameters
-    ----------
-    chain : TopChain
-        The initial chain, chosen by refinement.
-    plan : TopChain
-        The plan of the goal, with its open variables.
-    again_after : float
-        Distance in m between the world and the refined forecast that causes a question; 0: never.
-    time_limit : float
-        Time in s that each step may take.
+    `chain` was chosen by refinement from `plan`, which has its open variables. A distance of `again_after` m
+    between the world and the refined forecast causes a question; 0: never.
     """
 
     def __init__(

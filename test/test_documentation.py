@@ -183,7 +183,6 @@ def run(words: list[str], cwd: Path) -> None:
 @pytest.mark.parametrize("text", runnable())
 def test_a_printed_tool_runs(text: str, workshop: Path) -> None:
     words = tool_words(text)
-    assert words is not None
     tool, *others = words
     small = SMALL.get(tool, "").split()
     run([tool, *others, *small], workshop)

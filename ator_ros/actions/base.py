@@ -86,11 +86,6 @@ class Action(ABC):
     Actions are black boxes: their performance is learned by observation alone. Each start is a new instance;
     `setup` prepares all of them. Another instance may start with a new goal of the same step before this one
     ends.
-
-    Parameters
-    ----------
-    robot : Robot
-        Shape and limits of the robot that executes the action.
     """
 
     name: ClassVar[str]

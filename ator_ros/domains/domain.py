@@ -268,10 +268,7 @@ class Domain:
     ) -> TopLibrary:
         """Return the TOPs of the domain with the actions of one set; those without are left out.
 
-        Parameters
-        ----------
-        factories : mapping of str to callable
-            Replace the factories of the specifications, by the names of the actions.
+        `factories` replace those of the specifications, by the names of the actions.
 
         Raises
         ------
@@ -299,12 +296,7 @@ def domain_for(name: str, robot: Path | str | None) -> Domain:
 
     That is soccer if the robot has a holder and its scene has a ball, and otherwise `drive`.
 
-    Parameters
-    ----------
-    name : str
-        Name or file of the domain, or empty.
-    robot : Path, str or None
-        File of the robot's description; None or empty: the shipped one.
+    `robot` is the file of a robot's description; None or empty: the shipped one.
     """
     if name:
         return find_domain(name)

@@ -56,14 +56,6 @@ def run_chain(
 
     Parameters
     ----------
-    robot : Robot
-        Shape, limits and scene.
-    library : TopLibrary
-        TOPs and actions.
-    start : World
-        Robot and objects at the start.
-    chain : TopChain
-        The chain to execute.
     time_limit : float
         Time in s that the chain may take, and so each of its actions.
     executor : ChainExecutor, optional

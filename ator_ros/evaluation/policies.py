@@ -39,12 +39,7 @@ Policy = Callable[[Toolset, Trial], Choice]
 class PathTime:
     """A performance model that is not learned: the time of the fastest turn-straight-turn path.
 
-    Attributes
-    ----------
-    robot : Robot
-        The robot.
-    driving : DrivingStyle or None
-        How the action drives; None: all that the base can do.
+    `driving` is how the action drives; None: all that the base can do.
     """
 
     robot: Robot

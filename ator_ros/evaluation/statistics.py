@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.accuracy import mean_ci95, resampled_means
@@ -14,22 +13,12 @@ from ator_ros.performance.accuracy import mean_ci95, resampled_means
 EQUAL = 0.02
 """Runs whose durations differ by no more than this share count as equal."""
 _WORTH_SHARING = 0.0005  # share of the naive durations that an oracle must save for captured shares
-LABELS = ("Higher", "Equal", "Lower")
-
-
-def labels(duration: FloatArray, reference: FloatArray) -> NDArray[np.str_]:
-    """Label the performance of each run against the reference: Higher, Equal (within 2 %) or Lower."""
-    gain = (reference - duration) / reference
-    return np.where(gain > EQUAL, LABELS[0], np.where(gain < -EQUAL, LABELS[2], LABELS[1]))
 
 
 def summarize(records: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """Return for each policy the figures of Table 1, with 95 % bootstrap intervals over situations.
 
-    Parameters
-    ----------
-    records : sequence
-        Records of `evaluate_trial`. A failed chain counts at its duration, the time limit.
+    `records` are those of `evaluate_trial`. A failed chain counts at its duration, the time limit.
 
     Returns
     -------
@@ -63,15 +52,15 @@ def _policy_summary(
 ) -> dict[str, Any]:
     duration, reference = durations[name], durations["naive"]
     ratio = 100.0 * (reference - duration) / reference
-    label = labels(duration, reference)
-    higher, lower = ratio[label == "Higher"], ratio[label == "Lower"]
+    gain = (reference - duration) / reference
+    higher, lower = ratio[gain > EQUAL], ratio[gain < -EQUAL]
     summary: dict[str, Any] = {
         "mean_duration_s": _rounded(duration.mean()),
         "improvement_percent": _rounded(100.0 * (1.0 - duration.sum() / reference.sum())),
         "improvement_ci95": _interval(100.0 * (1.0 - resampled[name] / resampled["naive"])),
         "mean_ratio_improvement_percent": _rounded(ratio.mean()),
         "higher": len(higher),
-        "equal": int(np.sum(label == "Equal")),
+        "equal": len(ratio) - len(higher) - len(lower),
         "lower": len(lower),
         "mean_gain_higher_percent": _rounded(higher.mean()) if len(higher) else 0.0,
         "mean_loss_lower_percent": _rounded(-lower.mean()) if len(lower) else 0.0,

@@ -20,13 +20,6 @@ NO_EFFECT = 0.02
 def open_variables(tools: Toolset, trials: Iterable[Trial]) -> list[dict[str, Any]]:
     """Refine each open variable alone, with arrival speeds open too, and explain the result.
 
-    Parameters
-    ----------
-    tools : Toolset
-        Learned models.
-    trials : iterable of Trial
-        Situations with chains.
-
     Returns
     -------
     list of dict

@@ -24,17 +24,7 @@ from ator_ros.world.state import World
 
 @dataclass(frozen=True)
 class Toolset:
-    """The models and settings from which policies choose.
-
-    Attributes
-    ----------
-    domain : Domain
-        Source of situations and chains.
-    robot : Robot
-        Sizes and limits.
-    models : mapping
-        Learned performance models by action.
-    """
+    """The performance models, by action, from which policies choose; with their robot and domain."""
 
     domain: Domain
     robot: Robot

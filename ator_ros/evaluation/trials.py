@@ -29,18 +29,9 @@ class Trial:
 
 
 def random_trial(domain: Domain, chain: str, library: TopLibrary, *, seed: int, index: int) -> Trial:
-    """Draw situation `index` of the evaluation with this seed; determined by these alone.
+    """Draw situation `index` of the domain's chain of this name, in an evaluation with this seed.
 
-    Parameters
-    ----------
-    domain : Domain
-        Source of the situation.
-    chain : str
-        Name of one of its chains.
-    library : TopLibrary
-        Robot, and TOPs of the chain.
-    seed, index : int
-        Seed of the evaluation, and index of the situation.
+    It is determined by these alone.
 
     Raises
     ------

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 
 from ator_ros.actions import TIME_LIMIT
-from ator_ros.actions.base import Action, ActionError, Goal, Status, Step
+from ator_ros.actions.base import Action, ActionError, Status, Step
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.execution.rolling import Rolling
 from ator_ros.geometry import FloatArray
@@ -97,11 +97,6 @@ class ActionRecord:
     def top(self) -> str:
         """Name of the TOP."""
         return self.chain.calls[self.index].top.name
-
-    @property
-    def goal(self) -> Goal:
-        """Goal of the action."""
-        return self.chain.calls[self.index].goal
 
     @property
     def duration(self) -> float:
@@ -226,15 +221,8 @@ class ChainExecutor:
     def switch_to(self, world: World, chain: TopChain) -> bool:
         """Replace the present step and later ones, or their goals, without a stop.
 
-        Parameters
-        ----------
-        chain : TopChain
-            The steps that are done, and the others from here on.
-
-        Returns
-        -------
-        bool
-            False if there is no path for the changed step from here; then nothing has changed.
+        `chain` are the steps that are done, and the others from here on. Returns False if there is no path
+        for the changed step from here; then nothing has changed.
         """
         if chain.calls[self.index] != self._run.call:
             standing_first = self._run.stage is Stage.STANDING

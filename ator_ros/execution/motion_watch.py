@@ -358,15 +358,9 @@ class MotionWatch:
     messages. Then a late base and frozen odometry look alike. Some frozen odometry is not noticed, and the
     robot moves by centimeters meanwhile.
 
-    Parameters
-    ----------
-    latency : float
-        Time in s from the stamp of a state until the command that answers it moves the base.
+    `latency` is the time in s from the stamp of a state until the command that answers it moves the base.
 
-    Attributes
-    ----------
-    foresight : Foresight
-        Predicts states, under the same commands.
+    `foresight` predicts states, under the same commands.
     """
 
     def __init__(self, robot: Robot, latency: float) -> None:
@@ -426,10 +420,7 @@ class MotionWatch:
     def fault(self, time: float, robot: RobotState, now: float) -> str | None:
         """Take a state of the robot by odometry, at `time` s by its stamp and `now` s of real time.
 
-        Returns
-        -------
-        str or None
-            What is wrong, in words; None if the base moves as commanded.
+        Return what is wrong, in words; None if the base moves as commanded.
         """
         last = self._states[-1] if self._states else (time, robot)
         if time < last[0]:

@@ -21,10 +21,7 @@ from ator_ros.world.state import ObjectState, RobotState, World
 class Predictor:
     """Predicts chains and their actions.
 
-    Parameters
-    ----------
-    models : mapping
-        Action name to performance model; chains with other actions are not predicted.
+    `models` are performance models by action; chains with other actions are not predicted.
     """
 
     def __init__(self, robot: Robot, models: Mapping[str, PredictsPerformance]) -> None:

@@ -152,10 +152,7 @@ class Refining:
     def take(self, chain: TopChain, refined: bool, reason: str, chosen: int) -> None:
         """Accept the answer to `question`; while the robot drives, `apply` applies it in the next tick.
 
-        Parameters
-        ----------
-        chain, refined, reason, chosen
-            As for `Supervisor.refined_to`.
+        The parameters are those of `Supervisor.refined_to`.
         """
         assert self.question is not None
         choices = len(self._plans) if self._first is None else 1 + len(self.question.others)

@@ -34,10 +34,7 @@ class Rolling:
     early drives to the wrong place. Objects that stop earlier than described do no such harm, and look like
     objects that another robot brakes: they are never corrected.
 
-    Parameters
-    ----------
-    slowest : float
-        Speed in m/s below which sightings are too noisy to judge by.
+    `slowest` is the speed in m/s below which sightings are too noisy to judge by.
     """
 
     def __init__(self, robot: Robot, *, slowest: float = _SLOWEST) -> None:

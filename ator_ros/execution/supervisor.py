@@ -160,7 +160,7 @@ class Supervisor:
     def tick(
         self, world: World, now: float, *, overdue: frozenset[str] = frozenset(), fault: str | None = None
     ) -> Command | None:
-        """Process a newer state of the world; return the command for it.
+        """Process a newer state of the world; return the command, None if another program moves the robot.
 
         Parameters
         ----------
@@ -168,11 +168,6 @@ class Supervisor:
             Objects whose messages are late: a step that needs one pauses.
         fault : str, optional
             How the base does not follow its commands; the goal then ends.
-
-        Returns
-        -------
-        Command or None
-            None if another program moves the robot.
         """
         if fault is not None:
             self.base_fault(fault)

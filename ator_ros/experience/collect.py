@@ -67,16 +67,10 @@ def collect(
 
     Parameters
     ----------
-    actions : iterable of ActionSpec
-        The actions, and how their situations are drawn.
     tops : sequence of Top
         The TOPs of the domain: their post-conditions decide on success.
-    robot : Robot
-        Shape and limits.
     objects : tuple of str
         The objects whose places are logged: those of the domain.
-    episodes, seed : int
-        Episodes of each action, and the seed of all of them.
     time_limit : float
         Time in s that each may take.
     finished : container of (str, int)

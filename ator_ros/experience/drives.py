@@ -64,12 +64,7 @@ class Reader:
 
     A new segment begins after a reset or a long silence.
 
-    Parameters
-    ----------
-    robot : Robot
-        The recorded robot.
-    domain : Vocabulary
-        Sources of the objects, and the TOPs of drives and records.
+    `domain` has the sources of the objects, and the TOPs of drives and records.
 
     Attributes
     ----------
@@ -175,12 +170,7 @@ class Reader:
 
 
 class Track:
-    """The state at any time of a segment, interpolated.
-
-    Parameters
-    ----------
-    segment : Segment
-        With odometry.
+    """The state at any time of a segment with odometry, interpolated.
 
     Attributes
     ----------
@@ -235,14 +225,7 @@ def _at(table: FloatArray, time: float) -> FloatArray:
 def drives(segment: Segment, robot: Robot, domain: Vocabulary) -> Iterator[Episode]:
     """Yield the drives of a segment as successful episodes.
 
-    Parameters
-    ----------
-    segment : Segment
-        The recorded messages.
-    robot : Robot
-        The recorded robot.
-    domain : Vocabulary
-        The domain, whose TOPs determine the actions; if none of them drives, there are no drives.
+    The TOPs of `domain` determine the actions; if none of them drives, there are no drives.
     """
     if not segment.odom or not segment.cmd_vel:
         return

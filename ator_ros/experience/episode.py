@@ -66,8 +66,6 @@ def run_episode(
         A fresh world; robot and objects are placed in it.
     action : Action
         Started here, and ended.
-    situation : Situation
-        Start and goal.
     top : Top
         The TOP whose post-condition decides on success.
     """

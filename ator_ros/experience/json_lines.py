@@ -24,10 +24,7 @@ class PartialResults:
     expected : str
         What the file holds, for messages, as in "episodes of the same seed".
 
-    Attributes
-    ----------
-    results : list of dict
-        The results of earlier runs.
+    `results` are those of earlier runs.
 
     Raises
     ------

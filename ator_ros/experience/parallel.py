@@ -57,12 +57,7 @@ def run_tasks(function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iter
     The results are those of a plain loop whatever the number of workers, as long as `function` depends on
     its task alone: give every task a seed of its own.
 
-    Parameters
-    ----------
-    function : callable
-        A function at the top level of a module.
-    tasks : iterable
-        Its arguments.
+    `function` is one at the top level of a module.
 
     Raises
     ------

@@ -66,11 +66,8 @@ def select(
     Records are read from every namespace. Of several other topics with one name, the one in the namespace of
     the odometry is read, by default the one without a namespace.
 
-    Returns
-    -------
-    roles, skipped
-        The roles of the topics that are read; a line for each topic of another type, and for several of which
-        one is expected.
+    Return the roles of the topics that are read, and a line for each topic of another type, and for several
+    of which one is expected.
     """
     roles: defaultdict[Topic, list[str]] = defaultdict(list)
     skipped: list[str] = []
@@ -142,8 +139,6 @@ def read_recording(
     ----------
     path : Path or str
         An .mcap file, or the folder that ``ros2 bag record`` made.
-    robot : Robot
-        The recorded robot.
     domain : Vocabulary
         Sources of the objects, and the TOPs of drives and records.
     names : mapping, optional
@@ -234,10 +229,6 @@ def read_sources(
     ----------
     paths : sequence of Path
         Tables (.parquet), recordings (.mcap, or the folder they are in), and stores of the node `learning`.
-    robot : Robot
-        The robot that all sources must be of.
-    domain : Vocabulary
-        The domain that all sources must be of.
     action_set : str, optional
         Action set of sources that do not name one; all others must name this one.
     topics : mapping, optional

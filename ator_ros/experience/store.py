@@ -57,8 +57,6 @@ class RecordStore:
     ----------
     folder : Path
         Made when missing.
-    info : StoreInfo
-        Robot and domain of the episodes.
     most : int
         Episodes of each action set that are kept.
 
@@ -130,14 +128,7 @@ def action_sets_in(folder: Path) -> list[str]:
 
 
 def read_store(folder: Path, action_set: str | None = None) -> Experience:
-    """Read the episodes of an action set as experience.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the store.
-    action_set : str, optional
-        Name of the set; by default the only one of the store.
+    """Read the episodes of an action set, by default the only one of the store, as experience.
 
     Raises
     ------

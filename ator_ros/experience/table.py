@@ -207,8 +207,6 @@ def episode_frame(number: int, episode: Episode, objects: tuple[str, ...]) -> pd
     ----------
     number : int
         Number of the episode within its action.
-    episode : Episode
-        What was observed.
     objects : tuple of str
         The objects whose places are kept, NaN in an episode without them.
     """

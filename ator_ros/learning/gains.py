@@ -32,7 +32,6 @@ class ChainGain:
         Predicted gain in s.
     excess : float
         Measured less predicted duration in s of the chain as it was executed.
-    action_set : str
     """
 
     refined: bool

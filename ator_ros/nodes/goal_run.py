@@ -48,10 +48,7 @@ _BROKEN_OFF = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN)
 class GoalRun:
     """An accepted goal while it is executed.
 
-    Attributes
-    ----------
-    finished : Future
-        Of the result, which the executor gives after the last tick.
+    `finished` is the future of the result, which the executor gives after the last tick.
 
     Raises
     ------

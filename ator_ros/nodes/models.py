@@ -46,11 +46,8 @@ class ModelSet:
 class LearnedSets:
     """The models of a node: those of its parameter `models`, or the set that `learned` has in use.
 
-    Parameters
-    ----------
-    warm_up : callable, optional
-        Called with the library of an action set and its models before they are used, in a thread when a
-        learned set is new.
+    `warm_up` is called with the library of an action set and its models before they are used, in a thread
+    when a learned set is new.
 
     Attributes
     ----------

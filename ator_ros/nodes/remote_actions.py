@@ -155,10 +155,7 @@ class RemoteAction(Action):
 class RemoteServer:
     """Sends goals to one action server, and tracks which of them it may still be executing.
 
-    Attributes
-    ----------
-    fault : str
-        Why it cannot be used, as where its type is not installed; empty where it can.
+    `fault` is why it cannot be used, as where its type is not installed; empty where it can.
     """
 
     def __init__(self, node: Node, call: RemoteCall, frame: str) -> None:

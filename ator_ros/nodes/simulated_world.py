@@ -33,10 +33,7 @@ class SimulatedWorld:
     start and after a reset. MessageError is raised for a start outside the floor, or bodies that overlap at
     the start.
 
-    Attributes
-    ----------
-    simulation : Simulation
-        What is simulated; a reset makes a new one.
+    `simulation` is what is simulated; a reset makes a new one.
     """
 
     def __init__(

@@ -19,16 +19,9 @@ RESAMPLES = 5000
 
 
 def resampled_means(table: FloatArray) -> FloatArray:
-    """Return means over columns drawn with replacement, the same for all rows.
+    """Return means, shape (k, RESAMPLES), over the independent columns of a table of shape (k, n).
 
-    Parameters
-    ----------
-    table : ndarray, shape (k, n)
-        Independent columns.
-
-    Returns
-    -------
-    ndarray, shape (k, RESAMPLES)
+    They are drawn with replacement, the same for all rows.
     """
     count = table.shape[1]
     weights = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), size=RESAMPLES)
@@ -45,8 +38,6 @@ def accuracy(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dic
 
     Parameters
     ----------
-    model : PerformanceModel
-        What predicts.
     starts : pandas.DataFrame
         First rows of fresh episodes.
     seed : int
@@ -83,8 +74,6 @@ def brier(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dict[s
 
     Parameters
     ----------
-    model : PerformanceModel
-        What predicts.
     starts : pandas.DataFrame
         First rows of fresh episodes, those that failed too.
     seed : int

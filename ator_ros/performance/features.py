@@ -105,22 +105,14 @@ def names_of(features: Iterable[Feature]) -> tuple[str, ...]:
 def feature_table(
     direct: Direct, robot: Robot, features: Sequence[Feature], driving: DrivingStyle | None = None
 ) -> FloatArray:
-    """Compute features.
+    """Compute features, shape (n, len(features)).
 
     Parameters
     ----------
     direct : mapping
         Direct variables of n situations, see `direct_table`.
-    robot : Robot
-        Limits, and where it holds an object.
-    features : sequence of Feature
-        Which features.
     driving : DrivingStyle, optional
         How the action was observed to drive, for `PATHS`.
-
-    Returns
-    -------
-    ndarray, shape (n, len(features))
     """
     return table_of(Geometry(direct, robot, driving, further=declared_by(features)), features)
 

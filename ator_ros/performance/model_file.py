@@ -91,12 +91,7 @@ def models_folder(top: Path, action_set: str = DEFAULT_SET) -> Path:
 def save_model(path: Path | str, model: PerformanceModel) -> None:
     """Write `model` and its metadata, whole or not at all; the same model gives the same bytes.
 
-    Parameters
-    ----------
-    path : Path or str
-        The JSON file.
-    model : PerformanceModel
-        Its `metadata` gives action_set, training, versions and accuracy.
+    Its `metadata` gives action_set, training, versions and accuracy.
     """
     names = dict.fromkeys(name for tree in model.trees.values() for name in tree.names)
     names.update(dict.fromkeys(model.errors.features if model.errors is not None else ()))
@@ -122,8 +117,6 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
 
     Parameters
     ----------
-    path : Path or str
-        The JSON file.
     robot : Robot
         For whose limits features are computed; another one than in learning raises a RobotMismatchWarning.
     features : mapping of str to Feature

@@ -47,8 +47,6 @@ def chains_for(
     ----------
     goal : sequence
         Statements that shall hold at the end.
-    world, library
-        The situation, and the TOPs to plan with.
     objects : sequence of str
         Names of the objects that the domain has.
     fence : Fence, optional

@@ -39,8 +39,6 @@ class PlannedStep:
 
     Attributes
     ----------
-    top : Top
-        The TOP.
     binding : tuple
         Its goal variables, as pairs of name and symbol; missing ones are chosen later.
     region : tuple of Fact
@@ -257,12 +255,7 @@ def planning_problem(goal: Sequence[Fact], steps: Sequence[PlannedStep], state: 
     Leaving an object in its region is an operator without steps, so that such plans differ from those that
     move it.
 
-    Parameters
-    ----------
-    goal, steps
-        Facts of the goal, and candidate steps.
-    state
-        The variables at the start, see `state_of`.
+    `state` are the variables at the start, see `state_of`.
     """
     needs = [fact for step in steps for fact in step.needs()]
     facts = list(dict.fromkeys((*goal, *needs)))

@@ -99,12 +99,8 @@ def analyze(
 
     Parameters
     ----------
-    chain : TopChain
-        The chain, of any length.
     models : mapping
         Action name to performance model; an action may lack one.
-    robot : Robot
-        Sizes and limits that bound the ranges.
     ranges : mapping, optional
         Goal variable to its range; variables without one are never free.
     """
@@ -184,8 +180,6 @@ class Regions:
 
     Parameters
     ----------
-    world, chain, robot
-        The request.
     names : sequence of tuple of str, one per subgoal
         The free variables.
     models : mapping

@@ -281,12 +281,7 @@ class Description:
 
 
 def load_robot(path: Path | str | None = None) -> Robot:
-    """Read the description of a robot and of the scene around it.
-
-    Parameters
-    ----------
-    path : Path or str, optional
-        A YAML file; by default the shipped one.
+    """Read the description of a robot and of the scene around it, by default the shipped YAML file.
 
     Raises
     ------

@@ -71,12 +71,7 @@ class BaseEstimate:
 
 
 def identify(samples: Sequence[DriveSample]) -> BaseEstimate:
-    """Estimate how a base responds to commands.
-
-    Parameters
-    ----------
-    samples : sequence of DriveSample
-        Of a whole probe drive.
+    """Estimate how a base responds to commands, from the samples of a whole probe drive.
 
     Raises
     ------

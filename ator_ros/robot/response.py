@@ -66,7 +66,7 @@ class AxisResponse:
     stop: float
 
     def speeds(self, times: Sequence[float], commands: Sequence[float]) -> FloatArray:
-        """Return the speeds at `times` of an axis that stood at the first of them.
+        """Return the speeds, shape (n,), at `times` of an axis that stood at the first of them.
 
         Parameters
         ----------
@@ -74,10 +74,6 @@ class AxisResponse:
             Stamps of the states in s, ascending.
         commands : sequence of float, length n
             The command sent in answer to each state, in m/s or rad/s.
-
-        Returns
-        -------
-        ndarray, shape (n,)
         """
         found = np.zeros(len(times))
         state, now, command, following = (0.0, 0.0), times[0], 0.0, 0

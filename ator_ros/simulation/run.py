@@ -33,10 +33,7 @@ def run(simulation: Simulation, step: Callable[[World], Step], *, ticks: int) ->
     ticks : int
         Greatest number of control ticks.
 
-    Returns
-    -------
-    Step or None
-        The last one, which is not running; None if `ticks` are over before.
+    Return the last step, which is not running; None if `ticks` are over before.
     """
     for _ in range(ticks):
         done = step(simulation.world())
@@ -89,10 +86,7 @@ class Judgment:
 def judge(simulation: Simulation, top: Top, goal: Goal, status: Status, message: str) -> Judgment:
     """Judge a TOP by its post-condition, which alone decides whether an action that succeeded has done so.
 
-    Parameters
-    ----------
-    status, message : Status, str
-        How the action ended; RUNNING if it was broken off, after which nothing settles.
+    `status` and `message` are how the action ended: RUNNING if it was broken off; then nothing settles.
     """
     robot, ended_well = simulation.robot, status is Status.SUCCEEDED
     world = simulation.world() if status is Status.RUNNING else settle(simulation, top, goal)
@@ -115,7 +109,7 @@ def run_action(
     time_limit: float = TIME_LIMIT,
     step: Callable[[Action, World], Step] | None = None,
 ) -> Step:
-    """Execute one action from the present state until it ends; return its last step.
+    """Execute one action from here until it ends; return its last step, RUNNING at the time limit.
 
     Parameters
     ----------
@@ -127,11 +121,6 @@ def run_action(
         Time in s that it may take.
     step : callable, optional
         Called in each tick instead of `Action.step`, to observe it.
-
-    Returns
-    -------
-    Step
-        Its status is RUNNING if the time limit was reached.
 
     Raises
     ------

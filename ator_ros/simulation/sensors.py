@@ -120,10 +120,7 @@ class Sensors:
 
     Objects are observed from the robot, so that their estimates drift with the odometry.
 
-    Parameters
-    ----------
-    seed : int
-        The same seed and worlds give the same observations.
+    The same seed and worlds give the same observations.
     """
 
     def __init__(self, config: SensorConfig, seed: int = 0) -> None:

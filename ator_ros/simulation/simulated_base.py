@@ -24,15 +24,7 @@ class SimulatedBase:
     Where the command is to stand, or none has come for 0.15 s, the base brakes as hard as it can without
     tipping: it stands 0.5 s after the last command.
 
-    Parameters
-    ----------
-    period : float
-        Time of a physics step in s.
-
-    Attributes
-    ----------
-    body : int
-        Its body id.
+    `period` is the time of a physics step in s, `body` the body id.
     """
 
     def __init__(self, client: BulletClient, robot: Robot, *, period: float) -> None:

@@ -26,13 +26,7 @@ _FINGER = (
 
 
 def robot_urdf(robot: Robot) -> str:
-    """Return the robot's description as URDF.
-
-    Parameters
-    ----------
-    robot : Robot
-        Sizes and masses; everything else is in `urdf/robot.urdf.template`.
-    """
+    """Return the robot's description as URDF: `urdf/robot.urdf.template` with its sizes and masses."""
     behind, height, caster, wheel_mass, wheel_inertia = _built(robot)
     body_mass = robot.mass - 2 * wheel_mass
     # The body lies between the wheels; that of a robot narrower than 16 cm overlaps them.

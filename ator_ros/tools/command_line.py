@@ -50,12 +50,7 @@ def guarded(program: str, work: Callable[[], object], *, interrupted: str = "not
     SIGTERM and SIGHUP stop it like Ctrl-C, unless they are ignored (nohup). Characters that the terminal
     cannot encode are escaped.
 
-    Parameters
-    ----------
-    program : str
-        Name of the command, for messages.
-    interrupted : str
-        What to report after Ctrl-C, SIGTERM or the end of the terminal.
+    `interrupted` is what to report after Ctrl-C, SIGTERM or the end of the terminal.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

@@ -138,14 +138,7 @@ class Relation(Clause):
 
 @dataclass(frozen=True, slots=True)
 class Distance(Relation):
-    """The distance between two places lies in a range.
-
-    Attributes
-    ----------
-    place, origin
-        As for `Relation`.
-    low, high : float
-        Least and greatest distance in m.
+    """The distance between two places lies in a range, `low` to `high`, in m.
 
     Raises
     ------
@@ -178,8 +171,6 @@ class Bearing(Relation):
 
     Attributes
     ----------
-    place, origin
-        As for `Relation`.
     most : float
         Greatest angle in rad between the axis and the direction from the origin to the place, at most pi / 2.
     axis : float
@@ -276,15 +267,7 @@ class Statement(Clause):
 
 @dataclass(frozen=True, slots=True)
 class Term(Statement):
-    """One statement of a condition: a variable is near a target.
-
-    Attributes
-    ----------
-    variable, target
-        As for `Statement`.
-    tolerance : float
-        Greatest difference, in the variable's unit.
-    """
+    """One statement of a condition: a variable is near a target, up to `tolerance` in the variable's unit."""
 
     tolerance: Annotated[float, Within(0.0)]
 
@@ -303,8 +286,6 @@ class Region(Statement):
 
     Attributes
     ----------
-    variable, target
-        As for `Statement`.
     low, high : float
         Least and greatest difference of the variable from the target, in the variable's unit; either may be
         infinite.

@@ -27,10 +27,7 @@ class LeftOutError(ConfigError, KeyError):
 class TopLibrary(Mapping[str, Top]):
     """TOPs by name, and the actions that execute them; a TOP whose action is missing is left out.
 
-    Attributes
-    ----------
-    left_out : mapping of str to str
-        Reasons, by the names of TOPs whose action the set lacks.
+    `left_out` are the reasons, by the names of TOPs whose action the set lacks.
 
     Parameters
     ----------

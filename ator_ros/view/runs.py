@@ -155,13 +155,6 @@ def duration_of(record: Any) -> float:
     return float(record.actual.duration) if record.outcome.code == _SUCCEEDED else math.nan
 
 
-def measured_gain(gain: Any) -> str:
-    """Return the measured gain (ator_interfaces/Gain) in words."""
-    interval = f"{gain.measured_low:.2f} to {gain.measured_high:.2f}"
-    chains = f"{gain.refined} refined chains and {gain.compared} as planned"
-    return f"{gain.measured:+.2f} s ({interval}) from {chains}"
-
-
 class History:
     """Executed chains, the newest last."""
 
@@ -205,7 +198,10 @@ class History:
             lines += [f"Gain over the naive chain from the same start: {mean}.", ""]
         known = [record.gain for record, _ in rows if math.isfinite(record.gain.measured)]
         if known:
-            lines += [f"Measured gain per refined chain: {measured_gain(known[-1])}.", ""]
+            gain = known[-1]
+            mean = f"{gain.measured:+.2f} s ({gain.measured_low:.2f} to {gain.measured_high:.2f})"
+            chains = f"{gain.refined} refined chains and {gain.compared} as planned"
+            lines += [f"Measured gain per refined chain: {mean} from {chains}.", ""]
         lines += ["| | chain | predicted | actual | gain |", "|---|---|---|---|---|"]
         newest = itertools.islice(reversed(list(enumerate(rows, 1))), _SHOWN)
         return "\n".join([*lines, *(_row(number, *row) for number, row in newest)])

@@ -59,11 +59,8 @@ class VelocityEstimate:
 class RobotVelocity:
     """The velocity of a robot by differences of its poses, as along an arc between two of them.
 
-    Parameters
-    ----------
-    most_v, most_w : float
-        The robot's limits in m/s and rad/s. Where one pose is out of the reach of that before, as where a map
-        corrects it, the velocity stays as it was.
+    `most_v` and `most_w` are the robot's limits in m/s and rad/s. Where one pose is out of the reach of that
+    before, as where a map corrects it, the velocity stays as it was.
     """
 
     def __init__(self, most_v: float, most_w: float) -> None:
@@ -295,11 +292,8 @@ class StampError(ValueError):
 class Sightings:
     """The recent sightings of one object.
 
-    Parameters
-    ----------
-    timeout : float
-        Age in s, by the stamps, beyond which a sighting is not used. After half of it without a message the
-        object is overdue. It may be changed later, as the attribute of this name.
+    `timeout` is the age in s, by the stamps, beyond which a sighting is not used. After half of it without a
+    message the object is overdue. It may be changed later, as the attribute of this name.
     """
 
     def __init__(self, name: str, timeout: float, tracker: ObjectTracker) -> None:

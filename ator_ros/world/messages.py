@@ -281,12 +281,7 @@ class OdometryReader:
 class ObjectReader:
     """Reads the messages of one object in the order of arrival; without a velocity, it is estimated.
 
-    Parameters
-    ----------
-    source : ObjectSource
-        The object, and the type of its messages.
-    frame : str
-        The frame that positions must be in; empty: any.
+    Positions must be in the frame `frame`; empty: any.
     """
 
     def __init__(self, source: ObjectSource, frame: str = "") -> None:

@@ -30,7 +30,6 @@ def test_the_path_is_the_curve_from_robot_to_goal(robot: Robot) -> None:
     assert action.path() is None
     action.step(world)
     way = action.path()
-    assert way is not None
     assert way[0] == pytest.approx(start, abs=0.1)
     assert way[-1] == pytest.approx(goal)
     # The curve ends where the straight run-in begins.

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import pytest
 
-from ator_ros.actions.base import Action, Goal, Point, Status
+from ator_ros.actions.base import Action, Goal, Point, Status, Step
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Limits, load_robot
-from ator_ros.simulation.run import place
-from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
+from ator_ros.simulation.run import place, run_action
+from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import ObjectState, RobotState, World
 
 PIONEER = load_robot()
@@ -24,7 +24,6 @@ ROBOTS = {
     "lagging": dataclasses.replace(PIONEER, motor_time_constant=0.12),
 }
 """As described; with motors that accelerate by 70 % of that, and brake as hard; with a lag of 0.12 s."""
-_LONGEST = 30 * CONTROL_RATE
 
 
 @dataclass(frozen=True)
@@ -39,18 +38,17 @@ class Drive:
 def drive(robot: str, action: Action, start: World, goal: Goal) -> Drive:
     """Execute an action of the described robot on another one."""
     plans = 0
+
+    def counted(action: Action, world: World) -> Step:
+        nonlocal plans
+        step = action.step(world)
+        plans += "planned again" in step.message or "; planning" in step.message
+        return step
+
     with Simulation(ROBOTS[robot]) as simulation:
         place(simulation, start)
-        action.start(simulation.world(), goal)
-        for _ in range(_LONGEST):
-            step = action.step(simulation.world())
-            plans += "planned again" in step.message or "; planning" in step.message
-            if step.status is not Status.RUNNING:
-                break
-            assert step.command is not None
-            simulation.command(step.command)
-            simulation.tick()
-        return Drive(simulation.time, plans, step.status)
+        done = run_action(simulation, action, goal, step=counted)
+        return Drive(simulation.time, plans, done.status)
 
 
 def approach(robot: str, bearing: float, yaw: float, speed: float = 0.0) -> Drive:

@@ -48,7 +48,6 @@ def test_a_file_declares_objects_tops_actions_and_variables(tour: Domain) -> Non
     assert fetch.point is Point.HOLD
     assert tour.actions()["goToPose"] is SOCCER.actions()["goToPose"]
     remote = tour.actions()["navigate"].remote
-    assert remote is not None
     assert remote.timeouts == Timeouts(server=2.0, acceptance=2.0, silence=3.0, result=120.0, cancel=1.0)
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 
 import pytest
 from action_runs import KINDS, Task, execute, execute_situation
 
-from ator_ros.actions.base import ActionError, Goal, Point, Status
+from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step
 from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of
@@ -18,6 +19,7 @@ from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
 from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.robot.description import load_robot
+from ator_ros.simulation.run import run_action
 from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
@@ -129,17 +131,15 @@ def test_a_late_start_costs_only_its_delay_and_the_ball_does_not_move(late: int,
 
 
 def test_a_plan_does_not_wait_forever_for_a_robot_that_does_not_start() -> None:
+    def without_command(action: Action, world: World) -> Step:
+        return dataclasses.replace(action.step(world), command=None)
+
     with Simulation(ROBOT) as simulation:
         simulation.place_robot(Pose(-2.0, 0.0, 0.0))
-        action = GoToPose(ROBOT)
-        action.start(simulation.world(), Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.AXLE))
-        for _ in range(400):
-            step = action.step(simulation.world())
-            if step.status is not Status.RUNNING:
-                break
-            simulation.tick()
-        assert step.status is Status.FAILED
-        assert "gave up after 20 new plans" in step.message
+        goal = Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.AXLE)
+        step = run_action(simulation, GoToPose(ROBOT), goal, step=without_command)
+    assert step.status is Status.FAILED
+    assert "gave up after 20 new plans" in step.message
 
 
 class OnlyFromRest(GoToPose):
@@ -152,20 +152,18 @@ class OnlyFromRest(GoToPose):
 
 
 def test_a_disturbed_robot_without_a_path_in_motion_stops_and_plans_again() -> None:
-    action, messages = OnlyFromRest(ROBOT), list[str]()
+    messages = list[str]()
+
+    def disturbed(action: Action, world: World) -> Step:
+        if len(messages) == 40:
+            simulation.place_robot(world.robot.pose.compose(Pose(0.0, 0.3, 0.0)), v=0.5)
+        step = action.step(simulation.world())
+        messages.append(step.message)
+        return step
+
     with Simulation(ROBOT) as simulation:
         simulation.place_robot(Pose(-2.0, 0.0, 0.0))
-        action.start(simulation.world(), Goal(Pose(1.0, 0.5, 1.0)))
-        for tick in range(400):
-            if tick == 40:
-                pose = simulation.world().robot.pose
-                simulation.place_robot(pose.compose(Pose(0.0, 0.3, 0.0)), v=0.5)
-            step = action.step(simulation.world())
-            messages.append(step.message)
-            if step.status is not Status.RUNNING:
-                break
-            simulation.command(step.command)
-            simulation.tick()
+        step = run_action(simulation, OnlyFromRest(ROBOT), Goal(Pose(1.0, 0.5, 1.0)), step=disturbed)
     assert step.status is Status.SUCCEEDED, step.message
     stops, plans = (
         [tick for tick, message in enumerate(messages) if word in message]

@@ -40,12 +40,6 @@ def starts(seed: int, count: int) -> list[RobotState]:
     return drawn
 
 
-def crossing(plan: Manoeuvre) -> float:
-    """Return where the ball crosses the goal line, in m from the middle of the mouth."""
-    ball = MOUTH.relative(plan.goal).ahead(ROBOT.hold)
-    return ball.y - ball.x * math.tan(ball.yaw)
-
-
 def test_every_run_up_ends_with_the_ball_rolling_between_the_posts() -> None:
     for state in starts(71, 25):
         plan = planned(state.pose, max(0.0, state.v))
@@ -53,7 +47,8 @@ def test_every_run_up_ends_with_the_ball_rolling_between_the_posts() -> None:
         way = (ROBOT.scene.radius(BALL) - ball.x) / math.cos(ball.yaw)
         rolled_out = plan.exit.outer_speed**2 / (2.0 * ROBOT.scene.objects[BALL].rolling_deceleration)
         assert 0.0 <= way < 0.7 * rolled_out
-        assert abs(crossing(plan)) + ROBOT.scene.radius(BALL) < field_of(ROBOT).goal_width / 2.0 - 0.2
+        crossing = ball.y - ball.x * math.tan(ball.yaw)  # on the goal line, from the middle of the mouth
+        assert abs(crossing) + ROBOT.scene.radius(BALL) < field_of(ROBOT).goal_width / 2.0 - 0.2
         trajectory = Trajectory(plan)
         unspread = trajectory.at(trajectory.duration - 1e-9).pose
         assert unspread.distance(plan.goal) < 1e-3

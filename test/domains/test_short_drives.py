@@ -8,12 +8,12 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from ator_ros.actions.base import Goal, Status, Step
+from ator_ros.actions.base import Goal, Status
 from ator_ros.actions.situation import Situation
 from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, objects_of
-from ator_ros.experience.episode import Episode, run_episode
+from ator_ros.experience.episode import run_episode
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.run import place, run_action
@@ -29,18 +29,6 @@ START = Pose(-1.0, 0.4, 0.7)
 def simulation() -> Iterator[Simulation]:
     with Simulation(ROBOT) as made:
         yield made
-
-
-def drive(simulation: Simulation, action_set: str, goal: Pose) -> Episode:
-    """Drive from `START` to a pose."""
-    situation = Situation("goToPose", RobotState(START), {}, Goal(goal))
-    action = SOCCER.actions(action_set)["goToPose"].factory(ROBOT)
-    top = SOCCER.library(ROBOT, action_set)["goToPose"]
-    return run_episode(simulation, action, situation, top=top)
-
-
-def moved(ahead: float, left: float, turn: float = 0.0) -> Pose:
-    return START.compose(Pose(ahead, left, turn))
 
 
 def kind_of(start: Pose, goal: Pose) -> str:
@@ -77,22 +65,13 @@ def test_every_domain_draws_turns_and_short_drives(domain: str, action: str, kin
 def test_a_goal_at_the_start_ends_within_a_tick(
     simulation: Simulation, action_set: str, ahead: float, turn: float
 ) -> None:
-    episode = drive(simulation, action_set, moved(ahead, 0.0, turn))
+    goal = Goal(START.compose(Pose(ahead, 0.0, turn)))
+    action = SOCCER.actions(action_set)["goToPose"].factory(ROBOT)
+    top = SOCCER.library(ROBOT, action_set)["goToPose"]
+    situation = Situation("goToPose", RobotState(START), {}, goal)
+    episode = run_episode(simulation, action, situation, top=top)
     assert episode.success
     assert episode.duration <= CONTROL_PERIOD + 1e-9
-
-
-def leave(simulation: Simulation, action_set: str, start: World, goal: Pose) -> tuple[Step, World]:
-    """Drive to a pose from a state with a ball in it."""
-    place(simulation, start)
-    done = run_action(simulation, SOCCER.actions(action_set)["goToPose"].factory(ROBOT), Goal(goal))
-    return done, simulation.world()
-
-
-def beside(ahead: float, left: float) -> World:
-    """Return a world with the ball at a place relative to the robot at `START`."""
-    ball = START.compose(Pose(ahead, left, 0.0))
-    return World(0.0, RobotState(START), objects_of(ObjectState(ball.x, ball.y)))
 
 
 @pytest.mark.parametrize(
@@ -102,8 +81,9 @@ def beside(ahead: float, left: float) -> World:
 def test_a_robot_leaves_a_ball_that_it_touches(
     simulation: Simulation, ahead: float, left: float, goal: Pose
 ) -> None:
-    world = beside(ahead, left)
-    done, after = leave(simulation, "default", world, goal)
+    there = START.compose(Pose(ahead, left, 0.0))
+    place(simulation, World(0.0, RobotState(START), objects_of(ObjectState(there.x, there.y))))
+    done = run_action(simulation, SOCCER.actions()["goToPose"].factory(ROBOT), Goal(goal))
     assert done.status is Status.SUCCEEDED, done.message
-    before, ball = world.objects[BALL], after.objects[BALL]
-    assert math.hypot(ball.x - before.x, ball.y - before.y) < 0.03
+    ball = simulation.world().objects[BALL]
+    assert math.hypot(ball.x - there.x, ball.y - there.y) < 0.03

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pytest
 
-from ator_ros.evaluation.statistics import labels, summarize
+from ator_ros.evaluation.statistics import summarize
 
 
 def record(index: int, naive: float, refined: float, oracle: float, **more: Any) -> dict[str, Any]:
@@ -49,10 +48,7 @@ def test_failures_count_at_their_duration() -> None:
     assert summary["oracle"]["failures"] == 0
 
 
-def test_labels_need_more_than_two_percent() -> None:
-    assert list(labels(np.array([9.79, 9.81, 10.19, 10.21]), np.full(4, 10.0))) == [
-        "Higher",
-        "Equal",
-        "Equal",
-        "Lower",
-    ]
+def test_equal_is_within_two_percent() -> None:
+    durations = (9.79, 9.81, 10.19, 10.21)
+    row = summarize([record(index, 10.0, each, 9.0) for index, each in enumerate(durations)])["refined"]
+    assert (row["higher"], row["equal"], row["lower"]) == (1, 2, 1)

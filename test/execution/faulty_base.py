@@ -159,17 +159,16 @@ def execute(
     sense: Callable[[RobotState], RobotState] | None = None,
     jitter: float = 0.0,
     dropped: float = 0.0,
-    seed: int = 0,
     longest: float = 60.0,
     until_stood: bool = True,
     cancel: float = math.inf,
 ) -> Goal:
     """Execute a goal until it ends, at most for `longest` s."""
-    robot, rng = library.robot, np.random.default_rng(seed)
+    robot, rng = library.robot, np.random.default_rng(0)
     fence = Fence(-100.0, -100.0, 100.0, 100.0)
     execution = execution_of(chain, library=library, again_after=0.0, now=0.0, fence=fence)
     goal, twin = Goal(execution, MotionWatch(robot, latency)), None
-    due, received, stopped = 0.0, 0.0, False
+    due, stopped = 0.0, False
     since: float | None = None
     while execution.phase is not Phase.ENDED and base.time < longest:
         if base.time >= cancel and execution.ending is None:
@@ -196,9 +195,9 @@ def execute(
                 _command((base, twin), command or STOP)
                 goal.states.append((base.time, base.state()))
                 goal.commands.append(command or STOP)
-                received, stopped = base.time, False
+                stopped = False
         elif not stopped and execution.odometry_is_late(base.time):
-            goal.watch.sent(received + (base.time - received), STOP, base.time)
+            goal.watch.sent(base.time, STOP, base.time)
             _command((base, twin), STOP)
             stopped = True
         if goal.ended is None and execution.ending is not None:
@@ -213,7 +212,6 @@ def execute(
 
 def _differ(base: KinematicBase, shown: float, healthy: float, tolerance: float) -> bool:
     """Return whether a speed differs; a constant lower one may be the top speed of a slower base."""
-    assert base.failure is not None
     slower = shown * healthy > 0.0 and 0.25 * abs(healthy) <= abs(shown) <= abs(healthy)
     return abs(shown - healthy) > tolerance and not (base.failure.kind in ("constant", "delayed") and slower)
 

@@ -19,6 +19,24 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.world.inputs import Inputs
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
+NOTE = TopCall(Top("note", "carried", Condition(), Condition()), Goal(Pose(1.0, 0.0, 0.0)))
+
+
+class Carried(Action):
+    """An action that succeeds in its first step."""
+
+    name = "carried"
+
+    def start(self, world: World, goal: Goal) -> None: ...
+
+    def step(self, world: World) -> Step:
+        return finished(Status.SUCCEEDED, "done")
+
+
+def library_of(action: type[Action]) -> TopLibrary:
+    """Return the top `NOTE` with this action."""
+    return TopLibrary(ROBOT, "default", tops=[NOTE.top], actions={"carried": action})
+
 
 def succeed(actions: ActionLog, goal: DrivenGoal) -> None:
     actions.outcome = Status.SUCCEEDED
@@ -116,45 +134,28 @@ def test_uncommanded_motion_is_a_base_fault_for_local_actions() -> None:
 def test_an_action_is_set_up_once_before_its_first_start() -> None:
     log: list[str] = []
 
-    class CountingAction(Action):
-        name = "carried"
-
+    class CountingAction(Carried):
         def setup(self) -> None:
             log.append("setup")
 
         def start(self, world: World, goal: Goal) -> None:
             log.append("start")
 
-        def step(self, world: World) -> Step:
-            return finished(Status.SUCCEEDED, "done")
-
         def end(self, reason: str) -> None:
             log.append("end")
 
-    top = Top("note", "carried", Condition(), Condition())
-    library = TopLibrary(ROBOT, "default", tops=[top], actions={"carried": CountingAction})
-    call = TopCall(top, Goal(Pose(0.0, 0.0, 0.0)))
-    executor = ChainExecutor(library, TopChain((call, call)))
+    executor = ChainExecutor(library_of(CountingAction), TopChain((NOTE, NOTE)))
     for tick in range(2):
         executor.step(World(0.05 * tick, RobotState(Pose(0.0, 0.0, 0.0))))
     assert log == ["setup", "start", "end", "start", "end"]
 
 
 def test_an_action_that_cannot_be_set_up_fails_its_step() -> None:
-    class Broken(Action):
-        name = "carried"
-
+    class Broken(Carried):
         def setup(self) -> None:
             raise ActionError("expected a table, found none")
 
-        def start(self, world: World, goal: Goal) -> None: ...
-
-        def step(self, world: World) -> Step:
-            raise AssertionError("it has not started")
-
-    top = Top("note", "carried", Condition(), Condition())
-    library = TopLibrary(ROBOT, "default", tops=[top], actions={"carried": Broken})
-    executor = ChainExecutor(library, TopChain((TopCall(top, Goal(Pose(0.0, 0.0, 0.0))),)))
+    executor = ChainExecutor(library_of(Broken), TopChain((NOTE,)))
     step = executor.step(World(0.0, RobotState(Pose(0.0, 0.0, 0.0))))
     assert (step.status, step.message) == (Status.FAILED, "expected a table, found none")
 
@@ -162,9 +163,7 @@ def test_an_action_that_cannot_be_set_up_fails_its_step() -> None:
 def test_an_action_that_raises_in_a_simulated_chain_is_ended() -> None:
     log: list[str] = []
 
-    class Broken(Action):
-        name = "carried"
-
+    class Broken(Carried):
         def start(self, world: World, goal: Goal) -> None:
             log.append("start")
 
@@ -174,22 +173,14 @@ def test_an_action_that_raises_in_a_simulated_chain_is_ended() -> None:
         def end(self, reason: str) -> None:
             log.append(reason)
 
-    top = Top("note", "carried", Condition(), Condition())
-    library = TopLibrary(ROBOT, "default", tops=[top], actions={"carried": Broken})
-    chain = TopChain((TopCall(top, Goal(Pose(1.0, 0.0, 0.0))),))
     with pytest.raises(RuntimeError, match="out of order"):
-        run_chain(ROBOT, library, World(0.0, RobotState(Pose(0.0, 0.0, 0.0))), chain)
+        run_chain(ROBOT, library_of(Broken), World(0.0, RobotState(Pose(0.0, 0.0, 0.0))), TopChain((NOTE,)))
     assert log == ["start", "broken off"]
-
-
-def late(goal: DrivenGoal) -> World:
-    """Return the next state, with the required object overdue."""
-    return World(goal.now + 0.05, RobotState(Pose(0.0, 0.0, 0.0)), {"mark": ObjectState(2.0, 0.0)})
 
 
 def test_an_overdue_object_does_not_pause_an_external_action() -> None:
     goal = started_goal(ActionLog())
-    state = late(goal)
+    state = World(goal.now + 0.05, RobotState(Pose(0.0, 0.0, 0.0)), {"mark": ObjectState(2.0, 0.0)})
     assert goal.execution.tick(state, state.time, overdue=frozenset({"mark"})) is None
 
 

@@ -73,15 +73,12 @@ def test_accepted_goals_beside_the_edge_succeed(speed: float) -> None:
         assert done.ending is Ending.SUCCEEDED, done.reason
 
 
-@pytest.mark.parametrize("velocity", [(1.5, 0.0), (40.0, 0.0)])
-def test_a_ball_is_not_followed_beyond_the_fence(velocity: tuple[float, float]) -> None:
+@pytest.mark.parametrize("vx", [1.5, 40.0])
+def test_a_ball_is_not_followed_beyond_the_fence(vx: float) -> None:
     """The reported velocity of the ball is correct, or impossible."""
-    vx, vy = velocity
 
     def observed(world: World) -> World:
-        return World(
-            world.time, world.robot, {BALL: ObjectState(4.0 + vx * world.time, vy * world.time, vx, vy)}
-        )
+        return World(world.time, world.robot, {BALL: ObjectState(4.0 + vx * world.time, 0.0, vx, 0.0)})
 
     start = World(0.0, RobotState(Pose(2.0, 0.0, 0.0)), {BALL: ObjectState(4.0, 0.0)})
     done = drive(LIBRARY, start, chain(("goToBall", Pose(4.0, 0.0, 0.0))), odometry=observed)

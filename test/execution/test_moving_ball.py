@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 from refinement_fakes import LIBRARY, ROBOT, call
@@ -13,6 +14,7 @@ from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.geometry import Pose
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import TopChain
+from ator_ros.world.state import CONTROL_PERIOD
 
 HEADING = 0.4
 
@@ -26,8 +28,8 @@ DRIBBLE = TopChain((*APPROACH.calls, call("dribbleBall", 2.0, 0.5, 0.3)))
 class Drive:
     """A chain executed in the simulation and disturbed until `disturb` returns true."""
 
-    def __init__(self, chain: TopChain, disturb: Disturb, *, fetches: int = 0) -> None:
-        self.executor = ChainExecutor(LIBRARY, chain, fetches=fetches)
+    def __init__(self, chain: TopChain, disturb: Disturb, **options: Any) -> None:
+        self.executor = ChainExecutor(LIBRARY, chain, **options)
         self.steps: list[Step] = []
         self.speeds: list[float] = []
         self.disturbed: list[float] = []
@@ -72,7 +74,6 @@ def once(index: int, after: float, move: Callable[[Simulation], None], times: in
 
 def away(simulation: Simulation) -> None:
     ball = ball_of(simulation.world())
-    assert ball is not None
     simulation.place_object(BALL, ball.x, ball.y + (1.0 if ball.y < 0.5 else -1.0))
 
 
@@ -84,7 +85,7 @@ def test_a_displaced_ball_is_followed_without_a_stop() -> None:
     assert (goal.pose.x, goal.pose.y) == pytest.approx((0.3, 0.5), abs=0.02)
     assert goal.pose.yaw == HEADING
     assert min(drive.speeds[15:30]) > 0.3
-    assert drive.executor.records[0].goal == APPROACH.calls[0].goal
+    assert drive.executor.records[0].chain.calls[0].goal == APPROACH.calls[0].goal
     assert drive.executor.records[1].start.robot.v > 0.3
     total = sum(record.duration for record in drive.executor.records)
     assert total == pytest.approx(drive.executor.elapsed)
@@ -95,7 +96,6 @@ def test_a_rolling_ball_is_approached_where_it_comes_to_rest() -> None:
         APPROACH, once(0, 0.5, lambda simulation: simulation.place_object(BALL, 0.0, 0.0, vx=0.3, vy=-0.9))
     )
     assert drive.status is Status.SUCCEEDED
-    assert ball_of(drive.world) is not None
     assert ball_of(drive.world).y < -0.3
     assert drive.executor.chain.calls[0].goal.pose.y == pytest.approx(ball_of(drive.world).y, abs=0.15)
 
@@ -112,26 +112,17 @@ def test_the_robot_stops_for_a_ball_on_its_path() -> None:
 
 
 def test_an_approach_that_follows_the_ball_has_one_time_limit() -> None:
-    def aside(simulation: Simulation) -> None:
-        ball = ball_of(simulation.world())
-        assert ball is not None
-        simulation.place_object(BALL, 0.3, 0.5 if ball.y < 0.25 else 0.0)
+    def aside(simulation: Simulation, executor: ChainExecutor, step: Step) -> bool:
+        moves = round(simulation.time / CONTROL_PERIOD) % 8 == 7
+        if moves:
+            ball = ball_of(simulation.world())
+            simulation.place_object(BALL, 0.3, 0.5 if ball.y < 0.25 else 0.0)
+        return moves
 
-    executor = ChainExecutor(LIBRARY, APPROACH, time_limit=1.0)
-    with Simulation(ROBOT) as simulation:
-        simulation.place_robot(Pose(-2.0, 0.0, 0.0))
-        simulation.place_object(BALL, 0.0, 0.0)
-        for tick in range(30):
-            if tick % 8 == 7:
-                aside(simulation)
-            step = executor.step(simulation.world())
-            if step.status is not Status.RUNNING:
-                break
-            simulation.command(step.command)
-            simulation.tick()
-    assert step.message == "goToBall took longer than 1 s"
-    assert executor.elapsed == pytest.approx(1.05)
-    assert [record.ending for record in executor.records[:2]] == [Ending.PREEMPTED] * 2
+    drive = Drive(APPROACH, aside, time_limit=1.0)
+    assert drive.steps[-1].message == "goToBall took longer than 1 s"
+    assert drive.executor.elapsed == pytest.approx(1.05)
+    assert [record.ending for record in drive.executor.records[:2]] == [Ending.PREEMPTED] * 2
 
 
 def test_a_lost_ball_is_fetched_again() -> None:
@@ -143,7 +134,8 @@ def test_a_lost_ball_is_fetched_again() -> None:
     assert lost.lost
     assert lost.end.time - drive.disturbed[0] < 0.11
     fetch = drive.executor.records[2]
-    assert fetch.goal.pose.yaw == HEADING
-    assert fetch.goal.pose.distance(drive.executor.records[1].goal.pose) > 0.8
+    there = fetch.chain.calls[0].goal.pose
+    assert there.yaw == HEADING
+    assert there.distance(lost.chain.calls[1].goal.pose) > 0.8
     assert abs(fetch.start.robot.v) < 0.02
     assert drive.executor.records[3].position_error < 0.06

@@ -172,7 +172,6 @@ def test_an_invalid_choice_is_ignored(simulation: Simulation) -> None:
     drive.simulation.place_object(BALL, 2.0, 0.0)
     drive.tick()
     question = drive.run.question
-    assert question is not None
     _, other = question.others[0]
     astray = other.with_goal(2, dataclasses.replace(other.calls[2].goal, pose=Pose(4.0, 1.0, 0.0)))
     drive.run.refined_to(astray, True, "nonsense", chosen=1)
@@ -189,7 +188,6 @@ def test_a_robot_pushed_off_its_path_causes_one_question(simulation: Simulation)
     simulation.place_robot(there.pose._replace(y=there.pose.y - 0.3), v=there.v, w=there.w)
     drive.tick(2)
     question = drive.run.question
-    assert question is not None
     assert question.cause.endswith("m off its path")
     drive.run.refined_to(question.chain, False, "no better")
     drive.tick(20)

@@ -54,7 +54,6 @@ def test_the_plan_uses_the_start_place_and_the_ball_rests_before_the_robot_arriv
 def test_questions_change_the_chain_and_disabled_ones_do_not(tools: Toolset) -> None:
     drawn, library = trial(tools, 3), make_library(tools.robot, SOURCE)
     choice = POLICIES["refined_speed"](tools, drawn)
-    assert choice.refinement is not None
     plan, refiner = choice.refinement.original, tools.refiner(gated=False)
 
     def run(again_after: float) -> tuple[ChainRun, int]:

@@ -122,6 +122,5 @@ def test_held_objects_determine_the_top() -> None:
     assert [top.name if top else "" for top in tops] == ["goToPose", "goToBall", "dribbleBall"]
     # A ball lost during the drive leaves a plain drive.
     lost = top_between(SOCCER.tops, "ball", None)
-    assert lost is not None
     assert lost.name == "goToPose"
     assert top_between(SOCCER.tops[-1:], None, None) is None

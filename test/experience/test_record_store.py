@@ -93,7 +93,6 @@ def test_a_killed_writer_leaves_a_readable_store(tmp_path: Path) -> None:
     for seed in range(3):
         command = [sys.executable, "-c", WRITER, str(tmp_path), str(seed)]
         with subprocess.Popen(command, cwd=here, stdout=subprocess.PIPE, text=True) as process:
-            assert process.stdout is not None
             process.stdout.readline()
             time.sleep(0.05 * seed)
             process.send_signal(signal.SIGKILL)

@@ -20,6 +20,7 @@ from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.tools import train
 
 ROBOT = SOCCER.robot(None)
+POSES = "geometry_msgs/msg/PoseStamped"
 TICK = 0.04
 HEADINGS = (0.6, -1.1, 2.0, -2.8, 1.4)
 """Headings to which the robot turns before each drive."""
@@ -67,9 +68,8 @@ def usual(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
     return experience.frame
 
 
-@pytest.mark.parametrize("offset", [1.76e9])
-def test_stamps_of_any_clock_give_the_same_table(tmp_path: Path, usual: pd.DataFrame, offset: float) -> None:
-    pd.testing.assert_frame_equal(read(recorded(tmp_path, offset=offset)).frame, usual)
+def test_stamps_of_any_clock_give_the_same_table(tmp_path: Path, usual: pd.DataFrame) -> None:
+    pd.testing.assert_frame_equal(read(recorded(tmp_path, offset=1.76e9)).frame, usual)
 
 
 def test_projected_coordinates_give_the_same_table_elsewhere(tmp_path: Path, usual: pd.DataFrame) -> None:
@@ -114,7 +114,7 @@ def test_a_topic_of_another_type_is_skipped_and_reported(
     def pose(make: Messages, tick: Tick) -> Any:
         return make.stamped(tick.time, 1.0, 2.0)
 
-    experience = read(recorded(tmp_path, (topic, "geometry_msgs/msg/PoseStamped", pose)))
+    experience = read(recorded(tmp_path, (topic, POSES, pose)))
     pd.testing.assert_frame_equal(experience.frame, usual)
     (line,) = experience.remarks
     assert line.startswith(f"bag: skipped {topic}: expected ")
@@ -169,23 +169,14 @@ def errands(folder: Path, source: str) -> Domain:
     return find_domain(str(file))
 
 
-def tracked(make: Messages, tick: Tick) -> Any:
-    return make.stamped(tick.time, 1.5 + 0.01 * tick.time, -0.5)
+@pytest.mark.parametrize("topic", ["tracker/cart_pose", "/tracker/cart_pose"])
+def test_an_object_is_read_from_its_declared_source(tmp_path: Path, topic: str) -> None:
+    def tracked(make: Messages, tick: Tick) -> Any:
+        return make.stamped(tick.time, 1.5 + 0.01 * tick.time, -0.5)
 
-
-POSES = "geometry_msgs/msg/PoseStamped"
-
-
-@pytest.mark.parametrize(
-    ("topic", "source"),
-    [
-        ("/tracker/cart_pose", "topic: tracker/cart_pose, type: PoseStamped"),
-        ("/tracker/cart_pose", "topic: /tracker/cart_pose, type: PoseStamped"),
-    ],
-)
-def test_an_object_is_read_from_its_declared_source(tmp_path: Path, topic: str, source: str) -> None:
-    domain = errands(tmp_path, source)
-    experience = read(recorded(tmp_path, (topic, POSES, tracked), offset=1.76e9), domain)
+    domain = errands(tmp_path, f"topic: {topic}, type: PoseStamped")
+    bag = recorded(tmp_path, ("/tracker/cart_pose", POSES, tracked), offset=1.76e9)
+    experience = read(bag, domain)
     frame = experience.frame
     assert set(frame["cart_y"]) == {-0.5}
     starts = frame[frame["t"] == 0.0]["cart_x"].to_numpy()

@@ -83,10 +83,8 @@ def test_only_chains_that_ran_as_predicted_count() -> None:
         return message
 
     chain = chain_gain(record(), "a")
-    assert chain is not None
     assert (chain.refined, chain.gain, chain.excess) == (True, 0.5, pytest.approx(0.2))
     compared = chain_gain(record(refined=False, comparison=True), "a")
-    assert compared is not None
     assert not compared.refined
     assert chain_gain(record(refined=False), "a") is None
     assert chain_gain(record(fetched=1), "a") is None

@@ -16,17 +16,10 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.store import read_records
 from ator_ros.learning.judging import scaled
 from ator_ros.learning.sets import CURRENT, RECORDS, current_set, digest_of, read_manifest
-from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import direct_of, duration_tree
 
 NAME = "default/goToPose"
-
-
-def predicted(model: PerformanceModel, rows: pd.DataFrame) -> np.ndarray:
-    durations = model.predict(direct_of(rows)).duration
-    assert durations is not None
-    return durations
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +51,6 @@ def test_a_slower_robot_gets_new_models_soon(tmp_path: Path, shipped: Path, befo
     old, new = losses(verdict["reason"])
     assert new < 0.5 * old
     place = current_set(tmp_path)
-    assert place is not None
     manifest = read_manifest(place)
     assert manifest.digest == digest_of(place)
     assert manifest.reasons[NAME] == verdict["reason"]
@@ -66,7 +58,7 @@ def test_a_slower_robot_gets_new_models_soon(tmp_path: Path, shipped: Path, befo
     stored(tmp_path / "fresh", episodes(100, seed=99, slower=1.3))
     rows = read_records(tmp_path / "fresh", "default")
     model = load_model(place / "goToPose.json", ROBOT, SOCCER.known_features)
-    assert np.mean(np.abs(predicted(model, rows) - rows["duration"])) < 0.25
+    assert np.mean(np.abs(model.predict(direct_of(rows)).duration - rows["duration"])) < 0.25
     assert model.errors is not None
 
 
@@ -103,9 +95,10 @@ def test_a_set_with_larger_errors_is_rolled_back(tmp_path: Path, shipped: Path) 
     result = round_of(tmp_path, shipped)
     assert result["actions"][NAME]["kind"] == "back to the models of the start"
     folders = shipped, tmp_path / CURRENT
-    old, new = (load_model(folder / "goToPose.json", ROBOT, SOCCER.known_features) for folder in folders)
-    rows = read_records(tmp_path / RECORDS, "default")
-    assert np.array_equal(predicted(old, rows), predicted(new, rows))
+    models = (load_model(folder / "goToPose.json", ROBOT, SOCCER.known_features) for folder in folders)
+    direct = direct_of(read_records(tmp_path / RECORDS, "default"))
+    old, new = (model.predict(direct).duration for model in models)
+    assert np.array_equal(old, new)
 
 
 def test_cold_start_waits_until_predictions_are_useful(tmp_path: Path) -> None:

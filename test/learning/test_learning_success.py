@@ -12,9 +12,11 @@ from stored import ROBOT, episodes, losses, round_of, stored
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.episode import Episode
+from ator_ros.experience.store import read_records
 from ator_ros.geometry import wrap_angle
 from ator_ros.learning.sets import CURRENT, RECORDS, current_set, read_manifest
 from ator_ros.performance.model_file import load_model
+from ator_ros.performance.training import direct_of
 
 SUCCESS = "default/goToPose/success"
 SHARP = math.radians(60.0)
@@ -41,24 +43,14 @@ def test_failures_are_predicted_after_tens_of_records(tmp_path: Path) -> None:
     old, new = losses(verdict["reason"])
     assert new < 0.5 * old
     place = current_set(tmp_path)
-    assert place is not None
     assert read_manifest(place).reasons[SUCCESS] == verdict["reason"]
     assert read_manifest(place).seen[SUCCESS] == 60
     model = load_model(place / "goToPose.json", ROBOT, SOCCER.known_features)
-    fresh = list(failing(episodes(200, seed=9)))
-    success = np.array([_success(model, episode) for episode in fresh])
-    fails = np.array([not episode.success for episode in fresh])
-    assert success[fails].mean() < 0.2
-    assert success[~fails].mean() > 0.8
-
-
-def _success(model, episode: Episode) -> float:
-    start, goal = episode.situation.robot, episode.situation.goal
-    direct = {
-        "x": start.pose.x, "y": start.pose.y, "yaw": start.pose.yaw, "v": start.v, "w": start.w,
-        "xg": goal.pose.x, "yg": goal.pose.y, "yawg": goal.pose.yaw, "speedg": goal.speed, "hold": 0.0,
-    }  # fmt: skip
-    return float(model.predict(direct, ("success",)).success[0])
+    stored(tmp_path / "fresh", failing(episodes(200, seed=9)))
+    rows = read_records(tmp_path / "fresh", "default")
+    predicted = model.predict(direct_of(rows), ("success",)).success
+    assert predicted[~rows["success"]].mean() < 0.2
+    assert predicted[rows["success"]].mean() > 0.8
 
 
 def test_a_few_random_failures_are_not_a_pattern(tmp_path: Path) -> None:
@@ -77,5 +69,7 @@ def test_avoided_failures_are_not_forgotten(tmp_path: Path) -> None:
         stored(tmp_path / RECORDS, iter(straight[begin : begin + 30])).close()
         assert "start" not in round_of(tmp_path)["actions"][SUCCESS]["kind"]
     model = load_model(tmp_path / CURRENT / "goToPose.json", ROBOT, SOCCER.known_features)
-    sharp = [episode for episode in episodes(200, seed=9) if turn_of(episode) > 1.2 * SHARP]
-    assert np.mean([_success(model, episode) for episode in sharp]) < 0.3
+    sharp = (episode for episode in episodes(200, seed=9) if turn_of(episode) > 1.2 * SHARP)
+    stored(tmp_path / "sharp", sharp)
+    rows = read_records(tmp_path / "sharp", "default")
+    assert model.predict(direct_of(rows), ("success",)).success.mean() < 0.3

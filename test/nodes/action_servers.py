@@ -33,15 +33,7 @@ def declared(**changes: Any) -> RemoteCall:
 
 
 class Server(ActionServer):
-    """A server that keeps its goals until a test finishes them.
-
-    Parameters
-    ----------
-    node : Node
-        Node of the server.
-    accepts, cancels : bool
-        Whether it accepts goals and cancellations.
-    """
+    """A server that keeps its goals until a test finishes them; it may reject goals or cancellations."""
 
     def __init__(self, node: Node, *, accepts: bool = True, cancels: bool = True) -> None:
         self.goals: list[ServerGoalHandle] = []

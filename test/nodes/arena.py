@@ -70,14 +70,8 @@ class ArenaClient(ChainClient):
 class Arena:
     """The three nodes on a domain of their own.
 
-    Parameters
-    ----------
-    domain : int
-        ROS domain.
-    logs : Path
-        Folder for the nodes' output.
-    settings : dict
-        Parameters by node, which replace those of `SETTINGS`.
+    `logs` is the folder for their output; `settings` are parameters by node, which replace those of
+    `SETTINGS`.
     """
 
     def __init__(self, domain: int, logs: Path, settings: dict[str, dict[str, object]] | None = None) -> None:

@@ -46,11 +46,11 @@ class SentGoal:
         self._client, self.handle, self.feedback = client, handle, feedback
         self._future = client.within(handle.get_result_async)
 
-    def cancel(self) -> None:
-        """Cancel the goal."""
+    def cancel(self) -> bool:
+        """Cancel the goal; return whether it was still active."""
         future = self._client.within(self.handle.cancel_goal_async)
         self._client.eventually(future.done, "an answer to cancel")
-        assert future.result().goals_canceling
+        return bool(future.result().goals_canceling)
 
     def wait_for_status(self, words: str) -> None:
         """Wait until the feedback contains these words."""
@@ -71,15 +71,7 @@ class SentGoal:
 
 
 class ChainClient:
-    """Sends chains and subscribes to the executor's topics.
-
-    Parameters
-    ----------
-    client : Client
-        Client on the domain of the executor.
-    commands : type, optional
-        The type of cmd_vel to subscribe to; None: no subscription.
-    """
+    """Sends chains and subscribes to the executor's topics, and to cmd_vel if its type is given."""
 
     def __init__(self, client: Client, commands: type | None = Twist) -> None:
         self.ros = client

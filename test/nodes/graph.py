@@ -28,14 +28,9 @@ class Surface:
 
 
 def surface(observer: Node, name: str, namespace: str = "/") -> Surface:
-    """Return the names of a node; raises rclpy's NodeNameNonExistentError before it is discovered.
+    """Return the names of a node, as another node on its domain sees them.
 
-    Parameters
-    ----------
-    observer : Node
-        Another node on the same domain.
-    name, namespace : str
-        Of the inspected node; the namespace begins with a slash.
+    The namespace begins with a slash. Raises rclpy's NodeNameNonExistentError before it is discovered.
     """
     replies = _names(observer.get_service_names_and_types_by_node(name, namespace))
     requests = _names(observer.get_client_names_and_types_by_node(name, namespace))

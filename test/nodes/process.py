@@ -19,35 +19,24 @@ LOGS: list[Path] = []
 
 
 class Process:
-    """An installed executable with its command line; `log` is the file of its output.
+    """An installed executable with its command line; `log` is the file of its output."""
 
-    `environment` are changed variables; None removes one.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        log: Path,
-        domain: int,
-        arguments: Sequence[str],
-        environment: Mapping[str, str | None] | None = None,
-    ) -> None:
+    def __init__(self, name: str, log: Path, domain: int, arguments: Sequence[str]) -> None:
         self.name, self._log = name, log
         LOGS.append(log)
         executable = Path(get_package_prefix("ator_ros"), "lib", "ator_ros", name)
-        variables: dict[str, str | None] = {
+        environment = {
             **os.environ,
             "ROS_DOMAIN_ID": str(domain),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "PYTHONUNBUFFERED": "1",
-            **(environment or {}),
         }
         with log.open("w", encoding="utf-8") as output:
             self._process = subprocess.Popen(
                 [str(executable), *arguments],
                 stdout=output,
                 stderr=subprocess.STDOUT,
-                env={key: value for key, value in variables.items() if value is not None},
+                env=environment,
             )
 
     @property
@@ -99,7 +88,6 @@ class Processes:
         namespace: str = "",
         remap: Mapping[str, str] | None = None,
         log_level: str = "info",
-        environment: Mapping[str, str | None] | None = None,
         **parameters: object,
     ) -> Process:
         """Start the executable `name` with these ROS parameters and remapped names."""
@@ -111,7 +99,7 @@ class Processes:
         if namespace:
             arguments += ["-r", f"__ns:=/{namespace}"]
         log = self._logs / f"{name}{len(self._started)}.log"
-        self._started.append(Process(name, log, self._domain, arguments, environment))
+        self._started.append(Process(name, log, self._domain, arguments))
         return self._started[-1]
 
     def kill(self) -> None:

@@ -19,12 +19,7 @@ DEPTH = 5000
 class Recorder:
     """Stores all messages of topics, in publishing order.
 
-    Parameters
-    ----------
-    client : Client
-        Client with the subscriptions.
-    topics : dict
-        Message type and QoS profile by topic name, which begins with a slash.
+    `topics` contains the message type and QoS profile by topic name, which begins with a slash.
     """
 
     def __init__(self, client: Client, topics: dict[str, tuple[Any, Any]]) -> None:

@@ -102,7 +102,6 @@ class Client:
         """Send one velocity command."""
         message = Twist()
         message.linear.x, message.angular.z = v, w
-        assert self._commands is not None
         self._commands.publish(message)
 
     def drive_a_tick(self, v: float) -> None:

@@ -30,13 +30,7 @@ def demo(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     yield process
     process.send_signal(signal.SIGINT)
     process.wait(timeout=PATIENCE)
-    assert process.stdout is not None
     process.stdout.close()
-
-
-def nodes_of(demo: subprocess.Popen[str]) -> list[int]:
-    """Return the process ids of the demo's nodes."""
-    return [int(word) for word in Path(f"/proc/{demo.pid}/task/{demo.pid}/children").read_text().split()]
 
 
 @pytest.mark.long
@@ -58,13 +52,12 @@ def test_it_prints_the_gain_and_draws_the_paths(tmp_path: Path) -> None:
 def test_an_interrupted_demo_reports_its_runs_and_leaves_no_node(
     demo: subprocess.Popen[str], tmp_path: Path, number: signal.Signals
 ) -> None:
-    assert demo.stdout is not None
     output = ""
     while not output.endswith("situation 2 of 2"):
         letter = demo.stdout.read(1)
         assert letter, f"expected a second situation, got {output}"
         output += letter
-    nodes = nodes_of(demo)
+    nodes = Path(f"/proc/{demo.pid}/task/{demo.pid}/children").read_text().split()
     assert len(nodes) == 3
     demo.send_signal(number)
     output, _ = demo.communicate(timeout=PATIENCE)

@@ -86,7 +86,7 @@ def test_a_goal_has_the_status_that_clients_expect(chains: ChainClient) -> None:
     driving = chains.send(PATROL)
     chains.wait_until_moving()
     chains.ros.eventually(lambda: last(driving) == GoalStatus.STATUS_EXECUTING, "executing")
-    driving.cancel()
+    assert driving.cancel()
     chains.ros.eventually(lambda: last(driving) == GoalStatus.STATUS_CANCELED, "canceled")
     arrived = chains.send([call("goToPose", chains.ros.robot().pose)])
     chains.ros.eventually(lambda: last(arrived) == GoalStatus.STATUS_SUCCEEDED, "succeeded")
@@ -107,7 +107,7 @@ def test_status_and_markers_are_latched_for_late_subscribers(chains: ChainClient
     (ball,) = [marker for marker in drawn["object"][0].markers if marker.type == Marker.SPHERE]
     assert math.hypot(ball.pose.position.x, ball.pose.position.y) < 0.02
     assert {marker.header.frame_id for marker in drawn["scene"][0].markers} == {"odom"}
-    sent.cancel()
+    assert sent.cancel()
     sent.outcome()
     chains.ros.eventually(lambda: not paths[-1].poses, "no path without a goal")
     chains.ros.eventually(lambda: len(drawn["chain"][-1].markers) == 1, "no chain without a goal")
@@ -116,7 +116,7 @@ def test_status_and_markers_are_latched_for_late_subscribers(chains: ChainClient
 def test_cancel_stops_the_robot(chains: ChainClient) -> None:
     sent = chains.send(PATROL)
     chains.wait_until_moving()
-    sent.cancel()
+    assert sent.cancel()
     assert sent.outcome().code == Outcome.CANCELED
     chains.ros.eventually(chains.standing, "the robot stands")
     pose = chains.ros.robot().pose

@@ -41,7 +41,7 @@ def test_a_canceled_goal_ends_with_its_server_or_a_timeout(hall: Hall, cancels: 
     hall.client.eventually(lambda: server.goals, "a goal")
     sent.wait_for_status("executed by drive")
     began = time.monotonic()
-    sent.cancel()
+    assert sent.cancel()
     hall.client.eventually(lambda: server.canceled, "a cancellation")
     time.sleep(0.2)
     assert not sent.ended()

@@ -27,7 +27,7 @@ def test_a_goal_before_the_simulation_can_be_canceled_and_the_next_is_executed(
     host("executor", **GENEROUS)
     chains = ChainClient(client)
     sent = chains.send([call("goToPose", Pose(1.0, 0.0, 0.0))])
-    sent.cancel()
+    assert sent.cancel()
     result = sent.result()
     assert result.outcome.code == result.record.outcome.code == Outcome.CANCELED
     assert math.isnan(result.record.actual.success)

@@ -11,8 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from arena import STOP_DEADLINE, Arena, ArenaClient, arena_with
-from chain_client import SentGoal
+from arena import STOP_DEADLINE, Arena, arena_with
 from nav_msgs.msg import Odometry
 from ros_client import Client, stamp
 from selection import few
@@ -196,7 +195,7 @@ def test_goals_are_canceled_and_preempted_at_any_moment(arena: Arena, seed: int)
     for number in range(draw.randint(3, 6)):
         sent.append(client.send([*CHAIN, *CHAIN[1:]], refine=draw.random() < 0.3))
         time.sleep(draw.choice((0.0, 0.01, draw.uniform(0.0, 0.8))))
-        if draw.random() < 0.4 and canceling(client, sent[-1]):
+        if draw.random() < 0.4 and sent[-1].cancel():
             canceled.add(number)
     client.succeed()
     for number, goal in enumerate(sent):
@@ -207,10 +206,3 @@ def test_goals_are_canceled_and_preempted_at_any_moment(arena: Arena, seed: int)
             outcome.reason
         )
     arena.check()
-
-
-def canceling(client: ArenaClient, sent: SentGoal) -> bool:
-    """Cancel a goal and return whether it was still active."""
-    future = client.ros.within(sent.handle.cancel_goal_async)
-    client.ros.eventually(future.done, "an answer to cancel")
-    return bool(future.result().goals_canceling)

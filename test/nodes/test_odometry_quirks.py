@@ -24,16 +24,9 @@ SETTINGS = {"frame": "/odom", "odom_timeout": 1.0, "start_timeout": 2.0, "fence"
 
 
 class QuirkyBase(MovingBase):
-    """A base that publishes odometry with a quirk.
+    """A base that publishes `rate` odometry messages per second, each changed by `quirk`.
 
-    Attributes
-    ----------
-    quirk : callable
-        Changes each message.
-    late : int
-        Number of messages after which one is published after its successor; 0: none.
-    rate : int
-        Messages per second.
+    After every `late` messages, one is published after its successor; 0: none.
     """
 
     def __init__(self, client: Client) -> None:

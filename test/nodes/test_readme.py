@@ -33,7 +33,6 @@ LIBRARY = SOCCER.library(ROBOT)
 def printed(command: str) -> dict[str, Any]:
     """Return the message in the README's line `command`."""
     found = re.search(rf'{command}.*?"(\{{.*?\}})"', README, re.DOTALL)
-    assert found is not None
     values: dict[str, Any] = yaml.safe_load(found.group(1))
     return values
 
@@ -48,7 +47,6 @@ def answered(request: RefineSubgoal.Request) -> RefineSubgoal.Response:
 def durations(field: str) -> list[str]:
     """Return the durations in a field of the README's answer."""
     found = re.search(rf"\b{field}=\[?(Performance\(.*?)(?:, after=|\]|,?\n)", README)
-    assert found is not None
     return re.findall(r"duration=([\d.]+)", found.group(1))
 
 
@@ -71,7 +69,6 @@ def test_an_open_speed_has_the_documented_gain() -> None:
     request.chain.calls[0].open = ["yaw", "speed"]
     answer = answered(request)
     stated = re.search(r"along at ([\d.]+) m/s and the chain is predicted to take ([\d.]+) s", README)
-    assert stated is not None
     assert float(stated.group(1)) == pytest.approx(answer.chain.calls[0].speed, abs=0.05)
     assert stated.group(2) == f"{answer.after.duration:.2f}"
 

@@ -92,7 +92,6 @@ def test_wrong_parameters_end_a_node_with_one_line(
 ) -> None:
     words = [word for pair in parameters.items() for word in ("-p", "{}:={}".format(*pair))]
     output, _ = ended(name, "--ros-args", *words)
-    assert isinstance(output, str)
     assert expected in output
     assert "\n" not in output
 
@@ -114,7 +113,6 @@ def test_a_damaged_parameter_file_ends_a_node_with_one_line(
     if content is not None:
         file.write_text(content)
     output, _ = ended("executor", "--ros-args", "--params-file", str(file))
-    assert isinstance(output, str)
     assert "\n" not in output
     assert str(file) in output
 
@@ -123,7 +121,6 @@ def test_a_damaged_parameter_file_ends_a_node_with_one_line(
 def test_an_unreadable_robot_file_ends_a_node_with_one_line(ended: Ended, tmp_path: Path, name: str) -> None:
     file = tmp_path / "robot.yaml"
     output, _ = ended(name, "--ros-args", "-p", f"robot:={file}")
-    assert isinstance(output, str)
     assert f"{file}: expected a readable YAML file: " in output
     assert "\n" not in output
 

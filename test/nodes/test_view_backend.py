@@ -85,7 +85,6 @@ def test_a_noisy_object_does_not_delay_the_start(mocked: Mocked) -> None:
     backend, nodes = mocked
     backend.place(PLACES)
     world = backend.world()
-    assert world is not None
     assert world.robot.pose == PLACES.robot.pose
     assert world.objects["ball"].x == pytest.approx(-1.0, abs=0.11)
     assert nodes.paused
@@ -124,7 +123,6 @@ def test_a_robot_on_tf_is_observed(mocked: Mocked) -> None:
     backend, nodes = mocked
     until(lambda: backend.world() is not None, "the robot", lambda: backend.spin(0.02))
     world = backend.world()
-    assert world is not None
     assert world.robot.pose.distance(nodes.robot) < 1e-6
     assert backend.silence() < 5.0
 
@@ -149,7 +147,6 @@ def test_a_goal_of_another_client_is_followed_and_can_be_canceled(
     steps(editor, lambda: editor.answer is not None and editor.answer.refined, "its start")
     draft, answer = editor.draft, editor.answer
     assert draft.world.robot.pose.distance(START) < 0.1
-    assert answer is not None
     assert [call.top.name for call in answer.chain.calls] == ["goToBall", "dribbleBall", "shoot"]
     assert answer.naive != answer.chain
     assert answer.curves

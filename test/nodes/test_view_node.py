@@ -25,7 +25,6 @@ def page() -> Iterator[ViserClient]:
     port = free_port()
     command = [str(Path(get_package_prefix("ator_ros"), "lib", "ator_ros", "view")), "--port", str(port)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
     try:
         process.stdout.readline()
         assert f":{port} in a browser" in process.stdout.readline()
@@ -44,9 +43,7 @@ def test_the_page_runs_a_race(page: ViserClient) -> None:
     verdict = r"naive (\d+\.\d\d) s, refined (\d+\.\d\d) s: gain"
     page.until(lambda: re.search(verdict, page.text()), "two times")
     times = re.search(verdict, page.text())
-    assert times is not None
     assert 0.0 < float(times[2]) < float(times[1])
     page.until(lambda: "2 chains, 1 of them refined" in page.text(), "the history")
     gain = re.search(r"same start: \+(\d+\.\d\d) s, mean of 1", page.text())
-    assert gain is not None
     assert float(gain[1]) == pytest.approx(float(times[1]) - float(times[2]), abs=0.011)

@@ -48,16 +48,16 @@ def test_what_stands_at_the_goal_is_not_driven_over() -> None:
     assert np.mean(times[1] > times[0] + 0.1) > 0.05
 
 
-def episodes(count: int = 40, *, turn_rate: float = 0.8) -> pd.DataFrame:
+def episodes() -> pd.DataFrame:
     """Return drives straight ahead at 0.4 m/s, with a turn at that speed in the middle of each."""
     rows = []
-    for number in range(count):
+    for number in range(40):
         length = 0.5 + 0.05 * number
         times = np.arange(0.0, 2.0 + length / 0.4 + 1.0, 0.1)
         speed = np.clip(np.minimum(0.2 * times, 0.4), 0.0, np.maximum(0.0, 0.1 * (times[-1] - times)))
         for time, v in zip(times, speed, strict=True):
             row = dict.fromkeys(DIRECT_VARIABLES, 0.0) | {"v": v, "xg": length}
-            turning = turn_rate if v > 0.35 else 0.0
+            turning = 0.8 if v > 0.35 else 0.0
             row |= {"w": turning, "t": round(time, 1), "episode": number, "action": "drive"}
             left = times[-1] - time
             row |= {"time_to_go": left, "duration": times[-1], "success": True}
@@ -74,7 +74,6 @@ def test_limits_are_read_off_odometry() -> None:
     assert seen.forward
     glitches = episodes().assign(v=lambda rows: rows["v"].where(rows.index % 100 > 0, 1000.0))
     driving = train("drive", glitches, ROBOT).driving
-    assert driving is not None
     assert driving.limits.v == 20.0
 
 

@@ -18,7 +18,7 @@ from ator_ros.tools.plan import main as plan_main
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import ObjectState, RobotState, World
 
-SOCCER, TOURS = find_domain("soccer"), find_domain("tour")
+SOCCER = find_domain("soccer")
 ROBOT = SOCCER.robot()
 IN_GOAL = SOCCER.goals(ROBOT)["ball_in_goal"].terms
 

@@ -47,7 +47,6 @@ def test_a_written_file_describes_the_same_robot(plain: Robot, tmp_path: Path) -
 
 def test_base_and_holder_identify_a_robot(plain: Robot) -> None:
     holder = ROBOT.holder
-    assert holder is not None
     others = [
         dataclasses.replace(ROBOT, mass=12.0),
         dataclasses.replace(ROBOT, holder=dataclasses.replace(holder, gap=0.26)),

@@ -10,62 +10,50 @@ import pytest
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.world.state import Command, World
 
+ROBOT = SOCCER.robot()
 LIMITS_SLACK = 0.03  # m/s and rad/s by which the wheels' velocity loop may overshoot
 
 
-@pytest.fixture(scope="module")
-def robot() -> Robot:
-    return load_robot()
-
-
 @pytest.fixture
-def simulation(robot: Robot) -> Iterator[Simulation]:
-    with Simulation(robot) as simulation:
+def simulation() -> Iterator[Simulation]:
+    with Simulation(ROBOT) as simulation:
         yield simulation
 
 
-def place(simulation: Simulation, robot: Robot, x: float = 0.0) -> None:
-    simulation.place_robot(Pose(x, 0.0, 0.3))
-    ball = robot.hold_point(Pose(x, 0.0, 0.3))
-    simulation.place_object(BALL, ball.x, ball.y)
-
-
-def dribble(simulation: Simulation, ticks: int, w: float = 0.5) -> list[World]:
-    worlds = []
-    for tick in range(ticks):
-        simulation.command(Command(0.6, w * math.sin(0.1 * tick)))
-        simulation.tick()
-        worlds.append(simulation.world())
+def dribble() -> list[World]:
+    """Dribble along a curve in a new simulation; return the states."""
+    start, worlds = Pose(0.0, 0.0, 0.3), []
+    with Simulation(ROBOT) as simulation:
+        simulation.place_robot(start)
+        simulation.place_object(BALL, *ROBOT.hold_point(start)[:2])
+        for tick in range(100):
+            simulation.command(Command(0.6, 0.5 * math.sin(0.1 * tick)))
+            simulation.tick()
+            worlds.append(simulation.world())
     return worlds
 
 
-def test_same_commands_give_bit_identical_trajectories(robot: Robot) -> None:
-    trajectories = []
-    for _ in range(2):
-        with Simulation(robot) as simulation:
-            place(simulation, robot)
-            trajectories.append(dribble(simulation, 100))
-    assert trajectories[0] == trajectories[1]
+def test_same_commands_give_bit_identical_trajectories() -> None:
+    assert dribble() == dribble()
 
 
 @pytest.mark.parametrize(
     "command", [Command(9.0, 0.0), Command(-9.0, 0.0), Command(9.0, -9.0), Command(0.0, 9.0)]
 )
-def test_base_never_exceeds_its_limits(simulation: Simulation, robot: Robot, command: Command) -> None:
+def test_base_never_exceeds_its_limits(simulation: Simulation, command: Command) -> None:
     last, v, w = simulation.world().robot, 0.0, 0.0
     for _ in range(60):
         simulation.command(command)
         simulation.tick()
         state = simulation.world().robot
-        assert abs(state.v - last.v) <= robot.limits.a * TICK + LIMITS_SLACK
+        assert abs(state.v - last.v) <= ROBOT.limits.a * TICK + LIMITS_SLACK
         last, v, w = state, max(v, abs(state.v)), max(w, abs(state.w))
-    assert v <= robot.limits.v + LIMITS_SLACK
-    assert w <= robot.limits.w + LIMITS_SLACK
-    assert max(v / robot.limits.v, w / robot.limits.w) > 0.95  # the commands did reach the limits
+    assert v <= ROBOT.limits.v + LIMITS_SLACK
+    assert w <= ROBOT.limits.w + LIMITS_SLACK
+    assert max(v / ROBOT.limits.v, w / ROBOT.limits.w) > 0.95  # the commands did reach the limits
 
 
 SPEEDS = [(v, w) for v in (-9.0, -0.9, -0.5, 0.0, 0.6, 9.0) for w in (-9.0, -1.7, -0.7, 0.0, 1.2, 9.0)]
@@ -86,22 +74,21 @@ def test_the_robot_stands_half_a_second_after_the_last_command(simulation: Simul
         assert (stopped.v, stopped.w / 2.5) == pytest.approx((0.0, 0.0), abs=0.02), (v, w)  # at rest
 
 
-def test_rolling_ball_decelerates_as_configured(simulation: Simulation, robot: Robot) -> None:
+def test_rolling_ball_decelerates_as_configured(simulation: Simulation) -> None:
     simulation.place_robot(Pose(-3.0, 2.0, 0.0))
     simulation.place_object(BALL, 0.0, 0.0, vx=1.2)
     speeds = []
     for _ in range(21):
         simulation.tick()
         ball = ball_of(simulation.world())
-        assert ball is not None
         speeds.append(ball.speed)
     assert (speeds[0] - speeds[20]) / 1.0 == pytest.approx(
-        robot.scene.objects[BALL].rolling_deceleration, rel=0.1
+        ROBOT.scene.objects[BALL].rolling_deceleration, rel=0.1
     )
 
 
-def test_robots_of_one_world_move_independently_and_share_the_ball(robot: Robot) -> None:
-    with Simulation(robot, robots=2) as world:
+def test_robots_of_one_world_move_independently_and_share_the_ball() -> None:
+    with Simulation(ROBOT, robots=2) as world:
         world.place_robot(Pose(-1.0, 0.0, 0.0))
         world.place_robot(Pose(0.0, 1.0, math.pi / 2.0), number=1)
         world.place_object(BALL, 0.0, -1.0)
@@ -115,9 +102,6 @@ def test_robots_of_one_world_move_independently_and_share_the_ball(robot: Robot)
         assert (first.pose.y, second.pose.x) == pytest.approx((0.0, 0.0), abs=0.01)
         assert 0.3 < 1.0 - second.pose.y < 0.6
         assert world.world().objects == world.world(number=1).objects
-
-
-ROBOT = SOCCER.robot()
 
 
 def test_wheels_roll_with_the_base() -> None:

@@ -88,7 +88,6 @@ def test_collect_continues_after_a_signal_with_the_same_table(
         [sys.executable, "-c", WATCHED, *words, str(file)],
         start_new_session=True, stdout=subprocess.PIPE, text=True,
     ) as process:  # fmt: skip
-        assert process.stdout is not None
         while "4 episodes" not in process.stdout.readline():
             assert process.poll() is None
         os.killpg(process.pid, number)  # as a terminal or supervisor does

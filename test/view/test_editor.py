@@ -47,7 +47,6 @@ def test_a_moved_object_takes_its_subgoal_along_and_refinement_follows(
 def test_goals_without_an_object_can_be_moved(editor: Editor) -> None:
     assert list(editor.draft.movable_goals) == [1]
     editor.step([lambda: editor.move_goal(1, Pose(0.5, 0.25, 1.0))])
-    assert editor.answer is not None
     assert editor.answer.chain.calls[1].goal.pose == Pose(0.5, 0.25, 1.0)
 
 
@@ -58,7 +57,6 @@ def test_commitments_are_not_refined(editor: Editor) -> None:
             for name in ("yaw", "speed")
         ]
     )
-    assert editor.answer is not None
     assert not editor.answer.refined
     assert "nothing is open" in editor.answer.reason
 
@@ -69,7 +67,6 @@ def test_the_best_alternative_is_chosen_and_executed(editor: Editor, backend: In
     editor.step([lambda: editor.move_goal(1, near), lambda: editor.edit(Draft.with_alternative)])
     editor.step([lambda: editor.move_goal(1, far)])
     assert [chain.calls[1].goal.pose for chain in backend.refined[-1].alternatives] == [near]
-    assert editor.answer is not None
     assert editor.answer.chosen == 1
     editor.execute(NAIVE)
     editor.step()
@@ -115,7 +112,6 @@ def test_a_race_gives_two_times_from_the_same_start(editor: Editor, backend: InP
     naive, refined = editor.runs
     assert 0.0 < refined.duration < naive.duration
     assert editor.verdict.startswith(f"naive {naive.duration:.2f} s, refined {refined.duration:.2f} s")
-    assert editor.answer is not None
     assert backend.executed == [editor.answer.naive, editor.answer.chain]
 
     backend.calls.clear()
@@ -230,13 +226,11 @@ def test_an_external_goal_becomes_the_draft(running: Editor, backend: InProcessB
     running.step()
     assert running.draft.chain is goal.draft.chain
     answer = running.answer
-    assert answer is not None
     assert answer.naive != answer.chain
     assert len(answer.curves) == 1
     assert running.runs == [goal]
     assert running.executing
 
-    assert goal.draft is not None
     goal.draft = Draft(goal.draft.world, answer.chain, goal.draft.action_set)
     goal.record = record_of(duration=0.5, refined=True, refinement="gain of 1.2 s")
     before = len(backend.refined)
@@ -244,7 +238,6 @@ def test_an_external_goal_becomes_the_draft(running: Editor, backend: InProcessB
         backend.observe(20.0 + 0.1 * number, Pose(-2.0 + 0.1 * number, 0.0, 0.0), (1.0, 0.0))
         running.step()
     answer = running.answer
-    assert answer is not None
     assert (answer.chain, answer.refined, answer.reason) == (goal.draft.chain, True, "gain of 1.2 s")
     assert answer.naive.calls[0].goal != answer.chain.calls[0].goal
     assert len(answer.before) == len(answer.after) == 2
@@ -264,7 +257,6 @@ def test_an_unrefined_chain_is_compared_with_itself(
     goal.record = record_of(duration=0.5, refinement="not requested")
     running.step()
     assert backend.as_given[-1]
-    assert running.answer is not None
     assert [call.goal for call in running.answer.naive.calls] == [
         call.goal for call in goal.draft.chain.calls
     ]
@@ -295,7 +287,6 @@ def test_without_refinement_it_has_no_predictions(
 ) -> None:
     backend.fails, backend.external = error, goal
     running.step()
-    assert running.answer is not None
     assert (running.answer.chain, running.answer.before) == (goal.draft.chain, ())
     assert running.problem == ""
 

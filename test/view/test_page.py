@@ -153,7 +153,6 @@ def test_the_panel_shows_times_reason_and_rules_of_the_situation() -> None:
     backend = InProcessBackend()
     editor = backend.editor()
     answer = editor.answer
-    assert answer is not None
     driven = record_of(4.5, code=Outcome.SUCCEEDED, duration=9.25)
     table = times_text(answer, [Run(NAIVE, driven)]).splitlines()
     assert table[0] == "| s | goToBall | dribbleBall | chain |"

@@ -49,9 +49,6 @@ def test_a_kicked_or_placed_ball_is_tracked_immediately() -> None:
     assert tracked(measurements(kicked))[50].vx == pytest.approx(1.0, abs=5 * VELOCITY_NOISE)
 
 
-TICK = 0.05
-
-
 def checked(
     position: Callable[[float], float],
     velocity: Callable[[float], float],
@@ -86,18 +83,13 @@ def test_a_false_velocity_of_a_rolling_ball_is_replaced(reported: float) -> None
     assert estimated[10:] == pytest.approx([2.0] * 30)
 
 
-def straight(times: list[float], vx: float, vy: float, noise: float = 0.0) -> tuple[float, float]:
-    """Return the estimated velocity of a straight motion with positions at these times."""
-    estimate, rng = VelocityEstimate(), np.random.default_rng(3)
-    for time in times:
-        x, y = vx * time + rng.normal(0.0, noise), vy * time + rng.normal(0.0, noise)
-        state = estimate.state(time, float(x), float(y))
-        assert (state.x, state.y) == (x, y)
-    return state.vx, state.vy
-
-
 def test_straight_motion_has_the_true_velocity() -> None:
-    assert straight([0.02 * tick for tick in range(20)], 0.8, -0.3) == pytest.approx((0.8, -0.3))
+    estimate = VelocityEstimate()
+    for tick in range(20):
+        x, y = 0.016 * tick, -0.006 * tick
+        state = estimate.state(0.02 * tick, x, y)
+        assert (state.x, state.y) == (x, y)
+    assert (state.vx, state.vy) == pytest.approx((0.8, -0.3))
 
 
 LIMITS = (1.2, 2.4)

@@ -79,16 +79,12 @@ def residual_squares(moments: FloatArray) -> FloatArray:
 
 
 def squared_error(models: FloatArray, moments: FloatArray) -> FloatArray:
-    """Return the sum of squared residuals of each node's model on the rows that its moments were summed over.
+    """Return the sum of squared residuals of each node's model on the rows of its moments, shape (n_nodes,).
 
     Parameters
     ----------
     models : array of float, shape (n_nodes, 1 + n_features)
     moments : array of float, shape (n_nodes, 2 + n_features, 2 + n_features)
-
-    Returns
-    -------
-    array of float, shape (n_nodes,)
     """
     residual = np.column_stack([-models, np.ones(len(models))])
     error = np.einsum("ni,nij,nj->n", residual, moments, residual)

@@ -97,17 +97,12 @@ class ModelTree:
         return tuple(name for name, is_used in zip(self.names, used, strict=True) if is_used)
 
     def apply(self, X: FloatArray) -> IntArray:
-        """Return the leaf that each row falls into.
+        """Return the number of the leaf that each row falls into, shape (n,).
 
         Parameters
         ----------
         X : array of float, shape (n, n_features)
             Finite features, columns as in `names`.
-
-        Returns
-        -------
-        array of int, shape (n,)
-            Numbers of nodes.
         """
         return self.evaluate(*self._rows(X))[1]
 

@@ -27,13 +27,7 @@ _LATE = 0.4  # s that a robot may be late at a goal that it passes: one that is 
 
 
 class PlannedAction(Action):
-    """An action that follows one planned manoeuvre.
-
-    Parameters
-    ----------
-    limits : Limits
-        What this action may ask of the base.
-    """
+    """An action that follows one planned manoeuvre; `limits` are what it may ask of the base."""
 
     verb: ClassVar[str]
     reserve = math.inf
