@@ -228,10 +228,14 @@ def robot_from_placement(
     estimate: RobotVelocity, time: float, placement: Placement
 ) -> tuple[float, RobotState]:
     """Read time in s and state of the robot from its placement in tf; its velocity is estimated."""
-    where, (x, y, _) = "robot in tf", placement.origin
+    return time, estimate.state(time, pose_from_placement(placement, "robot in tf"))
+
+
+def pose_from_placement(placement: Placement, where: str) -> Pose:
+    """Read the pose in the plane of a placement in tf."""
+    x, y, _ = placement.origin
     yaw = _planar_yaw(placement.turn, f"{where}: rotation")
-    pose = Pose(position(x, f"{where}: x"), position(y, f"{where}: y"), yaw)
-    return time, estimate.state(time, pose)
+    return Pose(position(x, f"{where}: x"), position(y, f"{where}: y"), yaw)
 
 
 class OdometryReader:
