@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Status
-from ator_ros.execution.chain_executor import ChainExecutor, Ending
+from ator_ros.execution.chain_executor import NOT_DONE, ChainExecutor, Ending
 from ator_ros.execution.fence import Fence, FenceWatch
 from ator_ros.execution.predictions import Forecast, Predictor
 from ator_ros.execution.refining import AGAIN_AFTER, Question, Refining
@@ -231,7 +231,7 @@ class Supervisor:
         if step.status is Status.RUNNING:
             self.refining.ask_again(world, now)
             return step.command
-        if step.status is Status.FAILED and self.refining.revert(step.message):
+        if step.status is not Status.SUCCEEDED and self.refining.revert(step.message):
             self.forecast.change(at_rest(world, self._robot))
             return STOP
         last, missing = self.executor.records[-1], missing_object(self._top, world)
@@ -240,7 +240,7 @@ class Supervisor:
         elif last.lost is not None:
             self.end(Ending.OBJECT_LOST, f"{last.lost} lost in {self._top.name}: {step.message}")
         else:
-            self.end(last.ending, step.message)
+            self.end(Ending.FAILED if last.ending in NOT_DONE else last.ending, step.message)
         return STOP
 
     def _guard(self, world: World, overdue: frozenset[str]) -> str:
