@@ -88,19 +88,37 @@ class Messages:
     def stamped(self, time: float, x: float, y: float, frame: str = "odom") -> Any:
         return self.types["geometry_msgs/msg/PoseStamped"](self.header(time, frame), self.pose(x, y))
 
+    def transforms(self, time: float, *links: tuple[str, str, Pose]) -> Any:
+        """Return a message for /tf; `links` are frame, child frame, and pose of the child."""
+        vector, quaternion = (self.types[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Quaternion"))
+        stamped = [
+            self.types["geometry_msgs/msg/TransformStamped"](
+                self.header(time, frame),
+                child,
+                self.types["geometry_msgs/msg/Transform"](
+                    vector(pose.x, pose.y, 0.0), quaternion(*quaternion_from_yaw(pose.yaw))
+                ),
+            )
+            for frame, child, pose in links
+        ]
+        return self.types["tf2_msgs/msg/TFMessage"](stamped)
+
 
 Extra = tuple[str, str, Callable[[Messages, Tick], Any]]
 
 
-def write_bag(bag: Path, make: Messages, ticks: Sequence[Tick], *topics: Extra) -> Path:
-    """Write a recording; `topics` are name, type, and factory of the messages, one for each tick."""
+def write_bag(
+    bag: Path, make: Messages, ticks: Sequence[Tick], *topics: Extra, storage: str = "MCAP"
+) -> Path:
+    """Write a recording; `topics` are name, type, and factory of the messages, at most one for each tick."""
     from rosbags.rosbag2 import StoragePlugin, Writer
 
-    with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    with Writer(bag, version=9, storage_plugin=StoragePlugin[storage]) as writer:
         links = [writer.add_connection(topic, kind, typestore=make.store) for topic, kind, _ in topics]
         for number, tick in enumerate(ticks):
-            for link, (_, kind, message) in zip(links, topics, strict=True):
-                writer.write(link, 1000 * number, make.store.serialize_cdr(message(make, tick), kind))
+            for link, (_, kind, factory) in zip(links, topics, strict=True):
+                if (message := factory(make, tick)) is not None:
+                    writer.write(link, 1000 * number, make.store.serialize_cdr(message, kind))
     return bag
 
 

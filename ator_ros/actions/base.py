@@ -22,6 +22,8 @@ class Status(enum.Enum):
     RUNNING = "running"
     SUCCEEDED = "succeeded"
     FAILED = "failed"
+    REFUSED = "refused"
+    """Not executed: its action server did not take the goal. It is no experience."""
 
 
 class Point(enum.Enum):

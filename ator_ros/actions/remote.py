@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+import sys
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -182,13 +183,37 @@ def failure_in(call: RemoteCall, status: int, result: Any) -> str | None:
     success = call.success
     wrong = [] if status_name(status) in success.status else [f"its goal is {status_name(status)}"]
     for expected in success.fields:
-        value = value_at(result, expected.field)
+        value, name = value_at(result, expected.field), constant_name(result, expected.field)
         if not _equal(value, expected.equals):
-            wrong.append(f"{expected.field}: expected {quoted(expected.equals)}, got {quoted(value)}")
+            expects = f"expected {quoted(expected.equals)}, got {quoted(value)}"
+            wrong.append(f"{expected.field}: {f'{name} ({value})' if name else expects}")
     if not wrong:
         return None
     reason = "" if success.reason is None else str(value_at(result, success.reason) or "")
     return "; ".join(wrong) + (f" ({printable(reason, 200)})" if reason else "")
+
+
+def constant_name(result: Any, path: str) -> str:
+    """Return the constant that an integer of a result has the value of; empty if that is not one constant.
+
+    It is one of the message that holds the integer or else, with the name of its action, of another action of
+    the package: Nav2's navigators forward the codes of the planner and the controller.
+    """
+    way, _, _ = path.rpartition(".")
+    value, owner = value_at(result, path), type(value_at(result, way) if way else result)
+    package = sys.modules.get(type(result).__module__.rpartition(".")[0])
+    actions = vars(package) if package else {}
+    others = {name: kind.Result for name, kind in actions.items() if hasattr(kind, "Result")}
+    for kinds in ({"": owner}, others):
+        found = [
+            f"{name} of {action}" if action else name
+            for action, kind in kinds.items()
+            for name, constant in vars(kind).items()
+            if name.isupper() and type(constant) is type(value) is int and constant == value
+        ]
+        if found:
+            return found[0] if len(found) == 1 else ""
+    return ""
 
 
 def _equal(value: Any, expected: Scalar) -> bool:

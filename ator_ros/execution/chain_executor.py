@@ -47,7 +47,9 @@ class Ending(enum.Enum):
     OUT_OF_BOUNDS = 10
 
 
-_ENDINGS = {Status.SUCCEEDED: Ending.SUCCEEDED, Status.FAILED: Ending.FAILED}
+_ENDINGS = {status: Ending[status.name] for status in Status if status is not Status.RUNNING}
+NOT_DONE = (Ending.FAILED, Ending.REFUSED)
+"""Endings of an action that did not reach its goal, or that an action server did not take."""
 
 
 class Stage(enum.Enum):
@@ -73,8 +75,8 @@ class ActionRecord:
     start, end : World
         Situations in which the action started and ended.
     ending : Ending
-        SUCCEEDED, FAILED, or why it was broken off: PREEMPTED by another goal of the same step, for example
-        because an object had moved, or the ending of the whole chain.
+        SUCCEEDED, FAILED, REFUSED, or why it was broken off: PREEMPTED by another goal of the same step, as
+        where an object had moved, or the ending of the whole chain.
     reason : str
         A sentence on how it ended.
     position_error, heading_error : float
@@ -159,7 +161,7 @@ class ChainExecutor:
     def fall_back_to(self, chain: TopChain) -> bool:
         """Execute `chain` instead if the first action failed where it began; return whether it did."""
         first = self.records[0] if self.records else None
-        if len(self.records) != 1 or first is None or first.index or first.ending is not Ending.FAILED:
+        if len(self.records) != 1 or first is None or first.index or first.ending not in NOT_DONE:
             return False
         there, here = first.start.robot.pose, first.end.robot.pose
         stayed = there.distance(here) <= _STAYED and abs(there.relative(here).yaw) <= _STAYED

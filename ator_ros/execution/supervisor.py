@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Status
-from ator_ros.execution.chain_executor import ChainExecutor, Ending
+from ator_ros.execution.chain_executor import NOT_DONE, ChainExecutor, Ending
 from ator_ros.execution.fence import Fence, FenceWatch
 from ator_ros.execution.predictions import Forecast, Predictor
 from ator_ros.execution.refining import AGAIN_AFTER, Question, Refining
@@ -27,6 +27,9 @@ GREATEST_STOP_SLOWDOWN = 5.0
 up to 50 times slower than real time; the end of a goal may wait that long, a moving robot must not."""
 LONGEST_STOP_TIME = 5.0
 """Time in s for which a robot that still moves is commanded to stop."""
+_CALM = 0.5
+"""Time in s for which a robot must stand after another program moved it and failed: that may go on, as Nav2's
+controller server does after its navigator died."""
 _FIRST_GAP = 1.0  # least real s without odometry that end a goal before it drives: its rate may be unknown
 
 
@@ -140,7 +143,8 @@ class Supervisor:
         self._missing: str | None = None  # an object that the last state lacked
         self._newest: World | None = None
         self._accepted, self._odom_at = now, math.inf
-        self._stopped_at = math.inf
+        self._stopped_at = self._stood_at = math.inf
+        self._was_released = False
 
     @property
     def question(self) -> Question | None:
@@ -222,11 +226,12 @@ class Supervisor:
         if self.refining.apply(world):
             self.forecast.change(at_rest(world, self._robot))
         step = self.executor.step(world)
+        self._was_released = self._was_released or self.executor.released
         self.reason = step.message
         if step.status is Status.RUNNING:
             self.refining.ask_again(world, now)
             return step.command
-        if step.status is Status.FAILED and self.refining.revert(step.message):
+        if step.status is not Status.SUCCEEDED and self.refining.revert(step.message):
             self.forecast.change(at_rest(world, self._robot))
             return STOP
         last, missing = self.executor.records[-1], missing_object(self._top, world)
@@ -235,7 +240,7 @@ class Supervisor:
         elif last.lost is not None:
             self.end(Ending.OBJECT_LOST, f"{last.lost} lost in {self._top.name}: {step.message}")
         else:
-            self.end(last.ending, step.message)
+            self.end(Ending.FAILED if last.ending in NOT_DONE else last.ending, step.message)
         return STOP
 
     def _guard(self, world: World, overdue: frozenset[str]) -> str:
@@ -266,14 +271,17 @@ class Supervisor:
 
     def _stop(self, world: World) -> None:
         """Wait until the robot stands, or until it should."""
+        stands = world.robot.is_standing
         self._stopped_at = min(self._stopped_at, world.time)
+        self._stood_at = min(self._stood_at, world.time) if stands else math.inf
         late = world.time - self._stopped_at > LONGEST_STOP_TIME
-        if late and not world.robot.is_standing:
+        if late and not stands:
             self.explain(
                 f"the robot still moves at {world.robot.v:.2f} m/s and {world.robot.w:.2f} rad/s, "
                 f"{LONGEST_STOP_TIME:g} s after it was commanded to stop"
             )
-        if late or world.robot.is_standing:
+        calm = _CALM if self._was_released and self.ending is Ending.FAILED else 0.0
+        if late or world.time - self._stood_at >= calm:
             self.phase = Phase.ENDED
 
     # Deadlines

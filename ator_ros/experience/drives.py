@@ -1,16 +1,18 @@
-"""Drives in recordings of odometry and velocity commands.
+"""Drives in recordings of odometry and velocity commands, or of an action server's goals.
 
-A drive lies between two pauses of the commands, and its goal is where the robot came to rest. The objects
-held at both ends determine the TOP of the domain and the point that the goal is meant for.
+Without goals, a drive lies between two pauses of the commands, and its goal is where the robot came to rest.
+The objects held at both ends determine the TOP of the domain and the point that the goal is meant for.
 """
 
 from __future__ import annotations
 
 import bisect
 import dataclasses
+import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -19,19 +21,29 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import Situation
 from ator_ros.experience.episode import Episode, sample_of
-from ator_ros.experience.records import ENDED, Vocabulary, episode_of
+from ator_ros.experience.records import ENDED, Vocabulary, episode_of, fault_in
+from ator_ros.experience.server_goals import GOAL_POSE, PLAN, ServerGoal, ServerGoals, status_topics
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import held_first, held_last, is_held
-from ator_ros.world.estimation import JUMP
-from ator_ros.world.messages import MessageError, ObjectReader, OdometryReader, command_from, transform_from
+from ator_ros.world.estimation import JUMP, RobotVelocity
+from ator_ros.world.messages import (
+    MessageError,
+    ObjectReader,
+    OdometryReader,
+    command_from,
+    pose_from_placement,
+    robot_from_placement,
+    transform_from,
+)
 from ator_ros.world.state import ObjectState, RobotState, Standstill, World
 from ator_ros.world.transforms import Transforms
 
 ODOM, CMD_VEL, RECORDS = "odom", "cmd_vel", "performance/action"
 TF = ("tf", "tf_static")
 """Roles of topics."""
+_ODOMETRY_FRAME, _ROBOT_FRAME = "odom", "base_link"  # REP-105
 SILENCE = 1.0  # s without odometry after which a new segment begins
 PERIOD = 0.1  # s between examples, the paper's 10 Hz
 PAUSE = 0.3  # s without a command to move that separates two drives
@@ -52,6 +64,24 @@ class Segment:
     cmd_vel: Rows = field(default_factory=list)
     objects: dict[str, Rows] = field(default_factory=lambda: defaultdict(list))
 
+    def between(self, begin: float, end: float, base: Pose) -> Segment:
+        """Return the messages from the last ones at `begin` to the first at `end`, seen from another frame.
+
+        In that frame, odometry's frame is at `base`.
+        """
+        part = Segment(
+            odom=[(row[0], *base.compose(Pose(*row[1:4])), *row[4:]) for row in _cut(self.odom, begin, end)]
+        )
+        for name, rows in self.objects.items():
+            places = [(row[0], base.compose(Pose(row[1], row[2], 0.0))) for row in _cut(rows, begin, end)]
+            part.objects[name] = [(time, place.x, place.y) for time, place in places]
+        return part
+
+
+def _cut(rows: Rows, begin: float, end: float) -> Rows:
+    first = bisect.bisect_right(rows, begin, key=itemgetter(0)) - 1
+    return rows[max(0, first) : bisect.bisect_left(rows, end, key=itemgetter(0)) + 1]
+
 
 def _in_order(rows: Rows, width: int) -> FloatArray:
     """Return rows as a table (n, width) in the order of their times."""
@@ -60,11 +90,12 @@ def _in_order(rows: Rows, width: int) -> FloatArray:
 
 
 class Reader:
-    """Sorts the messages of a robot: its segments, and the executor's records.
+    """Sorts the messages of a robot: its segments, the goals of action servers, and the executor's records.
 
     A new segment begins after a reset or a long silence.
 
-    `domain` has the sources of the objects, and the TOPs of drives and records.
+    `domain` has the sources of the objects, the remote actions, and the TOPs of drives and records;
+    `robot_in_tf`: tf replaces odometry.
 
     Attributes
     ----------
@@ -78,17 +109,21 @@ class Reader:
         By role: how many messages cannot be used, and why the first of them cannot.
     """
 
-    def __init__(self, robot: Robot, domain: Vocabulary) -> None:
+    def __init__(self, robot: Robot, domain: Vocabulary, *, robot_in_tf: bool = False) -> None:
         sources = [domain.source(name) for name in domain.objects]
         self._robot, self._domain = robot, domain
         self.segments = [Segment()]
         self.records: list[Episode] = []
         self.action_sets: set[str] = set()
         self._remarks: list[str] = []
-        self._odometry = OdometryReader()
+        self._robot_in_tf = robot_in_tf
+        self._odometry = OdometryReader(_ODOMETRY_FRAME if robot_in_tf else "")
         self._objects = {source.name: ObjectReader(source) for source in sources}
         self._in_tf = {source.name: source.listened for source in sources if source.type == "tf"}
         self._transforms = Transforms()
+        self._servers = status_topics(domain)
+        self._goals = ServerGoals(self._odometry_in)
+        self._velocity = RobotVelocity(robot.limits.v, robot.limits.w)
         self._is_older = False
         self._taken: Counter[str] = Counter()
         self.left_out: Counter[str] = Counter()
@@ -100,18 +135,24 @@ class Reader:
             return
         self._taken[role] += 1
         newest = self.segments[-1]
+        now, *there = newest.odom[-1][:4] if newest.odom else (math.nan,) * 4
         try:
             if role == ODOM:
                 self._take_odometry(message)
             elif role == CMD_VEL:
                 command = command_from(message, CMD_VEL)
                 if newest.odom:  # a Twist has no stamp: it gets that of the last odometry message
-                    newest.cmd_vel.append((newest.odom[-1][0], command.v, command.w))
+                    newest.cmd_vel.append((now, command.v, command.w))
             elif role == RECORDS:
                 self.records.append(episode_of(message, self._domain, self._robot))
                 self.action_sets.add(message.action_set or DEFAULT_SET)
             elif role in TF:
                 self._take_transforms(message, fixed=role == "tf_static")
+            elif role in self._servers:
+                action, number = self._servers[role], len(self.segments) - 1
+                self._goals.take_status(action, message, number, now, Pose(*there))
+            elif role in (PLAN, GOAL_POSE):
+                self._goals.take_goal(message, now)
             else:
                 reader = self._objects[role]
                 reader.frame = self._odometry.frame
@@ -121,10 +162,47 @@ class Reader:
             self.errors.setdefault(role, str(error))
 
     def episodes(self) -> list[Episode]:
-        """Return the executor's records or, without any, the drives."""
-        return self.records or [
-            episode for segment in self.segments for episode in drives(segment, self._robot, self._domain)
+        """Return the executor's records or, without any, the goals of action servers or else the drives."""
+        return (
+            self.records
+            or self._server_episodes()
+            or [each for segment in self.segments for each in drives(segment, self._robot, self._domain)]
+        )
+
+    def _server_episodes(self) -> list[Episode]:
+        """Return the goals that action servers executed; note how many others there are, and why."""
+        episodes, faults, total = list[Episode](), Counter[tuple[str, str]](), Counter[str]()
+        for item in self._goals.goals.values():
+            total[item.action] += 1
+            fault = item.fault() or self._take_goal(item, episodes)
+            if fault:
+                faults[item.action, fault] += 1
+        self._remarks += [
+            f"left out {count} of {total[action]} goals of {action}: {fault}"
+            for (action, fault), count in faults.items()
         ]
+        return episodes
+
+    def _take_goal(self, item: ServerGoal, episodes: list[Episode]) -> str:
+        """Add the episode of a goal, in the goal's frame; return why it cannot be used, or ""."""
+        segment, robot = self.segments[item.segment], self._robot
+        if segment is not self.segments[-1] and item.end == segment.odom[-1][0]:
+            return "odometry was interrupted"
+        top = next((top for top in self._domain.tops if top.action == item.action), None)
+        if top is None or item.pose is None or item.base is None:
+            return "no TOP calls the action"
+        track, errors = Track(segment.between(item.begin, item.end, item.base)), (math.nan, math.nan)
+        if item.reached is not None:
+            reached = robot.hold_point(item.reached) if top.point is Point.HOLD else item.reached
+            errors = reached.distance(item.pose), abs(wrap_angle(reached.yaw - item.pose.yaw))
+        start, goal = track.world(item.begin), Goal(item.pose, 0.0, top.point)
+        situation = Situation(item.action, start.robot, start.objects, goal)
+        success, reason = item.status == "succeeded", f"recorded: its server reported {item.status}"
+        episode = _driven(track, item.begin, item.end, situation, success, reason, errors)
+        if fault_in(episode, top, robot):
+            return "the goal is farther than the robot drives in its duration"
+        episodes.append(episode)
+        return ""
 
     def remarks(self) -> list[str]:
         """Return doubts about messages, and a line for each role of which messages were left out."""
@@ -139,6 +217,9 @@ class Reader:
         time, robot = self._odometry.read(message)
         if self._odometry.remark:
             self._remarks.append(self._odometry.remark)
+        self._add_state(time, robot)
+
+    def _add_state(self, time: float, robot: RobotState) -> None:
         odom = self.segments[-1].odom
         last = odom[-1][0] if odom else time
         if time < last and not self._is_older:
@@ -153,11 +234,20 @@ class Reader:
         for transform in message.transforms:
             parent, child, time, placement = transform_from(transform)
             self._transforms.add(parent, child, time, placement, fixed=fixed)
+        if self._robot_in_tf and (found := self._transforms.latest(self._odometry.frame, _ROBOT_FRAME)):
+            self._add_state(*robot_from_placement(self._velocity, *found))
         for name, frame in self._in_tf.items():
             found = self._transforms.latest(self._odometry.frame, frame)
             rows = self.segments[-1].objects[name]
             if found is not None and not (rows and found[0] == rows[-1][0]):
                 self._add_object(name, *self._objects[name].read_placement(*found))
+
+    def _odometry_in(self, frame: str) -> Pose | None:
+        """Return the pose of odometry's frame in another frame, by the newest transforms."""
+        if frame in ("", self._odometry.frame):
+            return Pose(0.0, 0.0, 0.0)
+        found = self._transforms.latest(frame, self._odometry.frame)
+        return None if found is None else pose_from_placement(found[1], f"{self._odometry.frame} in tf")
 
     def _add_object(self, name: str, time: float, there: ObjectState) -> None:
         odom = self.segments[-1].odom
@@ -281,16 +371,21 @@ def _episode(track: Track, begin: float, end: float, robot: Robot, domain: Vocab
     if top is None:
         return None
     place = robot.hold_point(goal_pose) if top.point is Point.HOLD else goal_pose
-    return Episode(
-        situation=Situation(top.action, start.robot, start.objects, Goal(place, 0.0, top.point)),
-        samples=track.samples(begin, end),
-        duration=round(end - begin, 6),
-        success=True,
-        reason="recorded: its goal is where it came to rest",
-        position_error=np.nan,
-        heading_error=np.nan,
-        objects=track.names,
-    )
+    situation = Situation(top.action, start.robot, start.objects, Goal(place, 0.0, top.point))
+    return _driven(track, begin, end, situation, True, "recorded: its goal is where it came to rest")
+
+
+def _driven(
+    track: Track,
+    begin: float,
+    end: float,
+    situation: Situation,
+    success: bool,
+    reason: str,
+    errors: tuple[float, float] = (math.nan, math.nan),
+) -> Episode:
+    samples, duration = track.samples(begin, end), round(end - begin, 6)
+    return Episode(situation, samples, duration, success, reason, *errors, objects=track.names)
 
 
 def top_between(tops: Sequence[Top], first: str | None, last: str | None) -> Top | None:

@@ -1,13 +1,15 @@
-"""Experience from recordings (MCAP, made by ``ros2 bag record -s mcap``): all that a real robot has.
+"""Experience from recordings (``ros2 bag record``, MCAP or sqlite3): all that a real robot has.
 
-Records of the executor on ``performance/action`` are episodes. Without records, drives are found in ``odom``,
-``cmd_vel`` and the topics of the domain's objects; see `drives`.
+Records of the executor on ``performance/action`` are episodes. Without records, the goals of the domain's
+action servers are. Without both, drives are found in ``odom``, ``cmd_vel`` and the topics of the domain's
+objects.
 """
 
 from __future__ import annotations
 
 import contextlib
 import itertools
+import sqlite3
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -16,6 +18,7 @@ from typing import Any, NamedTuple
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.drives import CMD_VEL, ODOM, RECORDS, SHORTEST, TF, Reader
 from ator_ros.experience.records import Vocabulary
+from ator_ros.experience.server_goals import GOAL_POSE, PLAN, status_topics
 from ator_ros.experience.store import is_store, read_store
 from ator_ros.experience.table import (
     Experience,
@@ -27,13 +30,14 @@ from ator_ros.experience.table import (
 )
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
-from ator_ros.world.messages import ObjectSource
 
 Topic = tuple[str, str]
 """Name of a topic, and type of its messages as in nav_msgs/msg/Odometry."""
 TYPES = {
     ODOM: {"nav_msgs/msg/Odometry"},
     CMD_VEL: {"geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"},
+    PLAN: {"nav_msgs/msg/Path"},
+    GOAL_POSE: {"geometry_msgs/msg/PoseStamped"},
 }
 
 
@@ -45,15 +49,18 @@ class Wanted(NamedTuple):
     types: Collection[str]
 
 
-def objects_wanted(sources: Sequence[ObjectSource]) -> list[Wanted]:
-    """Return the topics of objects; for objects of tf, those of tf."""
+def topics_wanted(domain: Vocabulary) -> list[Wanted]:
+    """Return the topics of a domain's objects and action servers; for objects of tf and for servers, tf."""
+    sources, servers = [domain.source(name) for name in domain.objects], status_topics(domain)
     packages = {"Odometry": "nav_msgs"}
     wanted = [
         Wanted(item.name, item.listened, {f"{packages.get(item.type, 'geometry_msgs')}/msg/{item.type}"})
         for item in sources
         if item.type != "tf"
     ]
-    if len(wanted) < len(sources):
+    wanted += [Wanted(name, name, {"action_msgs/msg/GoalStatusArray"}) for name in servers]
+    wanted += [Wanted(role, role, TYPES[role]) for role in (PLAN, GOAL_POSE) if servers]
+    if servers or any(item.type == "tf" for item in sources):
         wanted += [Wanted(role, f"/{role}", {"tf2_msgs/msg/TFMessage"}) for role in TF]
     return wanted
 
@@ -95,39 +102,74 @@ def select(
     return roles, skipped
 
 
-@contextlib.contextmanager
-def _opened(path: Path) -> Iterator[list[Any]]:
-    """Yield a reader of each file of a recording, in the order of time."""
-    from mcap.reader import make_reader
-    from mcap_ros2.decoder import DecoderFactory
+class _Mcap:
+    """An .mcap file."""
 
-    files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
-    if not files or not all(file.is_file() for file in files):  # opening a pipe may block
-        raise ValueError("expected .mcap files, found none")
-    with contextlib.ExitStack() as stack:
-        opened = [stack.enter_context(file.open("rb")) for file in files]
-        readers = [make_reader(file, decoder_factories=[DecoderFactory()]) for file in opened]
-        yield sorted(readers, key=lambda reader: reader.get_summary().statistics.message_start_time)
+    def __init__(self, path: Path, stack: contextlib.ExitStack) -> None:
+        from mcap.reader import make_reader
+        from mcap_ros2.decoder import DecoderFactory
 
+        file = stack.enter_context(path.open("rb"))
+        self._reader: Any = make_reader(file, decoder_factories=[DecoderFactory()])
+        summary: Any = self._reader.get_summary()
+        schemas = ((item.topic, summary.schemas.get(item.schema_id)) for item in summary.channels.values())
+        # Definitions of services and actions have another encoding.
+        self.topics = {(topic, kind.name) for topic, kind in schemas if kind and kind.encoding == "ros2msg"}
+        self.begin = summary.statistics.message_start_time
 
-def _topics(readers: Iterable[Any]) -> list[Topic]:
-    """Return all topics whose messages are defined, in order; definitions of services and actions are not."""
-    there = set()
-    for summary in (reader.get_summary() for reader in readers):
-        for channel in summary.channels.values():
-            schema = summary.schemas.get(channel.schema_id)
-            if schema is not None and schema.encoding == "ros2msg":
-                there.add((channel.topic, schema.name))
-    return sorted(there)
-
-
-def _messages(readers: Iterable[Any], topics: Collection[Topic]) -> Iterator[tuple[Topic, Any]]:
-    """Yield the messages on some topics in the order of arrival."""
-    names = [name for name, _ in topics]
-    for reader in readers if names else ():
-        for schema, channel, _, message in reader.iter_decoded_messages(topics=names):
+    def messages(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, Any]]:
+        """Yield the messages on some topics in the order of arrival."""
+        names = [name for name, _ in topics]
+        for schema, channel, _, message in self._reader.iter_decoded_messages(topics=names):
             if (channel.topic, schema.name) in topics:
                 yield (channel.topic, schema.name), message
+
+
+class _Sqlite:
+    """A .db3 file, with the definitions that are in it since ROS 2 Iron."""
+
+    def __init__(self, path: Path, stack: contextlib.ExitStack) -> None:
+        self._data = stack.enter_context(
+            contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True))
+        )
+        texts = self._data.execute(
+            "SELECT topic_type, encoded_message_definition FROM message_definitions "
+            "WHERE encoding = 'ros2msg'"
+        )
+        self._definitions = dict(texts.fetchall())
+        rows = self._data.execute("SELECT name, type FROM topics").fetchall()
+        self.topics = {(name, kind) for name, kind in rows if kind in self._definitions}
+        self.begin = self._data.execute("SELECT min(timestamp) FROM messages").fetchone()[0] or 0
+
+    def messages(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, Any]]:
+        """Yield the messages on some topics in the order of arrival."""
+        from mcap.records import Schema
+        from mcap_ros2.decoder import DecoderFactory
+
+        decoders = {}
+        for number, (topic, kind) in enumerate(topics, 1):
+            schema = Schema(number, self._definitions[kind].encode(), "ros2msg", kind)
+            decoders[topic, kind] = DecoderFactory().decoder_for("cdr", schema)
+        rows = self._data.execute(
+            "SELECT name, type, data FROM messages JOIN topics ON topic_id = topics.id ORDER BY timestamp"
+        )
+        for name, kind, data in rows:
+            if (decode := decoders.get((name, kind))) is not None:
+                yield (name, kind), decode(data)
+
+
+_FILES: dict[str, type[_Mcap | _Sqlite]] = {".mcap": _Mcap, ".db3": _Sqlite}
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[list[_Mcap | _Sqlite]]:
+    """Yield the files of a recording, in the order of time."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    files = [file for file in files if file.suffix in _FILES]
+    if not files or not all(file.is_file() for file in files):  # opening a pipe may block
+        raise ValueError("expected .mcap or .db3 files, found none")
+    with contextlib.ExitStack() as stack:
+        yield sorted((_FILES[file.suffix](file, stack) for file in files), key=lambda file: file.begin)
 
 
 def read_recording(
@@ -138,7 +180,7 @@ def read_recording(
     Parameters
     ----------
     path : Path or str
-        An .mcap file, or the folder that ``ros2 bag record`` made.
+        An .mcap or .db3 file, or the folder that ``ros2 bag record`` made.
     domain : Vocabulary
         Sources of the objects, and the TOPs of drives and records.
     names : mapping, optional
@@ -158,9 +200,10 @@ def read_recording(
             raise ExperienceError(f"{file}: {RECORDS}: expected a record that can be used, got none: {wrong}")
         there = [topic for topic, kind in topics if kind in TYPES[ODOM] | TYPES[CMD_VEL]]
         found = f"topics of these types: {_listed(there)}; name them with --odom and --cmd-vel"
+        statuses = "".join(f"{name} with tf and {PLAN}, or " for name in status_topics(domain))
         expected = (
-            f"expected the topic {RECORDS}, or odom (Odometry) and cmd_vel (Twist or TwistStamped) in one "
-            f"namespace, with a drive of at least {SHORTEST} s between two stops"
+            f"expected the topic {RECORDS}, or {statuses}odom (Odometry) and cmd_vel (Twist or TwistStamped) "
+            f"in one namespace, with a drive of at least {SHORTEST} s between two stops"
         )
         found = found if there else "there are no topics of these types"
         raise ExperienceError(f"{file}: {'; '.join([expected, found, *remarks[:3]])}")
@@ -188,20 +231,22 @@ def _read(
     wanted = [
         *(Wanted(role, names.get(role, role), TYPES[role]) for role in (ODOM, CMD_VEL)),
         Wanted(RECORDS, RECORDS, {"ator_interfaces/msg/ActionPerformance"}),
-        *objects_wanted([domain.source(name) for name in domain.objects]),
+        *topics_wanted(domain),
     ]
     try:
-        with _opened(file) as readers:
-            topics = _topics(readers)
+        with _opened(file) as files:
+            topics = sorted(set().union(*(each.topics for each in files)))
             roles, skipped = select(topics, wanted)
-            reader = Reader(robot, domain)
-            for topic, message in _messages(readers, roles.keys()):
-                for role in roles[topic]:
-                    reader.take(role, message)
+            has_odometry = any(ODOM in each for each in roles.values())
+            reader = Reader(robot, domain, robot_in_tf=not has_odometry)
+            for part in files if roles else ():
+                for topic, message in part.messages(roles.keys() & part.topics):
+                    for role in roles[topic]:
+                        reader.take(role, message)
     except ImportError:  # a package is missing or broken; the recording may be fine
         raise
     except Exception as error:  # a damaged file raises anything
-        expected = "a recording of ros2 bag record -s mcap (mcap recover repairs one that was cut off)"
+        expected = "a recording of ros2 bag record (mcap recover repairs an .mcap file that was cut off)"
         raise ExperienceError(
             f"{file}: expected {expected}: {printable(str(error) or repr(error), 200)}"
         ) from error
@@ -228,7 +273,7 @@ def read_sources(
     Parameters
     ----------
     paths : sequence of Path
-        Tables (.parquet), recordings (.mcap, or the folder they are in), and stores of the node `learning`.
+        Tables (.parquet), recordings (.mcap, .db3, or their folder), and stores of the node `learning`.
     action_set : str, optional
         Action set of sources that do not name one; all others must name this one.
     topics : mapping, optional
@@ -259,11 +304,11 @@ def _source(
         table = read_experience(path)
     elif is_store(path):
         table = read_store(path, action_set)
-    elif path.suffix == ".mcap" or path.is_dir():
+    elif path.suffix in _FILES or path.is_dir():
         table = read_recording(path, robot, domain, topics)
     else:
         raise ExperienceError(
-            f"{path}: expected a table of collect (.parquet) or a recording (.mcap, or the folder it is in)"
+            f"{path}: expected a table of collect (.parquet) or a recording (.mcap, .db3, or its folder)"
         )
     found = table.metadata.get("domain", domain.name)
     if found != domain.name:

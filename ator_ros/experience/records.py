@@ -11,7 +11,7 @@ import numpy as np
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
-from ator_ros.actions.situation import Situation
+from ator_ros.actions.situation import ActionSpec, Situation
 from ator_ros.experience.episode import Episode, sample_of
 from ator_ros.experience.table import LARGEST
 from ator_ros.files import is_name
@@ -31,7 +31,7 @@ _FASTEST = 4.0  # times limits.v: a base may be described at half its real speed
 
 
 class Vocabulary(Protocol):
-    """Name, objects, TOPs and goal variables of a domain; `ator_ros.domains.domain.Domain` is one."""
+    """What recordings need of a domain; `ator_ros.domains.domain.Domain` is one."""
 
     @property
     def name(self) -> str:
@@ -47,6 +47,10 @@ class Vocabulary(Protocol):
     @property
     def tops(self) -> tuple[Top, ...]:
         """Its TOPs, for a usual robot."""
+
+    @property
+    def action_sets(self) -> Mapping[str, tuple[ActionSpec, ...]]:
+        """Its actions, by the names of their sets."""
 
     @property
     def goal_variables(self) -> Mapping[str, GoalVariable]:
@@ -80,7 +84,7 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
         heading_error=message.heading_error,
         objects=tuple(objects),
     )
-    if fault := _fault(episode, top, robot):
+    if fault := fault_in(episode, top, robot):
         raise MessageError(fault)
     return episode
 
@@ -99,7 +103,7 @@ def _called_top(message: Any, domain: Vocabulary) -> Top | None:
     return top
 
 
-def _fault(episode: Episode, top: Top | None, robot: Robot) -> str:
+def fault_in(episode: Episode, top: Top | None, robot: Robot) -> str:
     """Return why an episode of a TOP cannot be used; an empty text if it can."""
     goal = episode.situation.goal
     errors = (episode.position_error, episode.heading_error)  # may be NaN

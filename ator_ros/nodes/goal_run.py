@@ -42,7 +42,7 @@ from ator_ros.world.state import World
 
 _FEEDBACK_PERIOD = 0.1  # s on odometry's clock
 _LONGEST_REASON = 500
-_BROKEN_OFF = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN)
+_BROKEN_OFF = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN, Ending.REFUSED)
 
 
 class GoalRun:

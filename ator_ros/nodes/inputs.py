@@ -47,20 +47,25 @@ class TfListener:
     """Subscribes to /tf and /tf_static once a frame is followed, and looks frames up.
 
     The names are absolute, as those of tf2_ros: where tf has a namespace, remap them (``-r /tf:=tf``).
+
+    Attributes
+    ----------
+    transforms : Transforms
+        The recent transforms.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._transforms = Transforms()
+        self.transforms = Transforms()
         self._followed: dict[tuple[str, str], list[Take]] = {}
         self._last: dict[tuple[str, str], float] = {}
         """The stamp in s that was passed on last, by frame and child."""
 
     def lacking(self, frame: str, child: str) -> str:
         """Return the problem if the place of `child` in `frame` is unknown or old."""
-        if self._transforms.latest(frame, child) is not None:
+        if self.transforms.latest(frame, child) is not None:
             return f"tf: expected newer transforms from {frame} to {child}"
-        frames = self._transforms.frames
+        frames = self.transforms.frames
         known = f"{', '.join(frames[:_MOST_NAMED])}{' …' if len(frames) > _MOST_NAMED else ''}"
         return f"tf: expected transforms from {frame} to {child}, got the frames: {known or 'none'}"
 
@@ -74,12 +79,12 @@ class TfListener:
     def _take(self, message: Any, *, fixed: bool) -> None:
         for transform in message.transforms:
             try:
-                self._transforms.add(*transform_from(transform), fixed=fixed)
+                self.transforms.add(*transform_from(transform), fixed=fixed)
             except MessageError as error:
                 logger = self._node.get_logger()
                 logger.warning(f"ignored: {error}", throttle_duration_sec=_WARNING_PERIOD)
         for frames, takes in self._followed.items():
-            found = self._transforms.latest(*frames)
+            found = self.transforms.latest(*frames)
             if found is not None and found[0] != self._last.get(frames):  # newer, or older after a reset
                 self._last[frames] = found[0]
                 for take in takes:
@@ -177,7 +182,14 @@ class Subscriptions:
             raise SetupError(f"parameter robot_frame: expected another frame than frame, got {frames[1]}")
         else:
             velocity = RobotVelocity(robot.limits.v, robot.limits.w)
-            self._follow("odom", frames, partial(robot_from_placement, velocity), take_robot)
+            self._follow(
+                "odom",
+                frames,
+                lambda time, placement: robot_from_placement(
+                    velocity, time, placement, self.tf.transforms.latest_in_odometry(*frames)
+                ),
+                take_robot,
+            )
 
     def _subscribe(self, name: str, item: Input, read: Callable[..., Any], take: Callable[..., None]) -> None:
         self.inputs[name] = item

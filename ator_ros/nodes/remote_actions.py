@@ -118,7 +118,7 @@ class RemoteAction(Action):
         unusable = server.unusable()
         if unusable:
             late = now - self._since > server.timeouts.server
-            return finished(Status.FAILED, unusable) if late else Step(STOP, Status.RUNNING, unusable)
+            return finished(Status.REFUSED, unusable) if late else Step(STOP, Status.RUNNING, unusable)
         assert self._goal is not None
         self._sent, self._since = server.send(self._goal), now
         return Step(None, Status.RUNNING, f"sent to {server.name}")
@@ -132,7 +132,7 @@ class RemoteAction(Action):
                 return finished(Status.SUCCEEDED, f"{server.name} succeeded")
             return finished(Status.FAILED, f"{server.name} failed: {failure}")
         if sent.accepted is False:
-            return finished(Status.FAILED, f"{server.name} rejected the goal")
+            return finished(Status.REFUSED, f"{server.name} rejected the goal")
         if server.lost():
             missing = f"its action server has been missing for {limits.server:g} s"
             return finished(Status.FAILED, f"{server.name} is gone: {missing}")
@@ -140,7 +140,7 @@ class RemoteAction(Action):
             if time.monotonic() - self._since <= limits.acceptance:
                 return Step(None, Status.RUNNING, f"waiting for {server.name} to accept")
             within = f"expected that within {limits.acceptance:g} s"
-            return finished(Status.FAILED, f"{server.name} did not answer the goal: {within}")
+            return finished(Status.REFUSED, f"{server.name} did not answer the goal: {within}")
         if self._accepted is None:
             self._accepted = world.time
         if sent.silence() > limits.silence:

@@ -136,7 +136,7 @@ def arguments() -> argparse.ArgumentParser:
     """Return the command line of `train`."""
     parser = argparse.ArgumentParser(prog="train", description=__doc__)
     parser.add_argument(
-        "experience", nargs="*", type=Path, help="tables of collect, or recordings (.mcap or their folders)"
+        "experience", nargs="*", type=Path, help="tables of collect, or recordings (.mcap, .db3, folders)"
     )
     parser.add_argument(
         "--fresh", nargs="+", type=Path, default=[], help="other episodes, on which accuracy is measured"

@@ -225,13 +225,27 @@ def command_from(message: Any, where: str) -> Command:
 
 
 def robot_from_placement(
-    estimate: RobotVelocity, time: float, placement: Placement
+    estimate: RobotVelocity,
+    time: float,
+    placement: Placement,
+    moved: tuple[float, Placement] | None = None,
 ) -> tuple[float, RobotState]:
-    """Read time in s and state of the robot from its placement in tf; its velocity is estimated."""
-    where, (x, y, _) = "robot in tf", placement.origin
+    """Read time in s and state of the robot from its placement in tf; its velocity is estimated.
+
+    Its velocity is that of `moved`, a time and a placement in odometry's frame: a localization that corrects
+    the pose does not move the robot. None: that of `placement`.
+    """
+    pose = pose_from_placement(placement, "robot in tf")
+    then, there = (time, pose) if moved is None else (moved[0], pose_from_placement(moved[1], "robot in tf"))
+    state = estimate.state(then, there)
+    return time, RobotState(pose, state.v, state.w)
+
+
+def pose_from_placement(placement: Placement, where: str) -> Pose:
+    """Read the pose in the plane of a placement in tf."""
+    x, y, _ = placement.origin
     yaw = _planar_yaw(placement.turn, f"{where}: rotation")
-    pose = Pose(position(x, f"{where}: x"), position(y, f"{where}: y"), yaw)
-    return time, estimate.state(time, pose)
+    return Pose(position(x, f"{where}: x"), position(y, f"{where}: y"), yaw)
 
 
 class OdometryReader:

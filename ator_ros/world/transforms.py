@@ -121,6 +121,14 @@ class Transforms:
         there, back = self._in_ancestor(rising, time), self._in_ancestor(falling, time)
         return None if there is None or back is None else (time, back.inverse().compose(there))
 
+    def latest_in_odometry(self, frame: str, child: str) -> tuple[float, Placement] | None:
+        """Return what `latest` does, in the frame named odom (REP-105) if `child` is placed in one.
+
+        The pose there has no corrections, as those of a localization.
+        """
+        odometry = (name for name in self._ancestors(child) if name.rpartition("/")[2] == "odom")
+        return self.latest(next(odometry, frame), child)
+
     @property
     def present(self) -> float | None:
         """The time in s up to which every frame that moves is known; None: none moves.

@@ -11,7 +11,8 @@ from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finis
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.execution.motion_watch import MotionWatch
-from ator_ros.execution.supervisor import Phase
+from ator_ros.execution.supervisor import LONGEST_STOP_TIME, Phase
+from ator_ros.experience.records import ENDED
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition
@@ -87,6 +88,31 @@ def test_an_action_that_failed_to_start_is_not_ended() -> None:
     goal.tick()
     assert goal.execution.ending is Ending.FAILED
     assert actions.ends == []
+
+
+def test_a_goal_that_a_server_does_not_take_is_no_experience() -> None:
+    actions = ActionLog()
+    goal = started_goal(actions)
+    actions.outcome = Status.REFUSED
+    goal.tick()
+    assert goal.execution.ending is Ending.FAILED
+    (record,) = goal.execution.executor.records
+    assert record.ending is Ending.REFUSED
+    assert record.ending.value not in ENDED
+
+
+def test_a_robot_that_a_program_moves_on_is_commanded_to_stand_and_reported() -> None:
+    """As by Nav2's controller server after its navigator was killed, while the robot stood for a moment."""
+    actions = ActionLog()
+    goal = started_goal(actions)
+    actions.outcome = Status.FAILED
+    for _ in range(3):
+        goal.tick()
+    while goal.execution.phase is not Phase.ENDED:
+        goal.tick(v=0.55)
+        assert goal.sent[-1] == STOP
+    assert goal.now > LONGEST_STOP_TIME
+    assert "carried: failed; the robot still moves at 0.55 m/s" in goal.execution.reason
 
 
 def test_each_action_of_a_chain_is_ended_before_the_next_one_starts() -> None:

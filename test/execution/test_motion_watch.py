@@ -18,7 +18,10 @@ from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.geometry import Pose
 from ator_ros.robot.response import ramped
 from ator_ros.simulation.sensors import SensorConfig
+from ator_ros.world.estimation import RobotVelocity
+from ator_ros.world.messages import robot_from_placement
 from ator_ros.world.state import STOP, Command, RobotState, World
+from ator_ros.world.transforms import HERE, Placement, Transforms
 
 TICK = 0.05
 
@@ -236,3 +239,24 @@ def test_a_delayed_command_counts_from_when_it_was_sent() -> None:
         watch.sent(TICK * (tick - 1), Command(0.09, 0.0), TICK * (tick - 1))
         fault = watch.fault(TICK * tick, STANDING, TICK * tick)
     assert "the base does not move" in (fault or "")
+
+
+@pytest.mark.parametrize("in_odometry", [True, False])
+def test_corrections_of_the_pose_in_tf_are_no_motion(in_odometry: bool) -> None:
+    """A localization shifts odometry's frame in the map by 5 cm twice a second, dated ahead as by AMCL."""
+    known, estimate, watch = Transforms(), RobotVelocity(1.2, 2.4), MotionWatch(ROBOT, 0.0)
+    faults: set[str | None] = set()
+    for tick in range(100):
+        time = TICK * tick
+        if tick % 10 == 0:
+            origin = 0.05 * (tick // 10 % 2), 0.0, 0.0
+            known.add("map", "odom", time + 1.0, Placement(origin, HERE.turn))
+        known.add("odom", "base_link", time, HERE)
+        found = known.latest("map", "base_link")
+        if found is None or tick < 20:
+            continue
+        moved = known.latest_in_odometry("map", "base_link") if in_odometry else None
+        _, robot = robot_from_placement(estimate, *found, moved)
+        faults.add(watch.fault(time, robot, time))
+        watch.sent(time, STOP, time)
+    assert (faults == {None}) is in_odometry

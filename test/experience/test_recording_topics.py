@@ -186,14 +186,7 @@ def test_an_object_is_read_from_its_declared_source(tmp_path: Path, topic: str) 
 
 def test_an_object_in_tf_is_read(tmp_path: Path) -> None:
     def transforms(make: Messages, tick: Tick) -> Any:
-        types = make.types
-        moved = types["geometry_msgs/msg/Transform"](
-            types["geometry_msgs/msg/Vector3"](1.5, tick.time, 0.0),
-            types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
-        )
-        header = make.header(tick.time, "/odom")
-        link = types["geometry_msgs/msg/TransformStamped"](header, "cart_link", moved)
-        return types["tf2_msgs/msg/TFMessage"]([link])
+        return make.transforms(tick.time, ("/odom", "cart_link", Pose(1.5, tick.time, 0.0)))
 
     domain = errands(tmp_path, "type: tf, frame: /cart_link")
     frame = read(recorded(tmp_path, ("/tf", "tf2_msgs/msg/TFMessage", transforms)), domain).frame

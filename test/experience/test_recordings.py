@@ -71,6 +71,7 @@ def test_a_missing_package_is_reported_in_one_line(
     for package, file in (("mcap.reader", "bag"), ("pyarrow", "experience.parquet")):
         monkeypatch.setitem(sys.modules, package, None)
         (tmp_path / "bag").mkdir(exist_ok=True)
+        (tmp_path / "bag" / "drives.mcap").touch()
         assert train.main([str(tmp_path / file), "--models", str(tmp_path)]) == 1
         (line,) = capsys.readouterr().err.splitlines()
         assert package in line

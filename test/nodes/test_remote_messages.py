@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
@@ -99,5 +101,27 @@ def test_success_is_the_status_and_all_fields() -> None:
     both = Success(fields=(Expectation("outcome.code", 1), Expectation("record.refined", False)))
     assert failure(SUCCEEDED, both, code=1) is None
     assert failure(ABORTED, both, code=1) == "its goal is aborted"
-    assert failure(SUCCEEDED, both, code=2) == "outcome.code: expected 1, got 2"
+    assert failure(SUCCEEDED, both, code=2) == "outcome.code: FAILED (2)"
     assert failure(ABORTED, Success(status=("aborted",))) is None
+
+
+def test_an_error_code_is_named_also_where_it_is_forwarded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of nav2_msgs: the navigator's result holds the code of its planner, and no text."""
+    package = ModuleType("some_msgs.action")
+    kinds = {
+        "Navigate": {"NONE": 0, "UNKNOWN": 9000},
+        "Plan": {"NONE": 0, "TIMEOUT": 207, "NO_VALID_PATH": 208},
+    }
+    for name, constants in kinds.items():
+        result = type("Result", (), {**constants, "__module__": f"some_msgs.action._{name.lower()}"})
+        setattr(package, name, SimpleNamespace(Result=result))
+    monkeypatch.setitem(sys.modules, "some_msgs.action", package)
+    call, result = (
+        declared(success=Success(fields=(Expectation("error_code", 0),))),
+        package.Navigate.Result(),
+    )
+    for code, text in {208: "NO_VALID_PATH of Plan (208)", 9000: "UNKNOWN (9000)"}.items():
+        result.error_code = code
+        assert failure_in(call, 6, result) == f"its goal is aborted; error_code: {text}"
+    result.error_code = 5
+    assert failure_in(call, 4, result) == "error_code: expected 0, got 5"

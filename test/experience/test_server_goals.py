@@ -1,0 +1,159 @@
+"""Drives from recordings of an action server's goals, as of Nav2: status, plan and tf, no records."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bags import ODOMETRY, ROBOT, Extra, Messages, Tick, write_bag
+
+from ator_ros.domains.domain import Domain, find_domain
+from ator_ros.experience.recordings import read_recording
+from ator_ros.experience.table import ExperienceError
+from ator_ros.geometry import Pose
+
+SPEED, TICK, LENGTH = 0.5, 0.05, 1.0
+MAP = Pose(3.0, -2.0, 2.5)
+"""Odometry's frame in the map."""
+GOALS = ("succeeded", "aborted", "canceled", "without a plan", "by goal_pose", "unfinished")
+PERIOD = LENGTH / SPEED + 0.5
+BEGAN = 0.2  # s
+CODES = {"aborted": 6, "canceled": 5}
+DOMAIN = """
+name: stations
+tops:
+  - name: visit
+    action: navigate
+    post:
+      - {variable: robot.x, target: goal.x, tolerance: 0.3}
+      - {variable: robot.y, target: goal.y, tolerance: 0.3}
+actions:
+  - name: navigate
+    remote:
+      server: navigate_to_pose
+      type: nav2_msgs/action/NavigateToPose
+      goal: [{field: pose, source: goal}]
+"""
+
+
+def pose_at(time: float) -> Pose:
+    """Return the robot's pose in odometry's frame: it drives 1 m to each goal, and stands for 0.5 s."""
+    number, since = divmod(time - BEGAN, PERIOD)
+    return Pose(LENGTH * number + SPEED * min(since, LENGTH / SPEED) if time >= BEGAN else 0.0, 0.0, 0.0)
+
+
+def ticks() -> list[Tick]:
+    times = [TICK * number for number in range(round((PERIOD * (len(GOALS) - 0.5) + BEGAN) / TICK))]
+    speeds = [(pose_at(time).x - pose_at(time - 0.001).x) / 0.001 for time in times]
+    return [Tick(time, pose_at(time), v, 0.0) for time, v in zip(times, speeds, strict=True)]
+
+
+def states_at(time: float) -> list[tuple[int, int, float]]:
+    """Return number, status and time of acceptance of each goal; one is from before the recording."""
+    begins = [(number, BEGAN + PERIOD * number) for number in range(len(GOALS))]
+    states = [(99, 4, -50.0)]
+    for number, begin in begins:
+        if time >= begin - 0.001:
+            ended = time >= begin + LENGTH / SPEED - 0.001
+            states.append((number, CODES.get(GOALS[number], 4) if ended else 2, begin))
+    return states
+
+
+def status(make: Messages, tick: Tick) -> Any:
+    """Return a status message where a state changes, and the latched one."""
+    states, before = states_at(tick.time), states_at(tick.time - TICK)
+    if states == before and tick.time > 0.0:
+        return None
+    types = make.types
+    items = []
+    for number, code, accepted in states:
+        goal_id = types["unique_identifier_msgs/msg/UUID"](np.full(16, number, dtype=np.uint8))
+        stamp = make.header(accepted, "").stamp
+        items.append(
+            types["action_msgs/msg/GoalStatus"](types["action_msgs/msg/GoalInfo"](goal_id, stamp), code)
+        )
+    return types["action_msgs/msg/GoalStatusArray"](items)
+
+
+def goal_in_map(number: int) -> Pose:
+    return MAP.compose(Pose(LENGTH * (number + 1), 0.1, 0.3))
+
+
+def stamped_goal(make: Messages, time: float, number: int) -> Any:
+    pose = goal_in_map(number)
+    turn = math.sin(pose.yaw / 2.0), math.cos(pose.yaw / 2.0)
+    return make.types["geometry_msgs/msg/PoseStamped"](
+        make.header(time, "map"), make.pose(pose.x, pose.y, turn)
+    )
+
+
+def plan(make: Messages, tick: Tick) -> Any:
+    """Return the path to the goal, once a second; that of a planner that stops short of a given goal_pose."""
+    number, since = divmod(tick.time - BEGAN, PERIOD)
+    if not 0.0 <= number < len(GOALS) or round(since / TICK) % 20 != 10 or GOALS[int(number)][:4] == "with":
+        return None
+    shown = int(number) if GOALS[int(number)] != "by goal_pose" else 0
+    poses = [stamped_goal(make, tick.time, 2), stamped_goal(make, tick.time, shown)]
+    return make.types["nav_msgs/msg/Path"](make.header(tick.time, "map"), poses)
+
+
+def goal_pose(make: Messages, tick: Tick) -> Any:
+    number = GOALS.index("by goal_pose")
+    sent = abs(tick.time - (BEGAN + PERIOD * number - 2 * TICK)) < 0.01
+    return stamped_goal(make, tick.time, number) if sent else None
+
+
+def transforms(make: Messages, tick: Tick) -> Any:
+    return make.transforms(tick.time, ("map", "odom", MAP), ("odom", "base_link", tick.pose))
+
+
+TF: Extra = ("/tf", "tf2_msgs/msg/TFMessage", transforms)
+TOPICS: list[Extra] = [
+    ("/navigate_to_pose/_action/status", "action_msgs/msg/GoalStatusArray", status),
+    ("/plan", "nav_msgs/msg/Path", plan),
+    ("/goal_pose", "geometry_msgs/msg/PoseStamped", goal_pose),
+]
+
+
+@pytest.fixture
+def domain(tmp_path: Path) -> Domain:
+    (tmp_path / "stations.yaml").write_text(DOMAIN)
+    return find_domain(str(tmp_path / "stations.yaml"))
+
+
+@pytest.mark.parametrize(("storage", "odometry"), [("MCAP", True), ("SQLITE3", False)])
+def test_goals_of_a_server_are_drives(tmp_path: Path, domain: Domain, storage: str, odometry: bool) -> None:
+    states: list[Extra] = [("/odom", ODOMETRY, Messages.odometry)] if odometry else []
+    bag = write_bag(tmp_path / "bag", Messages(offset=100.0), ticks(), *states, TF, *TOPICS, storage=storage)
+    experience = read_recording(bag, ROBOT, domain)
+    starts = experience.frame[experience.frame["t"] == 0.0]
+    found = [0, 1, 4]
+    assert starts["success"].tolist() == [True, False, True]
+    assert starts["duration"].to_numpy() == pytest.approx(LENGTH / SPEED, abs=1.5 * TICK)
+    goals = np.array([goal_in_map(number) for number in found])
+    assert starts[["xg", "yg", "yawg"]].to_numpy() == pytest.approx(goals, abs=1e-6)
+    begins = np.array([MAP.compose(Pose(LENGTH * number, 0.0, 0.0)) for number in found])
+    assert starts[["x", "y", "yaw"]].to_numpy() == pytest.approx(begins, abs=1.5 * TICK * SPEED)
+    assert starts["position_error"].to_numpy() == pytest.approx(0.1, abs=0.03)
+    assert starts["heading_error"].to_numpy() == pytest.approx(0.3, abs=1e-6)
+    reasons = {
+        "accepted before the recording began",
+        "canceled",
+        "no plan or goal_pose was recorded with it",
+        "its end was not recorded",
+    }
+    assert set(experience.remarks) == {
+        f"bag: left out 1 of {len(GOALS) + 1} goals of navigate: {reason}" for reason in reasons
+    }
+
+
+def test_without_transforms_the_frame_is_named(tmp_path: Path, domain: Domain) -> None:
+    states: Extra = ("/odom", ODOMETRY, Messages.odometry)
+    bag = write_bag(tmp_path / "bag", Messages(offset=100.0), ticks(), states, *TOPICS)
+    with pytest.raises(
+        ExperienceError, match=r"left out 3 of 7 .* tf does not connect odometry's frame with"
+    ):
+        read_recording(bag, ROBOT, domain)
