@@ -79,7 +79,8 @@ _COMMON = (
     Parameter(
         "odom_timeout",
         _USUAL.odom,
-        "real s without odometry, more if its stamps are slower than real time; the robot pauses after half",
+        "real s without odometry, more if its stamps are slower than real time, at least 2 if faster; "
+        "the robot pauses after half",
         0.05,
         60.0,
         live=True,
@@ -238,7 +239,7 @@ class ExecutorNode(Node):
         if self._motion.remark not in ("", self._slow):
             self._slow = self._motion.remark
             self.get_logger().warning(self._slow)
-        run.supervisor.slowdown = self._inputs.slowdown
+        run.supervisor.slowdown, run.supervisor.is_fast = self._inputs.slowdown, self._inputs.is_fast
         if self._remotes.ending() or self._is_connecting(run, now):
             self._send(STOP)
             self._motion.reset()  # its motion is not ours
