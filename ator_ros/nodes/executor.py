@@ -32,6 +32,7 @@ from ator_ros.nodes.diagnostics import STEADY, Diagnosis, Diagnostics, Health, T
 from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
 from ator_ros.nodes.inputs import Subscriptions
+from ator_ros.nodes.messages import into_frame
 from ator_ros.nodes.models import LEARNED, LearnedSets
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -189,7 +190,7 @@ class ExecutorNode(Node):
             self, settings, robot, map(self._domain.source, self._domain.objects),
             take_robot=self._take_robot, take_object=self._take_object, warn=self._warn,
         )  # fmt: skip
-        self._diagnosis = Diagnosis(self, subscribed)
+        self._tf, self._diagnosis = subscribed.tf, Diagnosis(self, subscribed)
         self._server = ActionServer(
             self, ExecuteChain, "execute_chain", self._execute,
             goal_callback=lambda _: GoalResponse.REJECT if self._shutting_down else GoalResponse.ACCEPT,
@@ -277,6 +278,8 @@ class ExecutorNode(Node):
     async def _execute(self, handle: ServerGoalHandle) -> Any:
         """Begin a goal and wait for its end, which odometry callback and watchdog detect."""
         try:
+            sent = handle.request.chain, *handle.request.alternatives
+            into_frame(self._settings["frame"], self._tf.base, sent)
             predictors = self._predictors()
             refinement = self._refinement
             run = GoalRun(
