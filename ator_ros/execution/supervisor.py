@@ -31,6 +31,8 @@ _CALM = 0.5
 """Time in s for which a robot must stand after another program moved it and failed: that may go on, as Nav2's
 controller server does after its navigator died."""
 _FIRST_GAP = 1.0  # least real s without odometry that end a goal before it drives: its rate may be unknown
+_LONGEST_STALL = 2.0
+"""Real s without odometry that end a goal where stamps run faster than real time: a simulation may stall."""
 
 
 class Phase(enum.Enum):
@@ -93,6 +95,8 @@ class Supervisor:
         The chain with its present goals, the questions to refinement, and the predictions of the chain.
     slowdown : float
         How many times longer the real timeouts of odometry are: 1, or more where its clock is slow.
+    is_fast : bool
+        Whether odometry's clock is faster than real time.
 
     Parameters
     ----------
@@ -131,7 +135,7 @@ class Supervisor:
         self.ending: Ending | None = None
         self.reason = Phase.WAITING.value
         self.start: World | None = None
-        self.slowdown = 1.0
+        self.slowdown, self.is_fast = 1.0, False
         self.executor = ChainExecutor(
             library, chain, time_limit=deadlines.action, fetches=fetches, rolling=rolling
         )
@@ -318,6 +322,8 @@ class Supervisor:
         limit = self.slowdown * self._deadlines.odom
         if self.phase is Phase.WAITING:
             limit = max(limit, _FIRST_GAP)
+        if self.is_fast:
+            limit = max(limit, _LONGEST_STALL)
         if self.phase is not Phase.ENDED and now - self._odom_at > limit:
             reason = f"odom is missing: expected newer odometry within {limit:.3g} s, got none"
             self.end(Ending.INPUT_LOST, reason)

@@ -32,6 +32,7 @@ from ator_ros.nodes.diagnostics import STEADY, Diagnosis, Diagnostics, Health, T
 from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
 from ator_ros.nodes.inputs import Subscriptions
+from ator_ros.nodes.messages import into_frame
 from ator_ros.nodes.models import LEARNED, LearnedSets
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -79,7 +80,8 @@ _COMMON = (
     Parameter(
         "odom_timeout",
         _USUAL.odom,
-        "real s without odometry, more if its stamps are slower than real time; the robot pauses after half",
+        "real s without odometry, more if its stamps are slower than real time, at least 2 if faster; "
+        "the robot pauses after half",
         0.05,
         60.0,
         live=True,
@@ -188,7 +190,7 @@ class ExecutorNode(Node):
             self, settings, robot, map(self._domain.source, self._domain.objects),
             take_robot=self._take_robot, take_object=self._take_object, warn=self._warn,
         )  # fmt: skip
-        self._diagnosis = Diagnosis(self, subscribed)
+        self._tf, self._diagnosis = subscribed.tf, Diagnosis(self, subscribed)
         self._server = ActionServer(
             self, ExecuteChain, "execute_chain", self._execute,
             goal_callback=lambda _: GoalResponse.REJECT if self._shutting_down else GoalResponse.ACCEPT,
@@ -238,7 +240,7 @@ class ExecutorNode(Node):
         if self._motion.remark not in ("", self._slow):
             self._slow = self._motion.remark
             self.get_logger().warning(self._slow)
-        run.supervisor.slowdown = self._inputs.slowdown
+        run.supervisor.slowdown, run.supervisor.is_fast = self._inputs.slowdown, self._inputs.is_fast
         if self._remotes.ending() or self._is_connecting(run, now):
             self._send(STOP)
             self._motion.reset()  # its motion is not ours
@@ -276,6 +278,8 @@ class ExecutorNode(Node):
     async def _execute(self, handle: ServerGoalHandle) -> Any:
         """Begin a goal and wait for its end, which odometry callback and watchdog detect."""
         try:
+            sent = handle.request.chain, *handle.request.alternatives
+            into_frame(self._settings["frame"], self._tf.base, sent)
             predictors = self._predictors()
             refinement = self._refinement
             run = GoalRun(

@@ -19,8 +19,10 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 
+from ator_ros.geometry import Pose
 from ator_ros.nodes.parameters import STATE, SetupError
 from ator_ros.nodes.qos import LATCHED_BY_MANY, RESULTS, SENSOR_DATA
+from ator_ros.printable import quoted
 from ator_ros.robot.description import Robot
 from ator_ros.world.estimation import RobotVelocity, StampError
 from ator_ros.world.messages import (
@@ -28,6 +30,8 @@ from ator_ros.world.messages import (
     ObjectReader,
     ObjectSource,
     OdometryReader,
+    plain_frame,
+    pose_from_placement,
     robot_from_placement,
     transform_from,
 )
@@ -57,6 +61,7 @@ class TfListener:
     def __init__(self, node: Node) -> None:
         self._node = node
         self.transforms = Transforms()
+        self._subscribed = False
         self._followed: dict[tuple[str, str], list[Take]] = {}
         self._last: dict[tuple[str, str], float] = {}
         """The stamp in s that was passed on last, by frame and child."""
@@ -69,12 +74,27 @@ class TfListener:
         known = f"{', '.join(frames[:_MOST_NAMED])}{' …' if len(frames) > _MOST_NAMED else ''}"
         return f"tf: expected transforms from {frame} to {child}, got the frames: {known or 'none'}"
 
+    def base(self, frame: str, other: str) -> Pose | None:
+        """Return the pose of another frame in `frame`; None if it is unknown, or the same frame.
+
+        tf is read from the first call on.
+        """
+        if plain_frame(other) in ("", plain_frame(frame)):
+            return None
+        self._subscribe()
+        found = self.transforms.latest(plain_frame(frame), plain_frame(other))
+        return None if found is None else pose_from_placement(found[1], f"{quoted(other)} in tf")
+
     def follow(self, frame: str, child: str, take: Take) -> None:
         """Pass on each update of the pose of `child` in `frame`; the frames first followed come first."""
-        if not self._followed:
+        self._subscribe()
+        self._followed.setdefault((frame, child), []).append(take)
+
+    def _subscribe(self) -> None:
+        if not self._subscribed:
+            self._subscribed = True
             for topic, fixed, qos in (("/tf_static", True, LATCHED_BY_MANY), ("/tf", False, RESULTS)):
                 self._node.create_subscription(TFMessage, topic, partial(self._take, fixed=fixed), qos)
-        self._followed.setdefault((frame, child), []).append(take)
 
     def _take(self, message: Any, *, fixed: bool) -> None:
         for transform in message.transforms:

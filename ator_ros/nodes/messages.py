@@ -6,7 +6,7 @@ Every function that reads a message raises MessageError, with `where` naming the
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -67,6 +67,29 @@ def twist_of(command: Command) -> Twist:
     message = Twist()
     message.linear.x, message.angular.z = float(command.v), float(command.w)
     return message
+
+
+def into_frame(
+    frame: str,
+    base: Callable[[str, str], Pose | None],
+    chains: Iterable[msg.TopChain],
+    situation: msg.Situation | None = None,
+) -> None:
+    """Transform goals and a situation to a frame, in place; those in an unknown frame stay as they are.
+
+    `base` returns the pose of another frame in a frame, None if it is unknown or the same.
+    """
+    for goal in (call.goal for chain in chains for call in chain.calls):
+        if (origin := base(frame, goal.header.frame_id)) is not None:
+            goal.pose = pose_of(origin.compose(pose_from(goal.pose, "call.goal.pose")))
+            goal.header.frame_id = frame
+    if situation and (origin := base(frame, situation.header.frame_id)) is not None:
+        situation.robot = pose_of(origin.compose(pose_from(situation.robot, "situation.robot")))
+        turn = Pose(0.0, 0.0, origin.yaw)
+        for item in situation.objects:
+            for vector, pose in ((item.position, origin), (item.velocity, turn)):
+                vector.x, vector.y, _ = pose.compose(Pose(vector.x, vector.y, 0.0))
+        situation.header.frame_id = frame
 
 
 # The state of the world

@@ -19,6 +19,7 @@ from ator_ros.learning.gains import Gains
 from ator_ros.nodes import messages
 from ator_ros.nodes.diagnostics import Diagnostics, Health
 from ator_ros.nodes.drawing import LazyPublisher, marker_array
+from ator_ros.nodes.inputs import TfListener
 from ator_ros.nodes.models import LEARNED, LearnedSets, ModelSet
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -91,6 +92,8 @@ class RefinementNode(Node):
         one after the other. After `deadline` the answer is the best chain found, and cut_short is true.
         plan_chains (ator_interfaces/PlanChains): chains for a goal, from the conditions of the TOPs.
         predict_durations (ator_interfaces/PredictDurations): how long steps take from several situations.
+    Subscribes to
+        /tf and /tf_static, from the first request in another frame than `frame` on.
     Publishes
         refinement_markers (visualization_msgs/MarkerArray, transient local): the naive chain, the
         chain to execute, and the predicted times by heading as rings, of the last request.
@@ -109,6 +112,7 @@ class RefinementNode(Node):
         self._goals = domain.goals(robot)
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
         self._answered, self._cut_short, self._last_error = 0, 0, ""
+        self._tf = TfListener(self)
         self._markers = LazyPublisher(self, MarkerArray, "refinement_markers")
         self.create_service(RefineSubgoal, "refine_subgoal", self._serve_refinement, qos_profile=SERVICES)
         self.create_service(PlanChains, "plan_chains", self._serve_plan, qos_profile=SERVICES)
@@ -183,6 +187,8 @@ class RefinementNode(Node):
         present, library = self._sets.present[action_set], self._libraries[action_set]
         if not present.models:
             raise RefinementError(f"action set {action_set}: {present.absent}")
+        sent = request.chain, *request.alternatives
+        messages.into_frame(frame, self._tf.base, sent, request.situation)
         gains = self._sets.gains.of(action_set)
         refiner = self._refiner(present, self._gate(request, gains))
         choice = refine_request(
@@ -203,6 +209,7 @@ class RefinementNode(Node):
         frame = self._settings["frame"]
         name = messages.action_set_from(request, allowed=self._libraries, where="request")
         goal = messages.statements_from(request.goal, self._goals, self._variables)
+        messages.into_frame(frame, self._tf.base, (), request.situation)
         world = world_from(request.situation, frame=frame)
         chains = chains_for(goal, world, self._libraries[name], self._domain.objects, self._fence)
         return PlanChains.Response(

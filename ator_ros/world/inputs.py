@@ -15,6 +15,7 @@ _PACE_WINDOW, _PACE_STEP = 2.0, 0.1
 """Real s over which the pace of stamps is measured, and between two messages that are remembered for it."""
 _PACE_LEAST = 0.5  # least real s to measure it over: messages 0.05 s late then change it by a tenth
 _REAL_TIME = 0.8  # pace below which stamps run slower than real time, as in a slow simulation
+_FASTER_THAN_REAL = 1.5  # pace; that of messages that were held up for a moment is lower
 _SLOWEST = 50.0  # greatest factor of timeouts: with it a simulation at 0.02 times real time keeps them
 GAP = 1.0
 """Real time in s without odometry after which the base may have been restarted."""
@@ -95,6 +96,11 @@ class Inputs:
     def slowdown(self) -> float:
         """How many times longer real timeouts have to be: above 1 where stamps run slower than real time."""
         return min(1.0 / self.pace, _SLOWEST) if 0.0 < self.pace < _REAL_TIME else 1.0
+
+    @property
+    def is_fast(self) -> bool:
+        """Whether stamps run faster than real time, as only in a simulation."""
+        return self.pace > _FASTER_THAN_REAL
 
     def _measure_pace(self, time: float, now: float) -> None:
         clocks = self._clocks

@@ -62,6 +62,18 @@ def test_missing_odometry_ends_the_goal_with_a_reason() -> None:
     assert "odom is missing" in run.reason
 
 
+def test_a_simulation_faster_than_real_time_may_stall() -> None:
+    run = execution(FORWARD)
+    run.is_fast = True
+    for tick in range(2):
+        run.tick(world(1.0 + 0.05 * tick), 100.0)
+    run.watch(101.9)
+    assert run.odometry_is_late(101.9)  # it is commanded to stand
+    assert run.ending is None
+    run.watch(102.1)
+    assert run.ending is Ending.INPUT_LOST
+
+
 def test_an_invalid_chain_is_rejected_without_a_command() -> None:
     run = execution(chain(("dribbleBall", Pose(1.0, 0.0, 0.0))))
     assert run.tick(world(ball=ObjectState(2.0, 2.0)), 100.0) == STOP

@@ -29,6 +29,7 @@ from ator_ros.world.messages import (
     ObjectSource,
     OdometryReader,
     command_from,
+    pose_from,
     world_from,
 )
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -164,3 +165,23 @@ def test_arbitrary_messages_are_read_or_rejected(data: st.DataObject) -> None:
     except MessageError as error:
         reason = str(error)
     assert "expected" in reason
+
+
+def test_goals_and_situations_in_a_known_frame_are_transformed() -> None:
+    origin = Pose(1.0, 2.0, math.pi / 2.0)
+    world = World(3.0, RobotState(Pose(1.0, 0.0, 0.5), 0.4), objects_of(ObjectState(2.0, 0.0, 1.0, 0.0)))
+    situation, call = messages.situation_of(world, frame="odom"), TopCall()
+    call.goal.pose, call.goal.header.frame_id = messages.pose_of(Pose(1.0, 1.0, 0.0)), "odom"
+    elsewhere = TopCall()
+    elsewhere.goal.header.frame_id = "moon"
+    bases = {"odom": origin}
+    messages.into_frame(
+        "map", lambda _, other: bases.get(other), [TopChain(calls=[call, elsewhere])], situation
+    )
+    assert near(pose_from(call.goal.pose, "goal"), Pose(0.0, 3.0, math.pi / 2.0))
+    assert [each.goal.header.frame_id for each in (call, elsewhere)] == ["map", "moon"]
+    read = world_from(situation, frame="map")
+    assert near(read.robot.pose, Pose(1.0, 3.0, 0.5 + math.pi / 2.0))
+    ball = ball_of(read)
+    assert ball is not None
+    assert (ball.x, ball.y, ball.vx, ball.vy) == pytest.approx((1.0, 4.0, 0.0, 1.0))

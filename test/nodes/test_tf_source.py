@@ -89,6 +89,16 @@ def test_a_chain_is_driven_by_tf_in_the_map(host: Host, client: Client, base: Tf
     assert all(record.actual.accuracy < 0.03 for record in result.record.actions)
 
 
+def test_a_goal_in_another_frame_is_transformed(host: Host, client: Client, base: TfBase) -> None:
+    host("executor", **SETTINGS)
+    goal = call("goToPose", Pose(0.6, 0.2, 0.5))
+    goal.goal.header.frame_id = "/odom"
+    result = ChainClient(client).send([goal]).result()
+    assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
+    assert base.pose.distance(Pose(0.6, 0.2, 0.5)) < 0.04
+    assert result.record.chain.calls[0].goal.header.frame_id == "map"
+
+
 def test_an_object_is_found_through_the_robots_camera(
     host: Host, client: Client, base: TfBase, tmp_path: Path
 ) -> None:

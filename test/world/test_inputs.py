@@ -145,6 +145,14 @@ def test_each_object_has_its_own_timeout() -> None:
     assert after.objects == {}
 
 
+@pytest.mark.parametrize(("rate", "is_fast"), [(4.0, True), (1.0, False), (0.2, False)])
+def test_stamps_faster_than_real_time_are_noticed(rate: float, is_fast: bool) -> None:
+    both = inputs()
+    for tick in range(60):
+        both.robot(1.0 + 0.05 * tick, RobotState(Pose(0.0, 0.0, 0.0)), 7.0 + 0.05 * tick / rate)
+    assert both.is_fast is is_fast
+
+
 @pytest.mark.parametrize("rate", [0.02, 0.2, 0.5])
 def test_real_timeouts_are_longer_with_slow_stamps(rate: float) -> None:
     both = inputs()
