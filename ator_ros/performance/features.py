@@ -8,12 +8,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from ator_ros.actions.goal_variables import GoalVariable, direct_name
-from ator_ros.geometry import FloatArray
-from ator_ros.performance.derived import BASICS, Geometry
+from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.motion.durations import drive_time, turn_time
+from ator_ros.motion.routes import Routes
+from ator_ros.performance.derived import (
+    ANGLE_AT,
+    ANGLE_TO,
+    ARRIVAL,
+    BASICS,
+    DIST,
+    FROM_X,
+    FROM_Y,
+    FROM_YAW,
+    GOAL_YAW,
+    SPEED,
+    TO_X,
+    TO_Y,
+    Geometry,
+)
 from ator_ros.performance.direct import DIRECT_VARIABLES, Direct
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.robot.description import Robot
@@ -89,6 +106,46 @@ GENERAL: dict[str, Feature] = {feature.name: feature for feature in (*PAPER_11, 
 
 CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
 """Features from which the model tree of an action selects that names none; see `ActionSpec.features`."""
+
+
+ROUTES = {
+    "route_length": ("m", _PLACES),
+    "route_turn": ("rad", _PLACES),
+    "route_clearance": ("m", _PLACES),
+    "route_angle_to": ("rad", _POSES),
+    "route_angle_at": ("rad", _PLACES),
+    "route_time": ("s", " ".join(_MOTION)),
+}
+"""Unit and direct variables of the features of a domain with a map, in the order of `_on_route`."""
+
+
+def route_features(routes: Routes) -> tuple[Feature, ...]:
+    """Return the features of the routes on a map: `ROUTES`."""
+    compute = partial(_on_route, routes)
+    return tuple(
+        Feature(name, unit, variables(derives), partial(_row_of, compute, row))
+        for row, (name, (unit, derives)) in enumerate(ROUTES.items())
+    )
+
+
+def _row_of(compute: Callable[[Geometry], FloatArray], row: int, geometry: Geometry) -> FloatArray:
+    return np.asarray(geometry.once(compute)[row])
+
+
+def _on_route(routes: Routes, geometry: Geometry) -> FloatArray:
+    """Return the features of routes, shape (6, n): straight ones have the length and angles of `PAPER_3`.
+
+    Their time is that of a robot which turns before it drives, and at corners.
+    """
+    rows, limits = geometry.rows, geometry.robot.limits
+    route = routes.between(rows[FROM_X], rows[FROM_Y], rows[TO_X], rows[TO_Y])
+    length = np.where(route.straight, rows[DIST], route.length)
+    to = np.abs(wrap_angles(route.departure - rows[FROM_YAW]))
+    at = np.abs(wrap_angles(rows[GOAL_YAW] - route.arrival))
+    to, at = np.where(route.straight, rows[ANGLE_TO], to), np.where(route.straight, rows[ANGLE_AT], at)
+    time = turn_time(to, limits.w, limits.aw) + turn_time(at, limits.w, limits.aw) + route.turn / limits.w
+    time += drive_time(length, rows[SPEED], rows[ARRIVAL], limits)
+    return np.stack([length, route.turn, route.clearance, to, at, time])
 
 
 def goal_feature(variable: GoalVariable) -> Feature:
