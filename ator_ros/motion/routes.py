@@ -24,9 +24,10 @@ MARGINS = (0.35, 0.25, 0.15, 0.05, 0.0)
 """Distances in m that a route keeps from obstacles besides the robot's: the first that the places allow.
 
 Planners prefer to keep such a distance: Nav2's inflation layer does."""
-_CELL, _MOST_CELLS = 0.1, 250_000  # m; so a field takes 30 ms
+_CELL, _MOST_CELLS = 0.1, 250_000  # m; so a field takes 40 ms
 _OFF_FREE = 1.5  # cells by which a place may lie too near to an obstacle: localization errs
 _FIELD_BYTES = 200_000_000  # that the fields of a map may take
+_FEW, _MOST_PAIRS = 64, 20_000  # of which routes are remembered
 _BUCKETS = 4.0  # of the queue, per cell of length
 Cells = NDArray[np.int32]
 Table = NDArray[np.float32]
@@ -94,6 +95,7 @@ class Routes:
         self._entry: Cells = np.stack(entries).astype(np.int32)
         self._part: Cells = np.stack(parts).astype(np.int32)
         self._fields: OrderedDict[tuple[int, complex], tuple[Cells, Tables]] = OrderedDict()
+        self._pairs: dict[bytes, FloatArray] = {}
         free = np.argwhere(self._free[-1])
         if not len(free):
             raise FileError(f"{grid.name}: expected a place {radius:g} m from obstacles, got none")
@@ -105,7 +107,33 @@ class Routes:
 
         A field is made for each distinct place of starts or goals, whichever have fewer.
         """
-        return self._routes(self._places(x, y), self._places(to_x, to_y))
+        ends = np.stack([x, y, to_x, to_y])
+        count = ends.shape[1]
+        if count and (ends == ends[:, :1]).all():  # as in a search for headings
+            found = self._remembered(ends[:, :1]).repeat(count, axis=1)
+        else:
+            found = self._remembered(ends) if count <= _FEW else self._between(ends)
+        length, turn, clearance, departure, arrival, straight = found
+        return RouteSet(length, turn, clearance, departure, arrival, straight == 1.0)
+
+    def _remembered(self, ends: FloatArray) -> FloatArray:
+        """Return the routes of a few pairs of places as `_between` does, and remember them."""
+        keys = [column.tobytes() for column in ends.T]
+        new = [number for number, key in enumerate(keys) if key not in self._pairs]
+        if new:
+            if len(self._pairs) > _MOST_PAIRS:
+                self._pairs.clear()
+                new = list(range(len(keys)))
+            found = self._between(ends[:, new])
+            self._pairs |= {keys[number]: found[:, at] for at, number in enumerate(new)}
+        return np.stack([self._pairs[key] for key in keys], axis=1)
+
+    def _between(self, ends: FloatArray) -> FloatArray:
+        """Return the routes of pairs x, y, to_x, to_y in m, shape (4, n): the rows of a `RouteSet`."""
+        found = self._routes(self._places(*ends[:2]), self._places(*ends[2:]))
+        found[[0, 2]] *= self._cell
+        found[3:5] = wrap_angles(found[3:5] + self.grid.origin.yaw)
+        return found
 
     def fault(self, x: float, y: float, start: tuple[float, float] | None = None) -> str | None:
         """Return why no route leads to a place in m, from `start` or from anywhere; None if one does."""
@@ -118,7 +146,8 @@ class Routes:
             wanted = f"reach of x {start[0]:.2f} m, y {start[1]:.2f} m"
         return f"expected a place in {wanted}, on the map {self.grid}, got x {x:.2f} m, y {y:.2f} m"
 
-    def _routes(self, starts: Places, goals: Places) -> RouteSet:
+    def _routes(self, starts: Places, goals: Places) -> FloatArray:
+        """Return the routes between places in cells, as `_look_up` writes them."""
         here, there = self._cells(starts), self._cells(goals)
         level = self._levels(here, there)
         ends, others = _distinct(goals), _distinct(starts)
@@ -140,10 +169,7 @@ class Routes:
                     found[:, which] = routes
         if backward:
             found[3], found[4] = found[4] + math.pi, found[3] + math.pi
-        found[[0, 2]] *= self._cell
-        found[3:5] = wrap_angles(found[3:5] + self.grid.origin.yaw)
-        length, turn, clearance, departure, arrival, straight = found
-        return RouteSet(length, turn, clearance, departure, arrival, straight == 1.0)
+        return found
 
     def _places(self, x: FloatArray, y: FloatArray) -> Places:
         """Return places in m in cells; whole numbers are the middles of cells."""

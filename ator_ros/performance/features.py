@@ -13,23 +13,19 @@ from functools import partial
 import numpy as np
 
 from ator_ros.actions.goal_variables import GoalVariable, direct_name
-from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import drive_time, turn_time
 from ator_ros.motion.routes import Routes
 from ator_ros.performance.derived import (
-    ANGLE_AT,
-    ANGLE_TO,
     ARRIVAL,
     BASICS,
-    DIST,
     FROM_X,
     FROM_Y,
-    FROM_YAW,
-    GOAL_YAW,
     SPEED,
     TO_X,
     TO_Y,
     Geometry,
+    relate_route,
 )
 from ator_ros.performance.direct import DIRECT_VARIABLES, Direct
 from ator_ros.performance.driving import DrivingStyle
@@ -122,8 +118,9 @@ ROUTES = {
 def route_features(routes: Routes) -> tuple[Feature, ...]:
     """Return the features of the routes on a map: `ROUTES`."""
     compute = partial(_on_route, routes)
+    own: dict[str, Callable[[Geometry], FloatArray]] = {"route_time": partial(_route_time, compute)}
     return tuple(
-        Feature(name, unit, variables(derives), partial(_row_of, compute, row))
+        Feature(name, unit, variables(derives), own.get(name) or partial(_row_of, compute, row))
         for row, (name, (unit, derives)) in enumerate(ROUTES.items())
     )
 
@@ -133,19 +130,20 @@ def _row_of(compute: Callable[[Geometry], FloatArray], row: int, geometry: Geome
 
 
 def _on_route(routes: Routes, geometry: Geometry) -> FloatArray:
-    """Return the features of routes, shape (6, n): straight ones have the length and angles of `PAPER_3`.
-
-    Their time is that of a robot which turns before it drives, and at corners.
-    """
-    rows, limits = geometry.rows, geometry.robot.limits
+    """Return the features of routes but their times: straight ones have length and angles of `PAPER_3`."""
+    rows = geometry.rows
     route = routes.between(rows[FROM_X], rows[FROM_Y], rows[TO_X], rows[TO_Y])
-    length = np.where(route.straight, rows[DIST], route.length)
-    to = np.abs(wrap_angles(route.departure - rows[FROM_YAW]))
-    at = np.abs(wrap_angles(rows[GOAL_YAW] - route.arrival))
-    to, at = np.where(route.straight, rows[ANGLE_TO], to), np.where(route.straight, rows[ANGLE_AT], at)
-    time = turn_time(to, limits.w, limits.aw) + turn_time(at, limits.w, limits.aw) + route.turn / limits.w
-    time += drive_time(length, rows[SPEED], rows[ARRIVAL], limits)
-    return np.stack([length, route.turn, route.clearance, to, at, time])
+    table = np.stack([route.length, route.turn, route.clearance, route.departure, route.arrival])
+    relate_route(rows, route.straight, table)
+    return table
+
+
+def _route_time(compute: Callable[[Geometry], FloatArray], geometry: Geometry) -> FloatArray:
+    """Return the times of routes at the robot's limits, with turns on the spot at both ends."""
+    length, turn, _, to, at = geometry.once(compute)
+    rows, limits = geometry.rows, geometry.robot.limits
+    turns = turn_time(to, limits.w, limits.aw) + turn_time(at, limits.w, limits.aw) + turn / limits.w
+    return np.asarray(turns + drive_time(length, rows[SPEED], rows[ARRIVAL], limits))
 
 
 def goal_feature(variable: GoalVariable) -> Feature:

@@ -17,7 +17,7 @@ from ator_ros.world.grid_map import GridMap
 RADIUS = 0.2
 GRID = GridMap("hall", hall(), 0.05, Pose(-6.0, -4.0, 0.0))
 ROUTES = Routes(GRID, RADIUS)
-_QUICK = 0.06  # s of one core
+_QUICK = 0.06  # s of processor time
 
 
 def between(*pairs: tuple[float, float, float, float], routes: Routes = ROUTES) -> RouteSet:
