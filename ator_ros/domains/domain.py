@@ -23,7 +23,8 @@ from ator_ros.actions.situation import ActionFactory, ActionSpec, Sampler, Situa
 from ator_ros.domains import DEFAULT, DRIVE
 from ator_ros.domains.declared import DeclaredAction, DeclaredDomain, DeclaredServer
 from ator_ros.files import FileError, content_with_optional_header, read_yaml
-from ator_ros.performance.features import CANDIDATES, GENERAL, Feature, goal_feature
+from ator_ros.motion.routes import Routes
+from ator_ros.performance.features import CANDIDATES, GENERAL, Feature, goal_feature, route_features
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot, load_robot
@@ -33,6 +34,7 @@ from ator_ros.tops.conditions import Condition, state_variables
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import objects_in
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges, declared_ranges
+from ator_ros.world.grid_map import load_map
 from ator_ros.world.messages import ObjectSource
 from ator_ros.world.scene import Bay, RoundObject, Scene
 from ator_ros.world.state import World
@@ -96,6 +98,8 @@ class Domain:
         targets are numbers or state variables. By default none.
     fitted : callable, optional
         Returns the same TOPs with the tolerances and regions of a robot and its scene; by default `tops`.
+    routes : Routes or None
+        Those on the map of the building; see `on_map`.
 
     Raises
     ------
@@ -121,6 +125,7 @@ class Domain:
     time_limit: float = TIME_LIMIT
     goals: Callable[[Robot], Mapping[str, Condition]] = lambda _: {}
     fitted: Callable[[Robot], tuple[Top, ...]] | None = None
+    routes: Routes | None = None
 
     def __post_init__(self) -> None:
         """Check that the parts agree."""
@@ -188,8 +193,19 @@ class Domain:
     @cached_property
     def known_features(self) -> Mapping[str, Feature]:
         """All features that model files may name: the general ones, the domain's own, its goal variables."""
-        own = (*self.features, *map(goal_feature, self.goal_variables.values()))
+        own = (*self.features, *map(goal_feature, self.goal_variables.values()), *self._route_features)
         return {**GENERAL, **{feature.name: feature for feature in own}}
+
+    @cached_property
+    def _route_features(self) -> tuple[Feature, ...]:
+        return () if self.routes is None else route_features(self.routes)
+
+    def on_map(self, path: Path | str, robot: Robot) -> Domain:
+        """Return this domain in the building of a map_server file; raises FileError.
+
+        Routes keep half of the robot's width from obstacles: no robot drives where its sides touch.
+        """
+        return dataclasses.replace(self, routes=Routes(load_map(path), robot.half_width))
 
     @property
     def shipped_models(self) -> Path:
@@ -242,16 +258,16 @@ class Domain:
         return tuple(dict.fromkeys(call.server for call in remote if call is not None))
 
     def candidates(self, action: str, action_set: str = DEFAULT_SET) -> tuple[Feature, ...]:
-        """Return the candidate features of an action, its goal variables among them.
+        """Return the candidate features of an action, its goal variables and those of a map among them.
 
         Where the domain names none, they are the general ones.
         """
         spec = {spec.name: spec for spec in self.action_sets.get(action_set, ())}.get(action)
         if spec is None:
-            return CANDIDATES
+            return (*CANDIDATES, *self._route_features)
         named = tuple(self.known_features[name] for name in spec.features) or CANDIDATES
         own = (self.known_features[direct_name(variable.name)] for variable in spec.goal_variables)
-        return (*named, *(feature for feature in own if feature not in named))
+        return (*named, *(feature for feature in own if feature not in named), *self._route_features)
 
     def source(self, name: str) -> ObjectSource:
         """Return where the state of an object comes from."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import Pose
+from ator_ros.motion.routes import Routes
 from ator_ros.robot.description import Robot
 from ator_ros.robot.response import clip, stopping_distance
 from ator_ros.tops.chain import TopCall, TopChain
@@ -54,12 +55,16 @@ def _inside(axis: str, ranges: Ranges, edges: tuple[float, float], robot: Robot,
 
 @dataclass(frozen=True, slots=True)
 class Fence:
-    """A rectangle for the middle of the robot's axle, in m in odometry's frame; its body may stick out."""
+    """A rectangle for the middle of the robot's axle, in m in odometry's frame; its body may stick out.
+
+    With `routes`, goals must be in free space of their map, where a route leads.
+    """
 
     x_min: float
     y_min: float
     x_max: float
     y_max: float
+    routes: Routes | None = None
 
     @classmethod
     def around(cls, robot: Robot) -> Fence:
@@ -77,7 +82,8 @@ class Fence:
         """
         if len(edges) != 4 or not all(map(math.isfinite, edges)):
             raise ValueError(f"expected four finite numbers in m, got {list(edges)}")
-        fence = cls(*edges)
+        x_min, y_min, x_max, y_max = edges
+        fence = cls(x_min, y_min, x_max, y_max)
         if not (fence.x_min < fence.x_max and fence.y_min < fence.y_max):
             raise ValueError(f"expected least x, least y, greatest x, greatest y in m, got {list(edges)}")
         return fence
@@ -87,7 +93,7 @@ class Fence:
 
         The fence around the area changes none. A place that would have no values left stays as it is.
         """
-        if self == Fence.around(robot):
+        if dataclasses.replace(self, routes=None) == Fence.around(robot):
             return ranges
         edges = {"x": (self.x_min, self.x_max), "y": (self.y_min, self.y_max)}
         inside = {
@@ -115,6 +121,24 @@ class Fence:
                     f"axle at x {x:.2f} m, y {y:.2f} m, {call.goal.speed:.2f} m/s; change scene.area or the "
                     "parameter fence"
                 )
+        return self.unreachable(chain, robot, where)
+
+    def unreachable(
+        self, chain: TopChain, robot: Robot, where: str = "chain", start: tuple[float, float] | None = None
+    ) -> str | None:
+        """Return a sentence on the first step that no route on the map leads to, from `start` in m.
+
+        The places that the plan opens are not checked.
+        """
+        if self.routes is None:
+            return None
+        for number, call in enumerate(chain.calls):
+            x, y, _ = call.goal.robot_pose(robot)
+            given = call.top.arrives and not (call.opens("x") or call.opens("y"))
+            fault = (self.routes.fault(x, y) or self.routes.fault(x, y, start)) if given else None
+            if fault is not None:
+                return f"{where}.calls[{number}].goal ({call.top.name}): {fault}"
+            start = (x, y) if given else None
         return None
 
     def leads_out(self, call: TopCall, robot: Robot) -> bool:

@@ -143,7 +143,7 @@ class Supervisor:
         self.refining = Refining(self.executor, library, plans, wanted=refine, again_after=again_after)
         self.forecast = Forecast(predictor, self.executor)
         self._plans, self._robot, self._deadlines = plans, library.robot, deadlines
-        self._fence = FenceWatch(fence, library.robot, deadlines.longest_gap)
+        self._area, self._fence = fence, FenceWatch(fence, library.robot, deadlines.longest_gap)
         self._missing: str | None = None  # an object that the last state lacked
         self._newest: World | None = None
         self._accepted, self._odom_at = now, math.inf
@@ -210,6 +210,10 @@ class Supervisor:
         reasons = []
         for plan in self._plans:
             violations = plan.violations(world, self._robot)
+            if not violations and (
+                off := self._area.unreachable(plan, self._robot, "chain", world.robot.pose[:2])
+            ):
+                violations = [off]
             if not violations:
                 self.executor.choose(plan)
                 return True

@@ -16,10 +16,10 @@ _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
 
 class RoundProcess:
-    """A round of learning under way; the arguments are parameters of the node, and `time` is for `learn`."""
+    """A round of learning under way; arguments are parameters of the node, `grid` its map."""
 
-    def __init__(self, folder: Path, *, domain: str, robot: str, models: str, time: str) -> None:
-        arguments = json.dumps([str(folder), domain, robot, models, time])
+    def __init__(self, folder: Path, *, domain: str, robot: str, models: str, grid: str, time: str) -> None:
+        arguments = json.dumps([str(folder), domain, robot, models, grid, time])
         self._process = subprocess.Popen(
             [sys.executable, "-m", "ator_ros.learning.process", arguments],
             stdin=subprocess.DEVNULL,
@@ -57,8 +57,10 @@ def main() -> None:
     from ator_ros.domains.domain import domain_for
     from ator_ros.learning.round import Source, learn
 
-    folder, name, robot, models, time = json.loads(sys.argv[1])
+    folder, name, robot, models, grid, time = json.loads(sys.argv[1])
     domain = domain_for(name, robot)
+    if grid:
+        domain = domain.on_map(grid, domain.robot(robot or None))
     place = Path(models) if models else domain.shipped_models
     source = Source(Path(folder), domain, domain.robot(robot or None), place)
     sys.stdout.write(json.dumps(learn(source, time=time), allow_nan=False))

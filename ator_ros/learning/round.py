@@ -39,7 +39,7 @@ from ator_ros.performance.model_file import (
     models_folder,
     save_model,
 )
-from ator_ros.performance.training import error_features, observed_arrival
+from ator_ros.performance.training import error_features, observed_arrival, routed
 from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
 
@@ -67,6 +67,7 @@ def improved(
     trees, by measure, and `former` the models that were in use before, by the names of their sets.
     """
     rows = _plausible(_complete(rows, features))
+    rows = rows[routed(rows, robot, features)]
     if current is not None:
         driving = current.driving
     else:

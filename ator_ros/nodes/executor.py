@@ -38,6 +38,7 @@ from ator_ros.nodes.parameters import (
     DOMAIN,
     FENCE,
     FRAME,
+    MAP,
     MODELS,
     OBJECT,
     ROBOT,
@@ -89,6 +90,7 @@ _COMMON = (
     # A base that does not follow is stopped within 0.5 s: with more latency nothing can be known by then.
     Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3, live=True),
     FENCE,
+    MAP,
     Parameter(
         "refinement_timeout", _USUAL.refinement, "real s that refinement may take", 0.01, 60.0, live=True
     ),
@@ -158,7 +160,7 @@ class ExecutorNode(Node):
             warm_up_actions(self._libraries[name], predictor)
         self._inputs = inputs_of(self._settings, domain.objects)
         self._motion = MotionWatch(robot, self._settings["latency"])
-        self._fence = fence_of(self._settings, robot)
+        self._fence = fence_of(self._settings, robot, domain)
         noises = (self._settings[f"{name}_velocity_noise"] for name in domain.objects)
         self._rolling = Rolling(robot, slowest=3.0 * max(noises, default=0.0))
         self._world: World | None = None

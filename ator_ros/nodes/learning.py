@@ -23,6 +23,7 @@ from ator_ros.learning.sets import digest_of_start
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
 from ator_ros.nodes.parameters import (
     DOMAIN,
+    MAP,
     MODELS,
     ROBOT,
     Parameter,
@@ -40,6 +41,7 @@ PARAMETERS = (
     DOMAIN,
     ROBOT,
     MODELS,
+    MAP,
     Parameter("learned", "", "folder of records and learned sets; empty: ~/.ros/ator_ros/learned"),
     Parameter("records", ["performance/action"], "topics of the records, of one or several robots"),
     Parameter("chains", ["performance/chain"], "topics of their chain records"),
@@ -78,7 +80,7 @@ class LearningNode(Node):
         topics = settings["records"]
         folder = Path(settings["learned"]).expanduser() if settings["learned"] else _HOME
         self._open = contextlib.ExitStack()
-        named = {name: settings[name] for name in ("domain", "robot", "models")}
+        named = {name: settings[name] for name in ("domain", "robot", "models")} | {"grid": settings["map"]}
         models = Path(settings["models"]) if settings["models"] else self._domain.shipped_models
         try:
             self._open.enter_context(exclusive_folder(folder))
@@ -150,7 +152,10 @@ class LearningNode(Node):
         return response
 
     def _health(self) -> Health:
-        return Health(self._learner.problem, values=self._learner.diagnostics())
+        values = self._learner.diagnostics()
+        if self._domain.routes is not None:
+            values["map"] = str(self._domain.routes.grid)
+        return Health(self._learner.problem, values=values)
 
     def stop(self) -> None:
         """End a round under way, and close the files."""

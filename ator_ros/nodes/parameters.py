@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -14,6 +16,7 @@ from rclpy.node import Node
 from ator_ros.domains import DEFAULT
 from ator_ros.domains.domain import Domain, DomainError, domain_for, find_domain
 from ator_ros.execution.fence import Fence
+from ator_ros.files import FileError
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.world.messages import plain_frame
@@ -92,6 +95,7 @@ DOMAIN = Parameter(
 FRAME = Parameter("frame", "odom", "frame of odometry, objects and goals; an empty frame_id means it")
 ROBOT_FRAME = Parameter("robot_frame", "base_link", "the robot's own frame, in the middle of its axle")
 MODELS = Parameter("models", "", "folder of the performance models; empty: the shipped ones")
+MAP = Parameter("map", "", "map_server file of the building, in the frame `frame`; empty: none")
 FENCE = Parameter(
     "fence", [0.0] * 4, "m: x and y from, x and y to, of the robot's axle; all 0: area and margin"
 )
@@ -109,29 +113,33 @@ OBJECT = "OBJECT"
 
 
 def domain_of(settings: Mapping[str, Any]) -> Domain:
-    """Return the domain that the parameters `DOMAIN` and `ROBOT` select; raises SetupError."""
+    """Return the domain that `DOMAIN` and `ROBOT` select, on the map that `MAP` names; raises SetupError."""
     try:
-        return domain_for(settings[DOMAIN.name], settings[ROBOT.name])
+        domain = domain_for(settings[DOMAIN.name], settings[ROBOT.name])
+        path = settings.get(MAP.name)
+        return domain.on_map(Path(path).expanduser(), robot_of(settings)) if path else domain
     except DomainError as error:
         raise SetupError(str(error)) from error
+    except FileError as error:
+        raise SetupError(f"parameter map: {error}") from error
 
 
 def robot_of(settings: Mapping[str, Any]) -> Robot:
     """Read the robot that the parameter `ROBOT` names, in the scene of the domain; raises SetupError."""
-    domain = domain_of(settings)
     try:
-        return domain.robot(settings[ROBOT.name] or None)
-    except ConfigError as error:
+        return domain_for(settings[DOMAIN.name], settings[ROBOT.name]).robot(settings[ROBOT.name] or None)
+    except (ConfigError, DomainError) as error:
         raise SetupError(str(error)) from error
 
 
-def fence_of(settings: Mapping[str, Any], robot: Robot) -> Fence:
-    """Return the area that the robot may drive in; raises SetupError."""
+def fence_of(settings: Mapping[str, Any], robot: Robot, domain: Domain) -> Fence:
+    """Return the area that the robot may drive in, with the routes of the domain's map; raises SetupError."""
     edges = settings[FENCE.name]
     try:
-        return Fence.around(robot) if list(edges) == FENCE.default else Fence.of(edges)
+        fence = Fence.around(robot) if list(edges) == FENCE.default else Fence.of(edges)
     except ValueError as error:
         raise SetupError(f"parameter fence: {error}") from error
+    return dataclasses.replace(fence, routes=domain.routes)
 
 
 def declare_parameters(

@@ -25,6 +25,7 @@ from ator_ros.nodes.parameters import (
     DOMAIN,
     FENCE,
     FRAME,
+    MAP,
     MODELS,
     ROBOT,
     Parameter,
@@ -56,6 +57,7 @@ PARAMETERS = (
     FENCE,
     MODELS,
     LEARNED,
+    MAP,
     Parameter("gate", True, "refine only where the predicted gain exceeds its uncertainty", live=True),
     Parameter(
         "comparison_share",
@@ -104,8 +106,8 @@ class RefinementNode(Node):
         super().__init__("refinement", automatically_declare_parameters_from_overrides=True)
         self._settings = declare_parameters(self, PARAMETERS)
         self._robot = robot = robot_of(self._settings)
-        self._fence = fence_of(self._settings, robot)
         self._domain = domain = domain_of(self._settings)
+        self._fence = fence_of(self._settings, robot, domain)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         self._ranges = self._fence.narrowed(domain.ranges, robot)  # places are searched inside the fence
         self._sets = LearnedSets(self, domain, self._libraries, self._settings, self._warm_up)
@@ -203,7 +205,10 @@ class RefinementNode(Node):
             )
         )
         gain = messages.gain_of(found, gains.measured, gains.models)
-        return messages.answer_of(choice, request, gain, action_set=action_set, frame=frame)
+        answer = messages.answer_of(choice, request, gain, action_set=action_set, frame=frame)
+        if self._domain.routes is not None:
+            answer.reason += f"; map {self._domain.routes.grid}"
+        return answer
 
     def _plan(self, request: PlanChains.Request) -> PlanChains.Response:
         frame = self._settings["frame"]
@@ -264,6 +269,10 @@ def refine_request(
     world = world_from(request.situation, frame=frame)
     chain = messages.chain_from(request.chain, library, frame=frame, fence=fence)
     others = messages.alternatives_from(request.alternatives, library, frame=frame, fence=fence)
+    if fence is not None:
+        fault = fence.unreachable(chain, refiner.robot, start=world.robot.pose[:2])
+        if fault is not None:
+            raise MessageError(fault)
     objective = messages.objective_from(request.objective, refiner.failure_cost)
     placeholders = not request.as_given
     chains = (chain, *others)

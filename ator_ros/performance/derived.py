@@ -105,6 +105,27 @@ def derive_angles(direct: FloatArray, bearing: FloatArray, rows: FloatArray) -> 
 
 
 @compiled
+def relate_route(rows: FloatArray, straight: BoolArray, table: FloatArray) -> None:
+    """Write lengths of straight routes, and replace headings at both ends by angles, see `route_features`.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (ROWS or more, n)
+        See `Geometry.rows`.
+    straight : ndarray, shape (n,)
+        Which routes are straight: their length and angles are those to the destination.
+    table : ndarray, shape (5, n)
+        Length, turn, clearance, and the headings at departure and arrival.
+    """
+    for at in range(rows.shape[1]):
+        if straight[at]:
+            table[0, at], table[3, at], table[4, at] = rows[DIST, at], rows[ANGLE_TO, at], rows[ANGLE_AT, at]
+        else:
+            table[3, at] = abs(wrapped(table[3, at] - rows[FROM_YAW, at]))
+            table[4, at] = abs(wrapped(rows[GOAL_YAW, at] - table[4, at]))
+
+
+@compiled
 def write_relative_ends(direct: FloatArray, rows: FloatArray, ends: FloatArray) -> None:
     """Write destinations as seen from the openings.
 

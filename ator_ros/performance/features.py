@@ -8,12 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from ator_ros.actions.goal_variables import GoalVariable, direct_name
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.derived import BASICS, Geometry
+from ator_ros.motion.durations import drive_time, turn_time
+from ator_ros.motion.routes import Routes
+from ator_ros.performance.derived import (
+    ARRIVAL,
+    BASICS,
+    FROM_X,
+    FROM_Y,
+    SPEED,
+    TO_X,
+    TO_Y,
+    Geometry,
+    relate_route,
+)
 from ator_ros.performance.direct import DIRECT_VARIABLES, Direct
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.robot.description import Robot
@@ -89,6 +102,48 @@ GENERAL: dict[str, Feature] = {feature.name: feature for feature in (*PAPER_11, 
 
 CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
 """Features from which the model tree of an action selects that names none; see `ActionSpec.features`."""
+
+
+ROUTES = {
+    "route_length": ("m", _PLACES),
+    "route_turn": ("rad", _PLACES),
+    "route_clearance": ("m", _PLACES),
+    "route_angle_to": ("rad", _POSES),
+    "route_angle_at": ("rad", _PLACES),
+    "route_time": ("s", " ".join(_MOTION)),
+}
+"""Unit and direct variables of the features of a domain with a map, in the order of `_on_route`."""
+
+
+def route_features(routes: Routes) -> tuple[Feature, ...]:
+    """Return the features of the routes on a map: `ROUTES`."""
+    compute = partial(_on_route, routes)
+    own: dict[str, Callable[[Geometry], FloatArray]] = {"route_time": partial(_route_time, compute)}
+    return tuple(
+        Feature(name, unit, variables(derives), own.get(name) or partial(_row_of, compute, row))
+        for row, (name, (unit, derives)) in enumerate(ROUTES.items())
+    )
+
+
+def _row_of(compute: Callable[[Geometry], FloatArray], row: int, geometry: Geometry) -> FloatArray:
+    return np.asarray(geometry.once(compute)[row])
+
+
+def _on_route(routes: Routes, geometry: Geometry) -> FloatArray:
+    """Return the features of routes but their times: straight ones have length and angles of `PAPER_3`."""
+    rows = geometry.rows
+    route = routes.between(rows[FROM_X], rows[FROM_Y], rows[TO_X], rows[TO_Y])
+    table = np.stack([route.length, route.turn, route.clearance, route.departure, route.arrival])
+    relate_route(rows, route.straight, table)
+    return table
+
+
+def _route_time(compute: Callable[[Geometry], FloatArray], geometry: Geometry) -> FloatArray:
+    """Return the times of routes at the robot's limits, with turns on the spot at both ends."""
+    length, turn, _, to, at = geometry.once(compute)
+    rows, limits = geometry.rows, geometry.robot.limits
+    turns = turn_time(to, limits.w, limits.aw) + turn_time(at, limits.w, limits.aw) + turn / limits.w
+    return np.asarray(turns + drive_time(length, rows[SPEED], rows[ARRIVAL], limits))
 
 
 def goal_feature(variable: GoalVariable) -> Feature:

@@ -7,6 +7,7 @@ where slopes are per degree, a dead zone of 40° is a term such as ``0.0147*max(
 from __future__ import annotations
 
 import math
+from collections.abc import Container
 
 import numpy as np
 import pandas as pd
@@ -19,9 +20,21 @@ from ator_ros.performance.tree.nodes import Hinge
 _ANGLES: FloatArray = np.radians([0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 75.0, 90.0, 120.0, 150.0])
 RISING: dict[str, FloatArray] = {"dist": np.zeros(1), "angle_to_dest": _ANGLES, "angle_at_dest": _ANGLES}
 """Features that durations rise with, and where each may bend, in m and rad. Thresholds are mostly small."""
+_ON_MAP: dict[str, FloatArray] = {
+    "route_length": np.zeros(1),
+    "route_turn": np.zeros(1),
+    "route_angle_to": _ANGLES,
+    "route_angle_at": _ANGLES,
+}
+"""Those that take their place in a domain with a map."""
 _TERM_COST = 0.75  # of a segment in the corrected error; more makes shorter rules, which refine less well
 _CLIPPED_AT, _ROUNDS = 3.0, 3
 """Standard deviations at which residuals are clipped, in rounds: now and then a drive takes much longer."""
+
+
+def rising_in(names: Container[str]) -> dict[str, FloatArray]:
+    """Return `RISING`, or those of a map if they are among the features `names`."""
+    return _ON_MAP if "route_length" in names else RISING
 
 
 def sum_of(base: tuple[Hinge, ...], table: pd.DataFrame) -> FloatArray:
@@ -41,10 +54,11 @@ def rising_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[Hinge, ...
     Parameters
     ----------
     table : pandas.DataFrame
-        Features, `RISING` among them.
+        Features, those of `rising_in` among them.
     durations : ndarray, shape (n,)
     """
-    segments = np.hstack([_segments(table[name].to_numpy(), bends) for name, bends in RISING.items()])
+    rising = rising_in(table.columns)
+    segments = np.hstack([_segments(table[name].to_numpy(), bends) for name, bends in rising.items()])
     centered = segments - segments.mean(axis=0)
     target = durations - durations.mean()
     for _ in range(_ROUNDS):
@@ -55,7 +69,7 @@ def rising_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[Hinge, ...
         target -= target.mean()
     factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([centered, target]), mode="r"))
     groups, at = [], 0
-    for bends in RISING.values():
+    for bends in rising.values():
         groups.append([[column] for column in range(at, at + len(bends))])
         at += len(bends)
     error, slopes = _fit(groups, factor, len(target))
@@ -64,7 +78,7 @@ def rising_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[Hinge, ...
         if least[0] > error[0]:
             break
         error, slopes, groups = least, other, merged
-    return _hinges(groups, slopes)
+    return _hinges(rising, groups, slopes)
 
 
 _Groups = list[list[list[int]]]  # by feature, the segments that share a slope
@@ -94,10 +108,10 @@ def _fit(groups: _Groups, factor: FloatArray, count: int) -> tuple[tuple[float, 
     return (float(error[0]), float(residual)), slopes
 
 
-def _hinges(groups: _Groups, slopes: FloatArray) -> tuple[Hinge, ...]:
+def _hinges(rising: dict[str, FloatArray], groups: _Groups, slopes: FloatArray) -> tuple[Hinge, ...]:
     """Return the changes of slope as terms."""
     left, hinges, first = iter(slopes.tolist()), [], 0
-    for (name, bends), parts in zip(RISING.items(), groups, strict=True):
+    for (name, bends), parts in zip(rising.items(), groups, strict=True):
         before = 0.0
         for part in parts:
             slope = next(left)

@@ -21,7 +21,7 @@ from ator_ros.performance.error_process import fit_error_process
 from ator_ros.performance.features import CANDIDATES, PATHS, Feature, declared_by, feature_table, names_of
 from ator_ros.performance.model import UNOBSERVED, Arrival, AtGoal, PerformanceModel, narrowed
 from ator_ros.performance.observation import observed_driving
-from ator_ros.performance.rising_terms import RISING, rising_terms, sum_of
+from ator_ros.performance.rising_terms import rising_in, rising_terms, sum_of
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import Hinge, ModelTree
 from ator_ros.robot.description import Robot
@@ -35,7 +35,7 @@ _FOLDS, _FEW_FOLDS = 10, 3
 _LEAF, _SMALL_LEAF = 25, 8
 """Least number of episodes in a leaf; the latter if the robot stands at both ends, where a tree of the basic
 features finds the thresholds of an action server in fifty drives."""
-_PATH = "path_time"
+_PATH, _LENGTH = "path_time", "route_length"
 _CLIPPED_AT = 3.0
 """Median absolute deviations below the median at which duration less path time is clipped. A drive that is
 much faster drove a shape that was not chosen. Unclipped, it lowers predictions nearby, and a search finds
@@ -89,11 +89,12 @@ def train(
                 f"{missing} of {len(rows)} have none"
             )
     starts = rows[rows["t"] == 0.0]
+    starts = starts[routed(starts, robot, features)]
     good_starts = starts[starts["success"]]
     if len(good_starts) < LEAST_EPISODES:
         raise ExperienceError(
             f"{action}: expected at least {LEAST_EPISODES} episodes that succeeded, "
-            f"got {len(good_starts)} of {len(starts)}"
+            f"got {len(good_starts)} of {len(starts)}{''.join(without_routes(rows, robot, features))}"
         )
     driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
     table = partial(features_of, robot=robot, features=features, driving=driving)
@@ -132,9 +133,22 @@ def without_errors(action: str, rows: pd.DataFrame) -> list[str]:
     ]
 
 
+def routed(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]) -> BoolArray:
+    """Return which rows of an experience table have a route on the map; all, without one."""
+    lengths = [feature for feature in features if feature.name == _LENGTH]
+    return np.asarray(np.isfinite(feature_table(direct_of(rows), robot, lengths)).all(axis=1))
+
+
+def without_routes(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]) -> list[str]:
+    """Return a remark on episodes that no route on the map leads through, if there are any."""
+    found = routed(rows[rows["t"] == 0.0], robot, features)
+    text = "have no route on the map and are left out: is it the map of these drives, in their frame?"
+    return [] if found.all() else [f": {(~found).sum()} of {len(found)} episodes {text}"]
+
+
 def error_features(tree: ModelTree, known: Container[str]) -> list[str]:
     """Return the features over which a tree may err: its own, and those that durations rise with."""
-    return list(dict.fromkeys((*tree.names, *filter(known.__contains__, RISING))))
+    return list(dict.fromkeys((*tree.names, *filter(known.__contains__, rising_in(known)))))
 
 
 def features_of(
@@ -157,7 +171,8 @@ def duration_tree(table: pd.DataFrame, durations: FloatArray) -> tuple[ModelTree
     if _PATH not in table:
         tree, errors = _best_learning(table, durations, _unbased, extrapolation=1.0)
     elif _stands(table):
-        basic = table[[*RISING, _PATH]]
+        rising = rising_in(table.columns)
+        basic = table[[*rising, "route_time" if _LENGTH in rising else _PATH]]
         tree, errors = _best_learning(basic, durations, _on_terms, leaf=_SMALL_LEAF, folds=_FOLDS)
     else:
         late = durations - table[_PATH].to_numpy()
@@ -169,12 +184,14 @@ def duration_tree(table: pd.DataFrame, durations: FloatArray) -> tuple[ModelTree
 def _stands(table: pd.DataFrame) -> bool:
     """Return whether the robot stands at both ends of all episodes, and their features show that."""
     moving = table.filter(["v", "speedg"]).abs() > AT_REST.v
-    return {*RISING, _PATH, "v", "speedg"} <= set(table.columns) and not moving.any(axis=None)
+    return {*rising_in(table.columns), _PATH, "v", "speedg"} <= set(table.columns) and not moving.any(
+        axis=None
+    )
 
 
 def _drives(table: pd.DataFrame) -> BoolArray:
     """Return which episodes lead away from where they start; all, if those are too few."""
-    far: BoolArray = table["dist"].to_numpy() > _NEAR_GOAL
+    far: BoolArray = table[next(iter(rising_in(table.columns)))].to_numpy() > _NEAR_GOAL
     return far if far.sum() >= LEAST_EPISODES else np.full(len(far), True)
 
 

@@ -21,7 +21,7 @@ from ator_ros.files import FileError, is_name
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, model_path, save_model
-from ator_ros.performance.training import digest, start_ranges, without_errors
+from ator_ros.performance.training import digest, start_ranges, without_errors, without_routes
 from ator_ros.performance.training import train as train_model
 from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import add_setting, run_tool, topic
@@ -68,7 +68,8 @@ def train(
         except ExperienceError as error:
             errors.append(str(error))
             continue
-        for remark in without_errors(action, examples):
+        left_out = [f"{action}{text}" for text in without_routes(examples, robot, features)]
+        for remark in (*without_errors(action, examples), *left_out):
             print(f"train: {remark}", file=sys.stderr)
         learned += 1
         starts = tests.frame[(tests.frame["action"] == action) & (tests.frame["t"] == 0.0)]
@@ -82,6 +83,8 @@ def train(
             "starts": start_ranges(examples, robot),
             "train_command": command,
         }
+        if domain.routes is not None:
+            training["map"] = str(domain.routes.grid)
         metadata = {
             "action_set": action_set,
             "training": training,
@@ -142,6 +145,9 @@ def arguments() -> argparse.ArgumentParser:
         "--fresh", nargs="+", type=Path, default=[], help="other episodes, on which accuracy is measured"
     )
     add_setting(parser, action_set=False)
+    parser.add_argument(
+        "--map", type=Path, metavar="FILE", help="map_server file of the building: learn from routes on it"
+    )
     parser.add_argument("--models", type=Path, help="folder of the models (default: the shipped models/)")
     parser.add_argument(
         "--action-set",
@@ -163,6 +169,8 @@ def arguments() -> argparse.ArgumentParser:
 
 def _run(options: argparse.Namespace, domain: Domain, command: str) -> None:
     robot, folder = domain.robot(options.robot or None), options.models or domain.shipped_models
+    if options.map:
+        domain = domain.on_map(options.map, robot)
     if options.rules:
         print(_rules(domain, options, robot, folder))
         return

@@ -1,0 +1,139 @@
+"""Maps of buildings: grids of free cells, from files of map_server or from an OccupancyGrid."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+
+from ator_ros.files import FileError, read_yaml
+from ator_ros.geometry import BoolArray, FloatArray, Pose
+from ator_ros.printable import printable
+from ator_ros.schema import SchemaError, Within, require, structured
+
+_LARGEST_YAML = 100_000  # bytes; map_server's have 200
+_MOST_CELLS = 100_000_000  # 500 x 500 m at 5 cm
+_FREE = 25  # percent up to which a cell of an OccupancyGrid is free, as map_saver writes it
+
+
+@dataclass(frozen=True)
+class _MapFile:
+    """The fields of a map_server file that are used here."""
+
+    image: str
+    # Cells of 1 mm to 10 m.
+    resolution: Annotated[float, Within(0.001, 10.0)]
+    origin: tuple[float, ...]
+    free_thresh: Annotated[float, Within(0.0, 1.0)]
+    negate: int | bool = 0
+    mode: str = "trinary"
+
+    def __post_init__(self) -> None:
+        """Check what the annotations do not."""
+        require(len(self.origin) == 3, "origin", "x, y (m) and yaw (rad)", self.origin)
+        require(self.mode == "trinary", "mode", "trinary", self.mode)
+
+
+@dataclass(frozen=True, eq=False)
+class GridMap:
+    """A grid of cells that are free, or occupied or unknown.
+
+    Attributes
+    ----------
+    name : str
+        Where it comes from, for messages.
+    free : array of bool, shape (rows, columns)
+        The first row is at the origin.
+    resolution : float
+        Side of a cell in m.
+    origin : Pose
+        The outer corner of the first cell, and the direction of its row.
+    """
+
+    name: str
+    free: BoolArray
+    resolution: float
+    origin: Pose
+
+    def __post_init__(self) -> None:
+        """Check it; raises FileError."""
+        numbers = (self.resolution, *self.origin)
+        if not all(map(math.isfinite, numbers)) or self.resolution <= 0.0:
+            raise FileError(
+                f"{self.name}: expected a finite origin and a resolution above 0 m, got {numbers}"
+            )
+        if not self.free.any():
+            raise FileError(f"{self.name}: expected free cells, got none: check negate and free_thresh")
+
+    def __str__(self) -> str:
+        """Return name and content in short."""
+        numbers = np.array([*self.free.shape, self.resolution, *self.origin])
+        return f"{self.name} ({hashlib.sha256(numbers.tobytes() + self.free.tobytes()).hexdigest()[:8]})"
+
+    def cells(self, x: Any, y: Any) -> tuple[FloatArray, FloatArray]:
+        """Return places in m in units of cells from the origin, along its row and across, elementwise."""
+        cos, sin = math.cos(self.origin.yaw), math.sin(self.origin.yaw)
+        dx, dy = np.asarray(x) - self.origin.x, np.asarray(y) - self.origin.y
+        return (cos * dx + sin * dy) / self.resolution, (cos * dy - sin * dx) / self.resolution
+
+
+def map_of_grid(
+    name: str, width: int, height: int, resolution: float, origin: Pose, data: Sequence[int]
+) -> GridMap:
+    """Return the map in the fields of an OccupancyGrid, row by row: percent, or -1 where unknown.
+
+    Raises
+    ------
+    FileError
+        `data` has another size, or no cell is free.
+    """
+    values = np.asarray(data, dtype=np.int16)
+    if values.size != width * height or not 0 < values.size <= _MOST_CELLS:
+        raise FileError(f"{name}: expected {width} x {height} cells, at most 1e8, got {values.size}")
+    free = (values >= 0) & (values <= _FREE)
+    return GridMap(name, free.reshape(height, width), float(resolution), origin)
+
+
+def load_map(path: Path | str) -> GridMap:
+    """Read the map that a YAML file of map_server describes.
+
+    Raises
+    ------
+    FileError
+        The file or its image cannot be used; the message names file and field.
+    """
+    file = Path(path)
+    try:
+        data = read_yaml(file, largest=_LARGEST_YAML)
+        if isinstance(data, dict):  # map_server ignores what it does not know, too
+            data = {item.name: data[item.name] for item in fields(_MapFile) if item.name in data}
+        read = structured(data, _MapFile)
+    except SchemaError as error:
+        raise FileError(f"{file}: expected a map_server file: {error}") from error
+    shade = _image(file.parent / read.image)
+    occupied = shade if read.negate else 1.0 - shade
+    return GridMap(file.name, (occupied < read.free_thresh)[::-1], read.resolution, Pose(*read.origin))
+
+
+def _image(file: Path) -> FloatArray:
+    """Read an image, such as PGM or PNG: from 0 (black) to 1 (white), shape (height, width)."""
+    from PIL import Image  # only those who have a map need it
+
+    try:
+        with Image.open(file) as image:
+            if image.width * image.height > _MOST_CELLS:
+                raise ValueError(f"expected at most 1e8 cells, got {image.width} x {image.height}")
+            deep = image.mode.startswith("I")  # 16 bit
+            values = np.asarray(image if deep else image.convert("L"), dtype=float)
+    except FileNotFoundError:
+        raise FileError(
+            f"{file}: expected the image of a map, there is none: check the field image"
+        ) from None
+    except Exception as error:  # Pillow raises many on damaged files
+        raise FileError(f"{file}: expected a readable PGM or PNG: {printable(error, 200)}") from error
+    return values / (65535.0 if deep else 255.0)

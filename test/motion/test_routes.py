@@ -1,0 +1,116 @@
+"""Routes on a map: lengths, headings, margins, places that none leads to."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+import pytest
+from maps import hall
+
+from ator_ros.files import FileError
+from ator_ros.geometry import Pose, wrap_angles
+from ator_ros.motion.routes import MARGINS, Routes, RouteSet
+from ator_ros.world.grid_map import GridMap
+
+RADIUS = 0.2
+GRID = GridMap("hall", hall(), 0.05, Pose(-6.0, -4.0, 0.0))
+ROUTES = Routes(GRID, RADIUS)
+_QUICK = 0.06  # s of processor time
+
+
+def between(*pairs: tuple[float, float, float, float], routes: Routes = ROUTES) -> RouteSet:
+    return routes.between(*np.array(pairs, dtype=float).T)
+
+
+def test_a_free_line_is_the_route() -> None:
+    found = between((-5.0, -3.0, -1.0, 1.0), (1.0, 1.0, 5.0, 1.0))
+    assert found.straight.all()
+    assert found.length == pytest.approx([math.hypot(4.0, 4.0), 4.0])
+    assert found.departure == pytest.approx([math.pi / 4, 0.0])
+    assert found.arrival == pytest.approx(found.departure)
+    assert found.turn == pytest.approx(0.0)
+
+
+def test_a_route_leads_through_the_door_around_its_corners() -> None:
+    found = between((-3.0, 0.0, 3.0, 0.0))
+    # It is a tangent to circles around the corners of the wall, at x = 0.1 m and y = 2 m.
+    near = RADIUS + MARGINS[0]
+    angle = math.atan2(2.0, 2.9) + math.asin(near / math.hypot(2.0, 2.9))
+    length = 2.0 * (math.sqrt(2.0**2 + 2.9**2 - near**2) + near * angle) + 0.2
+    assert found.length == pytest.approx(length, abs=0.1)
+    assert found.departure == pytest.approx(angle, abs=0.1)
+    assert found.arrival == pytest.approx(-angle, abs=0.1)
+    assert found.turn == pytest.approx(2.0 * angle, abs=0.2)
+    assert found.clearance == pytest.approx(near, abs=0.1)
+    assert not found.straight
+
+
+def test_many_starts_one_goal_and_the_reverse() -> None:
+    rng = np.random.default_rng(1)
+    x, y = rng.uniform((-5.5, -3.5), (5.5, 3.5), (300, 2)).T
+    open_floor = np.abs(x) > 0.5
+    x, y = x[open_floor], y[open_floor]
+    there = ROUTES.between(x, y, np.full(len(x), 3.0), np.full(len(x), -1.0))
+    back = ROUTES.between(np.full(len(x), 3.0), np.full(len(x), -1.0), x, y)
+    assert np.isfinite(there.length).all()
+    assert back.length == pytest.approx(there.length)
+    assert np.abs(wrap_angles(back.departure - there.arrival - math.pi)).max() < 1e-6
+    single = [between((a, b, 3.0, -1.0)).length[0] for a, b in zip(x[:20], y[:20], strict=True)]
+    assert single == pytest.approx(there.length[:20])
+    assert (there.length > np.hypot(x - 3.0, y + 1.0) - 1e-6).all()
+
+
+@pytest.mark.parametrize("yaw", [0.7, -2.5])
+def test_a_turned_map_has_the_same_routes(yaw: float) -> None:
+    frame = Pose(2.0, -1.0, yaw)
+    turned = Routes(GridMap("turned", hall(), 0.05, frame.compose(Pose(-6.0, -4.0, 0.0))), RADIUS)
+    start, goal = (frame.compose(Pose(x, 0.5, 0.0)) for x in (-3.0, 3.0))
+    found, usual = between((*start[:2], *goal[:2]), routes=turned), between((-3.0, 0.5, 3.0, 0.5))
+    assert found.length == pytest.approx(usual.length, abs=1e-4)
+    assert wrap_angles(found.departure - usual.departure) == pytest.approx(yaw, abs=1e-4)
+
+
+def test_places_that_no_route_leads_to_are_named() -> None:
+    closed = hall()
+    closed[:, 118:122] = False
+    routes = Routes(GridMap("closed", closed, 0.05, GRID.origin), RADIUS)
+    pairs = [(-3.0, 0.0, 3.0, 0.0), (-3.0, 0.0, 0.0, 0.0), (-3.0, 0.0, 30.0, 0.0), (-3.0, 0.0, -2.0, 0.0)]
+    assert np.isnan(between(*pairs, routes=routes).length).tolist() == [True, True, True, False]
+    assert routes.fault(-2.0, 0.0, (-3.0, 0.0)) is None
+    assert "in reach of x -3.00 m, y 0.00 m, on the map closed" in (routes.fault(3.0, 0.0, (-3.0, 0.0)) or "")
+    for x in (0.0, 30.0):
+        assert f"in free space, 0.20 m from obstacles, on the map closed ({str(routes.grid)[8:]}, got x" in (
+            routes.fault(x, 0.0) or ""
+        )
+
+
+@pytest.mark.parametrize("width", [10, 12, 16, 24])
+def test_a_door_is_passed_if_the_robot_fits(width: int) -> None:
+    free = hall()
+    free[:, 118:122] = False
+    free[60 : 60 + width, 118:122] = True
+    found = between((-3.0, 0.0, 3.0, 0.0), routes=Routes(GridMap("door", free, 0.05, GRID.origin), RADIUS))
+    assert np.isfinite(found.length) == (width * 0.05 > 2.0 * RADIUS)
+
+
+def test_a_map_without_room_for_the_robot_is_rejected() -> None:
+    with pytest.raises(FileError, match=r"hall: expected a place 9 m from obstacles, got none"):
+        Routes(GRID, 9.0)
+
+
+def test_a_new_place_in_a_building_takes_little_time() -> None:
+    free = np.ones((1000, 1000), dtype=bool)  # 50 x 50 m, rooms of 8 m
+    for at in range(160, 1000, 160):
+        free[at : at + 4] = free[:, at : at + 4] = False
+    for at in range(160, 1000, 160):
+        for door in range(60, 1000, 160):
+            free[at : at + 4, door : door + 24] = free[door : door + 24, at : at + 4] = True
+    routes = Routes(GridMap("building", free, 0.05, Pose(0.0, 0.0, 0.0)), RADIUS)
+    taken = []
+    for x in (4.0, 20.0, 44.0):
+        before = time.process_time()
+        assert np.isfinite(between((5.0, 5.0, x, 45.0), routes=routes).length)
+        taken.append(time.process_time() - before)
+    assert min(taken) < _QUICK

@@ -1,0 +1,68 @@
+"""Maps: what is read from files of map_server and from an OccupancyGrid."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from maps import hall, write_map
+from PIL import Image
+
+from ator_ros.files import FileError
+from ator_ros.geometry import Pose
+from ator_ros.world.grid_map import load_map, map_of_grid
+
+SHADES = np.array(
+    [[254, 205, 0], [254, 254, 100]], dtype=np.uint8
+)  # free, unknown, occupied; the top row first
+FREE = [[True, True, False], [True, False, False]]
+
+
+def test_a_map_is_read_from_its_lowest_row_on(tmp_path: Path) -> None:
+    read = load_map(write_map(tmp_path, hall()))
+    assert (read.free == hall()).all()
+    assert (read.name, read.resolution, read.origin) == ("hall.yaml", 0.05, Pose(-6.0, -4.0, 0.0))
+    assert str(read) == str(load_map(write_map(tmp_path, hall())))
+    assert str(read) != str(load_map(write_map(tmp_path, hall(wall=False))))
+
+
+@pytest.mark.parametrize("kind", ["png", "plain", "negated", "deep"])
+def test_images_of_all_kinds_are_read(tmp_path: Path, kind: str) -> None:
+    file = write_map(tmp_path, hall(), image="other.png", free_thresh=0.19, negate=int(kind == "negated"))
+    shades = 255 - SHADES if kind == "negated" else SHADES
+    if kind == "plain":
+        (tmp_path / "other.png").write_text(f"P2 3 2 255 {' '.join(map(str, shades.ravel()))}")
+    else:
+        deep = shades.astype(np.uint16) * 257
+        Image.fromarray(deep if kind == "deep" else shades).save(tmp_path / "other.png")
+    assert load_map(file).free.tolist() == FREE
+
+
+def test_an_occupancy_grid_is_read() -> None:
+    read = map_of_grid("/map", 3, 2, 0.1, Pose(1.0, 2.0, math.pi / 2), [0, 25, 26, 100, -1, 0])
+    assert read.free.tolist() == [[True, True, False], [False, False, True]]
+    assert np.allclose(read.cells(0.9, 2.05), (0.5, 1.0))  # the rows run along y
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"mode": "raw"}, r"hall\.yaml: expected a map_server file: mode: expected trinary; got 'raw'"),
+        ({"resolution": 0.0}, "resolution: expected a number from 0.001 to 10; got 0"),
+        ({"origin": [0.0, 0.0]}, "origin: expected x, y"),
+        ({"image": "none.pgm"}, r"none\.pgm: expected the image of a map, there is none"),
+        ({"image": "hall.yaml"}, r"hall\.yaml: expected a readable PGM or PNG"),
+        ({"free_thresh": 0.0}, "expected free cells, got none"),
+    ],
+)
+def test_what_cannot_be_used_is_named(tmp_path: Path, fields: dict[str, Any], text: str) -> None:
+    with pytest.raises(FileError, match=text):
+        load_map(write_map(tmp_path, hall(), **fields))
+
+
+def test_a_grid_of_another_size_is_rejected() -> None:
+    with pytest.raises(FileError, match=r"/map: expected 3 x 2 cells, at most 1e8, got 5"):
+        map_of_grid("/map", 3, 2, 0.1, Pose(0.0, 0.0, 0.0), [0] * 5)
