@@ -53,6 +53,7 @@ SMALL_LEAF = 50
 _NEAREST = 0.01  # m, least distance
 _AT_GOAL = ((0.02, 0.05), (0.03, 0.08))  # m and rad to the goal that may count as being there
 _LEAST_AT_GOAL = 3  # episodes that show how long an action takes there
+_MOSTLY, _STOPPING = 0.95, 0.2  # share of starts, m/s: a robot may still be stopping when an action starts
 _TURNED = 0.5  # rad of a turn at the goal, which shows how much of it is left
 _ALIKE = 0.15  # greatest difference in s of durations that count as the same there: three ticks
 _BRAKING_EPISODES, _BRAKING_SHARE = 15, 0.05  # episodes, or at most a share, that make a deceleration known
@@ -182,11 +183,14 @@ def duration_tree(table: pd.DataFrame, durations: FloatArray) -> tuple[ModelTree
 
 
 def _stands(table: pd.DataFrame) -> bool:
-    """Return whether the robot stands at both ends of all episodes, and their features show that."""
-    moving = table.filter(["v", "speedg"]).abs() > AT_REST.v
-    return {*rising_in(table.columns), _PATH, "v", "speedg"} <= set(table.columns) and not moving.any(
-        axis=None
-    )
+    """Return whether the robot stands at both ends of episodes, and their features show that."""
+    return {*rising_in(table.columns), _PATH, "v", "speedg"} <= set(table.columns) and _is_at_rest(table)
+
+
+def _is_at_rest(rows: pd.DataFrame) -> bool:
+    """Return whether the robot stands at the goals, and hardly moves at the starts of episodes."""
+    arriving, starting = rows["speedg"].abs(), rows["v"].abs()
+    return bool(arriving.max() <= AT_REST.v and starting.quantile(_MOSTLY) <= _STOPPING)
 
 
 def _drives(table: pd.DataFrame) -> BoolArray:
@@ -305,7 +309,7 @@ def observed_arrival(starts: pd.DataFrame, robot: Robot) -> Arrival | None:
 
     It is the usual error at the end of the episodes that succeeded, of whose first rows `starts` consists.
     """
-    if (starts[["v", "speedg"]].abs() > AT_REST.v).any(axis=None):
+    if not _is_at_rest(starts):
         return None
     turned = Geometry(direct_of(starts), robot).rows[ANGLE_AT] > _TURNED
     errors = starts["position_error"].median(), starts.loc[turned, "heading_error"].median()
