@@ -55,7 +55,7 @@ def derive_positions(direct: FloatArray, hold: float, aw: float, rows: FloatArra
         Distance in m from the axle to the held object.
     aw : float
         Limit of the angular acceleration in rad/s^2.
-    rows : ndarray, shape (ROWS or more, n)
+    rows : ndarray, shape (ROWS, n)
         Result.
     """
     for at in range(direct.shape[1]):
@@ -92,7 +92,7 @@ def derive_angles(direct: FloatArray, bearing: FloatArray, rows: FloatArray) -> 
         As for `derive_positions`.
     bearing : ndarray, shape (n,)
         Of the way in the rows DX and DY, in rad.
-    rows : ndarray, shape (ROWS or more, n)
+    rows : ndarray, shape (ROWS, n)
         Result.
     """
     for at in range(direct.shape[1]):
@@ -110,7 +110,7 @@ def relate_route(rows: FloatArray, straight: BoolArray, table: FloatArray) -> No
 
     Parameters
     ----------
-    rows : ndarray, shape (ROWS or more, n)
+    rows : ndarray, shape (ROWS, n)
         See `Geometry.rows`.
     straight : ndarray, shape (n,)
         Which routes are straight: their length and angles are those to the destination.
@@ -188,8 +188,6 @@ class Geometry:
         Limits, and where it holds an object.
     driving : DrivingStyle, optional
         How the action was observed to drive; by default at all limits of the base.
-    room : int
-        Number of rows that the table of quantities has room for besides, see `rows`.
     """
 
     def __init__(
@@ -199,12 +197,10 @@ class Geometry:
         driving: DrivingStyle | None = None,
         *,
         further: Iterable[str] = (),
-        room: int = 0,
     ) -> None:
         self.direct = direct_table(direct, further)
         self._table = self.direct.table
-        self.robot = robot
-        self._driving, self._room = driving, room
+        self.robot, self._driving = robot, driving
         self._kept: dict[Callable[[Geometry], Any], Any] = {}
 
     def once(self, compute: Callable[[Geometry], Derived]) -> Derived:
@@ -216,11 +212,8 @@ class Geometry:
 
     @cached_property
     def rows(self) -> FloatArray:
-        """Quantities that all share, shape (ROWS + room, n), see `ator_ros.performance.derived`.
-
-        The last rows, as many as there is `room` for, are not written.
-        """
-        rows = np.empty((ROWS + self._room, self._table.shape[1]))
+        """Quantities that all share, shape (ROWS, n), see `ator_ros.performance.derived`."""
+        rows = np.empty((ROWS, self._table.shape[1]))
         derive_positions(self._table, self.robot.hold, self.robot.limits.aw, rows)
         heading, dist = self.direct["yawg"], rows[DIST]
         pull = _NEAR_PULL * np.maximum(NEAR - dist, 0.0)

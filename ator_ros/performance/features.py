@@ -42,15 +42,12 @@ class Feature:
         The direct variables that it is computed from (paper, section 4.2).
     compute : callable
         Returns its values, shape (n,), in SI units.
-    row : int or None
-        The row of `Geometry.rows` that holds its values; None where only `compute` has them.
     """
 
     name: str
     unit: str
     derives: frozenset[str]
     compute: Callable[[Geometry], FloatArray]
-    row: int | None = None
 
 
 def variables(words: str) -> frozenset[str]:
@@ -61,7 +58,7 @@ def variables(words: str) -> frozenset[str]:
 def _basic(name: str, unit: str, derives: str) -> Feature:
     """Return a feature that is one of the quantities that all share."""
     row = BASICS.index(name)
-    return Feature(name, unit, variables(derives), lambda g: g.rows[row], row=row)
+    return Feature(name, unit, variables(derives), lambda g: g.rows[row])
 
 
 _PLACES = "x y xg yg yawg hold"
@@ -169,11 +166,7 @@ def feature_table(
     driving : DrivingStyle, optional
         How the action was observed to drive, for `PATHS`.
     """
-    return table_of(Geometry(direct, robot, driving, further=declared_by(features)), features)
-
-
-def table_of(geometry: Geometry, features: Sequence[Feature]) -> FloatArray:
-    """Compute features of a geometry of which others may have been computed before, shape (n, k)."""
+    geometry = Geometry(direct, robot, driving, further=declared_by(features))
     table = np.empty((len(geometry.direct["x"]), len(features)))
     for column, feature in enumerate(features):
         table[:, column] = geometry.once(feature.compute)

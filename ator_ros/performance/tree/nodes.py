@@ -104,41 +104,28 @@ class ModelTree:
         X : array of float, shape (n, n_features)
             Finite features, columns as in `names`.
         """
-        return self.evaluate(*self._rows(X))[1]
+        return self.evaluate(np.ascontiguousarray(X.T))[1]
 
     def predict(self, X: FloatArray) -> FloatArray:
         """Predict the target of each row, in its unit; shapes as in `apply`."""
-        return self.evaluate(*self._rows(X))[0]
+        return self.evaluate(np.ascontiguousarray(X.T))[0]
 
-    def _rows(self, X: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return features, shape (n, n_features), as `evaluate` takes them."""
-        if X.ndim != 2 or X.shape[1] != len(self.names):
-            raise ValueError(f"expected features of shape (n, {len(self.names)}), got {X.shape}")
-        return np.ascontiguousarray(X.T), np.arange(len(self.names))
-
-    def evaluate(self, rows: FloatArray, places: IntArray) -> tuple[FloatArray, IntArray]:
-        """Return the prediction for n situations, and their leaves.
-
-        Parameters
-        ----------
-        rows : array of float, shape (any, n)
-            Finite values, those of a feature in a row.
-        places : array of int, shape (n_features,)
-            The row of each of `names`.
-        """
+    def evaluate(self, rows: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Return what `predict` and `apply` do, of features in rows, shape (n_features, n)."""
+        if rows.ndim != 2 or len(rows) != len(self.names):
+            raise ValueError(f"expected features of shape (n, {len(self.names)}), got {rows.T.shape}")
         value, leaf = np.empty(rows.shape[1]), np.empty(rows.shape[1], dtype=np.intp)
         splits = self.feature, self.threshold, self.children
         models = self.intercept, self.coefficients, self.lower, self.upper
-        _evaluate(rows, places, splits, models, value, leaf)
+        _evaluate(rows, splits, models, value, leaf)
         for hinge in self.base:
-            value += hinge.of(rows[places[self.names.index(hinge.feature)]])
+            value += hinge.of(rows[self.names.index(hinge.feature)])
         return value, leaf
 
 
 @compiled
 def _evaluate(
     rows: FloatArray,
-    places: IntArray,
     splits: tuple[IntArray, FloatArray, IntArray],
     models: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     value: FloatArray,
@@ -148,10 +135,10 @@ def _evaluate(
     for at in range(rows.shape[1]):
         node = 0
         while children[node, 0] != node:
-            node = children[node, 1 if rows[places[feature[node]], at] > threshold[node] else 0]
+            node = children[node, 1 if rows[feature[node], at] > threshold[node] else 0]
         result = intercept[node]
-        for column in range(len(places)):
-            result += rows[places[column], at] * coefficients[node, column]
+        for column in range(len(rows)):
+            result += rows[column, at] * coefficients[node, column]
         value[at] = np.minimum(np.maximum(result, lower[node]), upper[node])
         leaf[at] = node
 
