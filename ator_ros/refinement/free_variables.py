@@ -26,7 +26,7 @@ from ator_ros.refinement.search import Allowed, spread_points
 from ator_ros.robot.description import Robot
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopCall, TopChain, projected
-from ator_ros.tops.conditions import Condition, Distance, Region, Relation, Statement, state_of
+from ator_ros.tops.conditions import Condition, Distance, Region, Relation, state_of
 from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
 from ator_ros.world.state import World
 
@@ -276,34 +276,26 @@ class Regions:
 
     def _after(self, index: int, values: FloatArray) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return state and goal variables after a step whose goal has these free values (n, k)."""
-        call, state = self._calls[index], dict[str, Any](self._states[index])
+        call, post = self._calls[index], self._calls[index].top.post
         goal: dict[str, Any] = dict(goal_values(call.goal))
         for name, column in zip(self._names[index], values.T, strict=True):
             goal[name] = column if len(values) > 1 else float(column[0])
+        arrival: dict[str, Any] = {}
         if call.top.arrives:
             there = columns_after(goal, call.goal.point, self._robot)
-            state |= {f"robot.{name}": there[name] for name in ("x", "y", "yaw", "v", "w")}
-            state |= self._hold(call.goal.point, goal, there)
-        for term in call.top.post.terms:
-            if call.top.arrives and term.variable.partition(".")[0] in ("robot", "hold"):
-                continue
-            target = term.target_in(state, goal)
-            if target is not None:
-                state[term.variable] = _placed(term, target)
-        if not call.top.arrives and any(term.variable.startswith("robot.") for term in call.top.post.terms):
-            state |= self._hold(
-                Point.AXLE, goal, {name: state[f"robot.{name}"] for name in ("x", "y", "yaw")}
-            )
+            arrival = {f"robot.{name}": value for name, value in there.items()}
+            at_goal = call.goal.point is Point.HOLD  # whatever the heading
+            arrival |= {"hold.x": goal["x"], "hold.y": goal["y"]} if at_goal else self._hold(arrival)
+        state = post.apply({**self._states[index], **arrival}, goal) | arrival
+        if not call.top.arrives and any(term.variable.startswith("robot.") for term in post.terms):
+            state |= self._hold(state)
         return state, goal
 
-    def _hold(self, point: Point, goal: Mapping[str, Any], there: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the position of the hold: at the goal if the goal is for the hold, whatever the heading."""
-        if point is Point.HOLD:
-            return {"hold.x": goal["x"], "hold.y": goal["y"]}
-        if self._robot.holder is None:
-            return {}
-        yaw, hold = there["yaw"], self._robot.hold
-        return {"hold.x": there["x"] + hold * np.cos(yaw), "hold.y": there["y"] + hold * np.sin(yaw)}
+    def _hold(self, state: Mapping[str, Any]) -> dict[str, Any]:
+        yaw, hold = state["robot.yaw"], self._robot.hold
+        ahead = {"hold.x": hold * np.cos(yaw), "hold.y": hold * np.sin(yaw)}
+        places = {name: state[f"robot.{name[-1]}"] + way for name, way in ahead.items()}
+        return places if self._robot.holder is not None else {}
 
 
 def _may_bound(chain: TopChain, names: Sequence[tuple[str, ...]]) -> bool:
@@ -317,14 +309,6 @@ def _may_bound(chain: TopChain, names: Sequence[tuple[str, ...]]) -> bool:
         for free, call, after in pairs
         if free
     )
-
-
-def _placed(term: Statement, target: Any) -> Any:
-    """Return a value of a term's variable for which the term holds."""
-    offset = term.offset(math.inf)
-    if offset and isinstance(term, Region) and term.outward:
-        return target + np.copysign(1.0, target - term.center) * offset
-    return target + offset if offset else target
 
 
 def _bounds_in(condition: Condition) -> list[Bound]:

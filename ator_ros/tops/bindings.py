@@ -66,7 +66,7 @@ def _after(top: Top, state: _State, step: int) -> _State:
 
 def _placed(term: Statement, target: _Value) -> _Value:
     """Return the value of a term's variable when the term holds."""
-    if term.offset(1.0) == 0.0:
+    if term.offset == 0.0:
         return target
     return target._replace(text=f"{target.text} with {term!r}")
 

@@ -237,9 +237,10 @@ class Statement(Clause):
         low, high = self.reach(0.0)
         return -math.inf < low <= 0.0 <= high < math.inf
 
-    def offset(self, target: float) -> float:
-        """Return the difference from `target` that the variable has once this holds: the least possible."""
-        low, high = self.reach(target)
+    @property
+    def offset(self) -> float:
+        """The difference from the target, or outward from it, once this holds: the least possible."""
+        low, high = self.reach(math.inf)
         return min(max(0.0, low), high)
 
     def target_in(self, state: Values, goal: Values) -> Any:
@@ -363,12 +364,14 @@ class Condition:
         excesses = (clause.excess(state, goal) for clause in (*self.terms, *self.relations))
         return max(excesses, default=0.0)
 
-    def apply(self, state: State, goal: Mapping[str, float]) -> dict[str, float]:
+    def apply(self, state: Values, goal: Values) -> dict[str, Any]:
         """Return the state with every variable at its target, or as near to it as its range allows."""
         result = dict(state)
         for term in self.terms:
-            target = term.target_in(state, goal)
+            target, offset = term.target_in(state, goal), term.offset
+            if target is not None and offset:
+                outward = isinstance(term, Region) and term.outward
+                target = target + offset * (np.copysign(1.0, target - term.center) if outward else 1.0)
             if target is not None:
-                offset = term.offset(target)
-                result[term.variable] = target + offset if offset else target
+                result[term.variable] = target
         return result
