@@ -49,7 +49,7 @@ class PathTime:
 
     def predict(self, direct: Mapping[str, Any], measures: Any = (), signs: Any = None) -> Any:  # noqa: ARG002
         """Return the duration in s, shape (n,), and no error of a sum, as none was measured."""
-        duration = Geometry(direct, self.robot, self.driving).path.time
+        duration = Geometry(direct, self.robot, self.driving).path[0]
         return SimpleNamespace(duration=duration, error_of_sum=(0.0, 0.0))
 
 

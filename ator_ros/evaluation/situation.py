@@ -275,7 +275,7 @@ def best_headings(
 
     def duration(index: int, before: FloatArray, after: FloatArray) -> FloatArray:
         nonlocal executed
-        starts = model.situations(index, before, after).table[[X, Y, YAW]].T.tolist()
+        starts = model.rows[index].table(before, after).table[[X, Y, YAW]].T.tolist()
         executed += len(starts)
         worlds = [World(0.0, RobotState(Pose(*start)), trial.world.objects) for start in starts]
         headings = np.broadcast_to(after[:, 0], len(starts)).tolist()

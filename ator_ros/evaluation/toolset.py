@@ -108,25 +108,19 @@ def make_library(robot: Robot, source: ToolsetSource) -> TopLibrary:
     return find_domain(source.domain).library(robot, source.action_set)
 
 
-def make_toolset(source: ToolsetSource) -> Toolset:
-    """Read the models.
+def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
+    """Return toolset and library, cached until a file of the source changes.
 
     Raises
     ------
     FileError
-        An existing file cannot be used; the message names it.
+        A model cannot be used; the message names its file.
     """
-    domain, robot, action_set = find_domain(source.domain), source.described(), source.action_set
-    models = load_models(robot, domain.known_features, action_set=action_set, folder=source.top())
-    return Toolset(domain, robot, models)
-
-
-def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
-    """Return toolset and library, cached until a file of the source changes."""
     return _made(source, source.digest())
 
 
 @lru_cache(maxsize=4)
 def _made(source: ToolsetSource, _digest: str) -> tuple[Toolset, TopLibrary]:
-    tools = make_toolset(source)
-    return tools, make_library(tools.robot, source)
+    domain, robot, action_set = find_domain(source.domain), source.described(), source.action_set
+    models = load_models(robot, domain.known_features, action_set=action_set, folder=source.top())
+    return Toolset(domain, robot, models), make_library(robot, source)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from functools import cached_property
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -170,13 +170,6 @@ _NEAR_PULL = 20.0  # weight of the goal's heading in the bearing of a goal withi
 Derived = TypeVar("Derived")
 
 
-class PathTimes(NamedTuple):
-    """Times in s of paths, and the sums of the angles in rad turned on them, shape (n,)."""
-
-    time: FloatArray
-    turn: FloatArray
-
-
 class Geometry:
     """The derived quantities of n situations, each computed once, when first asked for.
 
@@ -249,8 +242,8 @@ class Geometry:
         return ends
 
     @cached_property
-    def path(self) -> PathTimes:
-        """The fastest turn-straight-turn path as the action was observed to drive."""
+    def path(self) -> FloatArray:
+        """Times (s) of, and angles (rad) turned on, the fastest paths as the action drives, shape (2, n)."""
         driving = self._driving or plain_driving(self.robot)
         holding = self.direct["hold"] > 0.5
         hold = self.robot.hold if holding.any() else 0.0
@@ -259,7 +252,7 @@ class Geometry:
         if driving.approaches and holding.any() and not holding.all():
             paths = np.where(holding, paths, fastest_paths(self.ends, driving.drive_paths, hold=hold))
         complete_paths(self.rows, driving.limits.w, driving.limits.aw, paths)
-        return PathTimes(*paths)
+        return paths
 
 
 def _from_hold(geometry: Geometry) -> tuple[FloatArray, FloatArray]:

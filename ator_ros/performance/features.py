@@ -89,8 +89,8 @@ SIGNED = (
 
 _MOTION = variables(f"{_POSES} speedg v w")
 PATHS = (
-    Feature("path_time", "s", _MOTION, lambda g: g.path.time),
-    Feature("path_turn", "rad", _MOTION, lambda g: g.path.turn),
+    Feature("path_time", "s", _MOTION, lambda g: g.path[0]),
+    Feature("path_turn", "rad", _MOTION, lambda g: g.path[1]),
 )
 """Time of and angle turned on the fastest path that the action was observed to drive; see `Geometry.path`."""
 

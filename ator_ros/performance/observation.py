@@ -214,7 +214,7 @@ def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) ->
 
 def _error(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> float:
     """Return the mean error in s of the durations as a linear function of the times of paths."""
-    times = _geometry(starts, robot, driving).path.time
+    times = _geometry(starts, robot, driving).path[0]
     table = np.column_stack([np.ones(len(times)), times])
     durations = starts["duration"].to_numpy(dtype=float)
     weights = np.linalg.lstsq(table, durations, rcond=None)[0]

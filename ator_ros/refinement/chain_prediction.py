@@ -8,7 +8,7 @@ from these situations and adds up their costs.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -238,7 +238,7 @@ class ChainModel:
         objective: Objective,
     ) -> None:
         self.names = names
-        self._rows = step_rows(world, chain, robot, self.names, models)
+        self.rows = step_rows(world, chain, robot, self.names, models)
         self._actions = [call.top.action for call in chain.calls]
         self._models = [models.get(action) for action in self._actions]
         self.objective = objective
@@ -248,25 +248,18 @@ class ChainModel:
             for call, names in zip(chain.calls, self.names, strict=True)
         ]
 
-    def situations(self, index: int, before: FloatArray, after: FloatArray) -> DirectTable:
-        """Return the situations of one action for candidates, shapes (n or 1, k), at both its ends."""
-        return self._rows[index].table(before, after)
-
     def step_cost(self, index: int, before: FloatArray, after: FloatArray) -> FloatArray:
         """Return the cost of one action, shape (n,), see `ator_ros.refinement.search.StepCost`."""
         model = self._models[index]
         if model is None:
             return np.zeros(1)
-        direct = self.situations(index, before, after)
+        direct = self.rows[index].table(before, after)
         with np.errstate(all="ignore"):
             return self._cost(model.predict(direct, self.objective.needs, None))
 
-    def predict(self, *chains: Sequence[FloatArray]) -> list[ChainPrediction]:
-        """Return the predictions for chains whose subgoals have these free values, each of shape (k,).
-
-        A cost is infinite where that of a step is no number.
-        """
-        return self._predicted(chains, None)[0]
+    def predict(self) -> ChainPrediction:
+        """Return the prediction for the chain's own values; its cost is infinite if that of a step is NaN."""
+        return self._predicted((self.given,), None)[0][0]
 
     def compare(
         self, before: Sequence[FloatArray], after: Sequence[FloatArray]
@@ -287,42 +280,33 @@ class ChainModel:
         actions: list[list[dict[str, float]]] = [[{} for _ in self._actions] for _ in chains]
         costs = np.zeros((len(chains), len(self._actions)))
         fields = tuple(dict.fromkeys(REPORTED + self.objective.needs))
-        for model, places, direct in self._by_model(chains):
+        tables = []
+        for chain in chains:
+            values = [np.zeros((1, 0)), *(each[None, :] for each in chain)]
+            tables.append([rows.table(values[step], values[step + 1]) for step, rows in enumerate(self.rows)])
+        for action in dict.fromkeys(self._actions):
+            steps = [step for step, name in enumerate(self._actions) if name == action]
+            model = self._models[steps[0]]
+            if model is None:
+                continue
+            # One prediction for all steps of a model costs hardly more than one.
+            places = [(number, step) for number in range(len(chains)) for step in steps]
+            table = np.hstack([tables[number][step].table for number, step in places])
+            direct = DirectTable(tables[0][steps[0]].names, table)
             with np.errstate(all="ignore"):
-                signed = None if signs is None else np.array([signs[chain] for chain, _ in places])
+                signed = None if signs is None else np.array([signs[number] for number, _ in places])
                 prediction = model.predict(direct, fields, signed)
             if signs is not None:
                 error, variance = error + prediction.error_of_sum[0], variance + prediction.error_of_sum[1]
             columns = {name: getattr(prediction, name, None) for name in fields}
             known = {name: each.tolist() for name, each in columns.items() if each is not None}
             cost = self._cost(prediction)
-            for row, (chain, step) in enumerate(places):
-                actions[chain][step] = {name: each[row] for name, each in known.items()}
-                costs[chain, step] = cost[row]
+            for row, (number, step) in enumerate(places):
+                actions[number][step] = {name: each[row] for name, each in known.items()}
+                costs[number, step] = cost[row]
         sums = zip(actions, costs.sum(axis=1), strict=True)
         predictions = [ChainPrediction(tuple(each), float(cost)) for each, cost in sums]
         return predictions, math.sqrt(error**2 + variance)
-
-    def _by_model(
-        self, chains: Sequence[Sequence[FloatArray]]
-    ) -> Iterator[tuple[PredictsPerformance, list[tuple[int, int]], DirectTable]]:
-        """Yield each model, the numbers of chain and step where it predicts, and their direct variables.
-
-        One prediction for all its steps costs hardly more than one.
-        """
-        tables = []
-        for chain in chains:
-            values = [np.zeros((1, 0)), *(each[None, :] for each in chain)]
-            tables.append(
-                [rows.table(values[step], values[step + 1]) for step, rows in enumerate(self._rows)]
-            )
-        for action in dict.fromkeys(self._actions):
-            steps = [index for index, name in enumerate(self._actions) if name == action]
-            model = self._models[steps[0]]
-            if model is not None:
-                places = [(number, step) for number in range(len(chains)) for step in steps]
-                table = np.hstack([tables[number][step].table for number, step in places])
-                yield model, places, DirectTable(tables[0][steps[0]].names, table)
 
     def _cost(self, prediction: Any) -> FloatArray:
         return np.asarray(np.fmin(self.objective.cost(prediction), np.inf))  # NaN becomes infinite
@@ -346,6 +330,4 @@ def predict_chain(
     """
     objective = objective if objective is not None else Objective()
     names: list[tuple[str, ...]] = [()] * len(chain.calls)
-    model = ChainModel(world, chain, robot, models=models, names=names, objective=objective)
-    [prediction] = model.predict(model.given)
-    return prediction
+    return ChainModel(world, chain, robot, models=models, names=names, objective=objective).predict()

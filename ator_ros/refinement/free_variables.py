@@ -25,7 +25,7 @@ from ator_ros.refinement.chain_prediction import PredictsPerformance, chain_situ
 from ator_ros.refinement.search import Allowed, spread_points
 from ator_ros.robot.description import Robot
 from ator_ros.tops.bindings import bindings
-from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopCall, TopChain, projected
+from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopChain, projected
 from ator_ros.tops.conditions import Condition, Distance, Region, Relation, state_of
 from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
 from ator_ros.world.state import World
@@ -108,9 +108,16 @@ def analyze(
     not_free: list[NotFree] = []
     bound = bindings(tuple(call.top for call in chain.calls))
     for index, call in enumerate(chain.calls):
-        for name in _opened(call):
-            reason = bound.get((index, name)) or _why_closed(call, name)
-            if reason is None and name not in ranges:
+        known = list(goal_values(call.goal))
+        opened = known if EVERYTHING in call.open else [name for name in known if name in call.open]
+        for name in opened + sorted(call.open - {EVERYTHING, *known}):
+            reason = bound.get((index, name))
+            if reason is None and name not in known:
+                reason = f"no goal variable, expected one of {', '.join(known)}"
+            elif reason is None and not call.opens(name):
+                by = f"the post-condition of {call.top.name}"
+                reason = f'named by {by}: "{EVERYTHING}" leaves it, its own name opens it'
+            elif reason is None and name not in ranges:
                 reason = "without a range"
             reason = reason or _why_unknown(chain, index, name, models)
             if reason is None:
@@ -118,22 +125,6 @@ def analyze(
             else:
                 not_free.append(NotFree(index, name, reason))
     return Analysis(tuple(free), tuple(not_free))
-
-
-def _opened(call: TopCall) -> list[str]:
-    """Return the names that a call opens, known or not, in the order of its goal's variables."""
-    names = list(goal_values(call.goal))
-    opened = names if EVERYTHING in call.open else [name for name in names if name in call.open]
-    return opened + sorted(call.open - {EVERYTHING, *names})
-
-
-def _why_closed(call: TopCall, name: str) -> str | None:
-    """Return why an opening has no effect, apart from conditions of other steps."""
-    if name not in goal_values(call.goal):
-        return f"no goal variable, expected one of {', '.join(goal_values(call.goal))}"
-    if call.opens(name):
-        return None
-    return f'named by the post-condition of {call.top.name}: "{EVERYTHING}" leaves it, its own name opens it'
 
 
 def _why_unknown(
@@ -239,31 +230,27 @@ class Regions:
         """Return the bounds that the free variables of a subgoal decide on."""
         if not self._names[index]:
             return []
-        rules = [*self._own_rules(index), *self._rules_of_next(index)]
+        rules = list(self._rules(index))
         # A bound that does not depend on the candidates cannot limit them.
         probe = np.stack([np.zeros(len(self._names[index])), np.ones(len(self._names[index]))])
         after, own = self._after(index, probe)
         return [rule for rule in rules if np.ndim(self._clearance(rule, index, after, own)) > 0]
 
-    def _own_rules(self, index: int) -> Iterator[_Rule]:
-        """Yield the bounds by the step that leads to a subgoal."""
+    def _rules(self, index: int) -> Iterator[_Rule]:
+        """Yield the bounds by the step that leads to a subgoal, and by the step that starts there."""
         call = self._calls[index]
         step = f"of step {index + 1} ({call.top.name})"
         yield from (_Rule(f"post-condition {step}", bound) for bound in _bounds_in(call.top.post))
-        if index and _PLACE & set(self._names[index - 1]):
-            return  # the start is not known yet
-        for bound in _bounds_in(call.top.pre):
-            yield _Rule(f"pre-condition {step}", bound, before=True)
-        distances = experience_of(self._models.get(call.top.action)).get("way")
-        if distances is not None:
-            start = "hold" if call.goal.point is Point.HOLD else "robot"
-            yield _Rule(f"experience of {call.top.action}", Distance(start, "goal", *distances), before=True)
-
-    def _rules_of_next(self, index: int) -> Iterator[_Rule]:
-        """Yield the bounds by the step that starts at a subgoal."""
+        if not (index and _PLACE & set(self._names[index - 1])):  # else the start is not known yet
+            for bound in _bounds_in(call.top.pre):
+                yield _Rule(f"pre-condition {step}", bound, before=True)
+            distances = experience_of(self._models.get(call.top.action)).get("way")
+            if distances is not None:
+                way = Distance("hold" if call.goal.point is Point.HOLD else "robot", "goal", *distances)
+                yield _Rule(f"experience of {call.top.action}", way, before=True)
         if index + 1 == len(self._calls):
             return
-        call, following = self._calls[index], self._calls[index + 1]
+        following = self._calls[index + 1]
         source = f"pre-condition of step {index + 2} ({following.top.name})"
         room, goal = call.top.place_tolerance, goal_values(following.goal)
         free = _PLACE & set(self._names[index + 1])
@@ -335,7 +322,20 @@ def _outside_experience(
         known = experience_of(models.get(call.top.action))
         opens = frozenset(name for name in ("x", "y", "yaw", "speed") if call.opens(name))
         numbers = dict(zip(direct.names, direct.table[:, 0].tolist(), strict=True))
-        for name, label, value, unit in _quantities(numbers, robot, opened, opens):
+        quantities = []  # name, label, value and unit of those that no open variable changes
+        if not {"x", "y"} & (opened | opens):
+            ahead = robot.hold * numbers["hold"] if robot.holder is not None else 0.0
+            hold = Pose(numbers["x"], numbers["y"], numbers["yaw"]).ahead(ahead)
+            way = math.hypot(numbers["xg"] - hold.x, numbers["yg"] - hold.y)
+            quantities.append(("way", "distance", way, "m"))
+        if "yaw" not in opened | opens:
+            turn = abs(wrap_angle(numbers["yawg"] - numbers["yaw"]))
+            quantities.append(("turn", "turn", turn, "rad"))
+        if "speed" not in opened:
+            quantities.append(("v", "speed at the start", numbers["v"], "m/s"))
+        if "speed" not in opens:
+            quantities.append(("speedg", "arrival speed", numbers["speedg"], "m/s"))
+        for name, label, value, unit in quantities:
             low, high = known.get(name, (-math.inf, math.inf))
             slack = _SLACK + (_ROOM * (high - low) if math.isfinite(high - low) else 0.0)
             if not low - slack <= value <= high + slack:
@@ -346,23 +346,6 @@ def _outside_experience(
                 far |= {step} if name == "way" else set()
         opened = opens
     return found, far
-
-
-def _quantities(
-    direct: Mapping[str, float], robot: Robot, opened: frozenset[str], opens: frozenset[str]
-) -> Iterator[tuple[str, str, float, str]]:
-    """Yield name, label, value and unit of the quantities of a step that no open variable changes."""
-    x, y, yaw = direct["x"], direct["y"], direct["yaw"]
-    if not {"x", "y"} & (opened | opens):
-        ahead = robot.hold * direct["hold"] if robot.holder is not None else 0.0
-        hold = Pose(x, y, yaw).ahead(ahead)
-        yield "way", "distance", math.hypot(direct["xg"] - hold.x, direct["yg"] - hold.y), "m"
-    if "yaw" not in opened | opens:
-        yield "turn", "turn", abs(wrap_angle(direct["yawg"] - yaw)), "rad"
-    if "speed" not in opened:
-        yield "v", "speed at the start", direct["v"], "m/s"
-    if "speed" not in opens:
-        yield "speedg", "arrival speed", direct["speedg"], "m/s"
 
 
 def within_experience(
@@ -413,26 +396,16 @@ def _experience_bounds(
         if direct in known:
             low, high = known[direct]
             yield low, high, f"experience of {action}: {direct} from {low:.2f} to {high:.2f}"
-    if variable.name == "speed":
-        for after in following:
-            yield from _braking_bounds(call, after, models)
-
-
-def _braking_bounds(
-    call: TopCall, following: TopCall, models: Mapping[str, PredictsPerformance]
-) -> Iterator[tuple[float, float, str]]:
-    """Yield the arrival speeds from which the next action can brake to its goal's speed.
-
-    Nothing is known if a place is free, or if the goals are for different points of the robot.
-    """
-    known = experience_of(models.get(following.top.action)).get("braking")
-    moved = any(step.opens(name) for step in (call, following) for name in ("x", "y"))
-    if known is None or moved or call.goal.point != following.goal.point:
-        return
-    distances = call.goal.pose.distance(following.goal.pose)
-    left = 0.0 if following.opens("speed") else following.goal.speed
-    description = f"experience of {following.top.action}: braking at up to {known[1]:.2f} m/s^2"
-    yield 0.0, math.sqrt(left**2 + 2.0 * known[1] * distances), description
+    for after in following if variable.name == "speed" else ():
+        # From faster arrivals the next action cannot brake to its goal's speed. Nothing is known if a place
+        # is free, or if the goals are for different points of the robot.
+        braking = experience_of(models.get(after.top.action)).get("braking")
+        moved = any(step.opens(name) for step in (call, after) for name in ("x", "y"))
+        if braking is None or moved or call.goal.point != after.goal.point:
+            continue
+        left = 0.0 if after.opens("speed") else after.goal.speed
+        fastest = math.sqrt(left**2 + 2.0 * braking[1] * call.goal.pose.distance(after.goal.pose))
+        yield 0.0, fastest, f"experience of {after.top.action}: braking at up to {braking[1]:.2f} m/s^2"
 
 
 def within_regions(analysis: Analysis, regions: Regions, chain: TopChain) -> Analysis:

@@ -23,7 +23,7 @@ from ator_ros.refinement.free_variables import (
 )
 from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.objective import Objective, expected_time
-from ator_ros.refinement.search import Deadline, NoCandidateError, Optimum, no_deadline, search, unsearched
+from ator_ros.refinement.search import Deadline, NoCandidateError, Optimum, no_deadline, search
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges
@@ -183,18 +183,12 @@ class Refiner:
         model = ChainModel(world, chain, self.robot, models=self.models, names=names, objective=objective)
         if not analysis.free:
             return self._left_alone(chain, analysis, model)
-        if deadline():
-            compared = model.compare(model.given, model.given)
-            optimum = unsearched(model.given, compared[0].cost)
-        else:
-            axes = [
-                [variable.domain for variable in analysis.free if variable.subgoal == index]
-                for index in range(len(chain.calls))
-            ]
-            optimum = search(
-                model.step_cost, axes, model.given, allowed=regions.allowing(), deadline=deadline
-            )
-            compared = model.compare(model.given, optimum.values)
+        axes = [
+            [variable.domain for variable in analysis.free if variable.subgoal == index]
+            for index in range(len(chain.calls))
+        ]
+        optimum = search(model.step_cost, axes, model.given, allowed=regions.allowing(), deadline=deadline)
+        compared = model.compare(model.given, optimum.values)
         if not math.isfinite(optimum.cost):
             raise RefinementError(
                 "expected a finite prediction for some candidate, got none: check the distances"
@@ -321,7 +315,7 @@ class Refiner:
 
     def _left_alone(self, chain: TopChain, analysis: Analysis, model: ChainModel) -> Refinement:
         """Return the answer where nothing is free."""
-        [prediction] = model.predict(model.given)
+        prediction = model.predict()
         reason = "nothing is open: the plan commits to every goal variable"
         if any(call.open for call in chain.calls):
             reason = f"nothing is free: {_described(chain, analysis.not_free)}"

@@ -163,12 +163,6 @@ def search(
     return dataclasses.replace(path, curves=curves)
 
 
-def unsearched(given: Sequence[FloatArray], cost: float) -> Optimum:
-    """Return the result of no search: the values of each subgoal, shapes (k,), and their cost."""
-    curves = [SearchCurve(values[None, :], np.array([cost])) for values in given]
-    return Optimum(given, cost, curves, complete=False)
-
-
 # Dynamic programming
 
 
@@ -212,22 +206,17 @@ def _pairwise(
     step_cost: StepCost, index: int, before: FloatArray, after: FloatArray, deadline: Deadline
 ) -> FloatArray:
     """Return the cost (n, m) of a step for n candidates before and m after it; fewer rows if time is up."""
-    size = max(1, BLOCK // len(after))
+    m = len(after)
+    size = max(1, BLOCK // m)
     blocks = []
     for first in range(0, len(before), size):
         if deadline():
             break
-        blocks.append(_block(step_cost, index, before[first : first + size], after))
-    return blocks[0] if len(blocks) == 1 else np.concatenate([*blocks, np.zeros((0, len(after)))])
-
-
-def _block(step_cost: StepCost, index: int, before: FloatArray, after: FloatArray) -> FloatArray:
-    """Return the cost (n, m) of a step for every pair of n candidates before and m after it."""
-    n, m = len(before), len(after)
-    if n > 1 and m > 1:
-        before, after = np.repeat(before, m, axis=0), np.tile(after, (n, 1))
-    costs = step_cost(index, before, after)
-    return np.full((n, m), costs[0]) if len(costs) == 1 else costs.reshape(n, m)
+        some, n = before[first : first + size], len(before[first : first + size])
+        pairs = (some.repeat(m, axis=0), np.tile(after, (n, 1))) if n > 1 and m > 1 else (some, after)
+        costs = step_cost(index, *pairs)
+        blocks.append(np.full((n, m), costs[0]) if len(costs) == 1 else costs.reshape(n, m))
+    return blocks[0] if len(blocks) == 1 else np.concatenate([*blocks, np.zeros((0, m))])
 
 
 # Candidates

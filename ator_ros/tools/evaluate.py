@@ -11,7 +11,7 @@ from ator_ros.evaluation.policies import POLICIES, USUAL
 from ator_ros.evaluation.report import policy_table, prediction_table, write_report
 from ator_ros.evaluation.running import PARTIAL, RESULT, earlier_oracle, run_situations, write_result
 from ator_ros.evaluation.situation import Settings
-from ator_ros.evaluation.toolset import make_toolset
+from ator_ros.evaluation.toolset import tools_of
 from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.tools.command_line import (
     RESUMES,
@@ -33,7 +33,7 @@ def evaluate(
     `command` is the command line, for the result; `oracle_from` the folder of an earlier evaluation of the
     same situations, whose oracle is taken.
     """
-    make_toolset(settings.source)  # a damaged file is reported before anything is executed
+    tools_of(settings.source)  # a damaged file is reported before anything is executed
     oracles = earlier_oracle(oracle_from, settings, situations) if oracle_from else [{}] * situations
     records = run_situations(settings, situations=situations, folder=out)
     records = [record | oracle for record, oracle in zip(records, oracles, strict=True)]

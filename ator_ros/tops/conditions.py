@@ -369,9 +369,8 @@ class Condition:
         result = dict(state)
         for term in self.terms:
             target, offset = term.target_in(state, goal), term.offset
-            if target is not None and offset:
-                outward = isinstance(term, Region) and term.outward
-                target = target + offset * (np.copysign(1.0, target - term.center) if outward else 1.0)
+            if target is not None and offset and isinstance(term, Region) and term.outward:
+                offset *= np.copysign(1.0, target - term.center)
             if target is not None:
-                result[term.variable] = target
+                result[term.variable] = target + offset if term.offset else target
         return result

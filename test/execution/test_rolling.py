@@ -14,7 +14,7 @@ from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.planned.holding import DribbleBall
 from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.policies import POLICIES
-from ator_ros.evaluation.toolset import Toolset, ToolsetSource, make_library, make_toolset
+from ator_ros.evaluation.toolset import Toolset, ToolsetSource, make_library, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.execution.refining import AGAIN_AFTER
@@ -31,7 +31,7 @@ SEED = 453
 
 @pytest.fixture(scope="module")
 def tools() -> Toolset:
-    return make_toolset(SOURCE)
+    return tools_of(SOURCE)[0]
 
 
 def trial(tools: Toolset, index: int) -> Trial:
