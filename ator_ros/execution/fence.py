@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.geometry import Pose
 from ator_ros.motion.routes import Routes
 from ator_ros.robot.description import Robot
 from ator_ros.robot.response import clip, stopping_distance
@@ -36,16 +35,11 @@ def _stop_room(speed: float, robot: Robot) -> float:
     return max(stopping_distance(speed, robot.stop), speed**2 / (2.0 * robot.limits.brake))
 
 
-def _room(robot: Robot, point: Point, speed: float = 0.0) -> float:
-    """Return the distance in m from the edge at which no goal of `point`, at any heading, leads out."""
-    held = robot.hold_point(Pose(0.0, 0.0, 0.0)).x if point is Point.HOLD else 0.0
-    return room_inside(robot) + _stop_room(speed, robot) + held
-
-
 def _inside(axis: str, ranges: Ranges, edges: tuple[float, float], robot: Robot, goal: Goal) -> Range:
     """Return the range of a coordinate as far as it lies between two edges of a fence, at all speeds."""
     usual, speeds = ranges[axis](robot, goal), ranges.get("speed")
-    room = _room(robot, goal.point, goal.speed if speeds is None else speeds(robot, goal).high)
+    room = room_inside(robot) + _stop_room(goal.speed if speeds is None else speeds(robot, goal).high, robot)
+    room += robot.hold if goal.point is Point.HOLD else 0.0  # at any heading
     low, high = max(usual.low, edges[0] + room), min(usual.high, edges[1] - room)
     if low <= high:
         return dataclasses.replace(usual, low=low, high=high)
@@ -192,7 +186,11 @@ class FenceWatch:
         pose = world.robot.pose
         here = self._fence.outside(pose.x, pose.y)
         self._allowed = min(self._allowed, here + 2.0 * self._robot.reach if here > 0.0 else 0.0)
-        robot, reach = world.robot, self._reaction(world.time) * abs(world.robot.v)
+        robot = world.robot
+        # The base follows the command for the next state only.
+        period = 0.0 if self._time is None else min(world.time - self._time, self._longest_gap)
+        self._time = world.time
+        reach = (period + self._robot.motor_time_constant) * abs(robot.v)
         stop = math.copysign(abs(stopping_distance(robot.v, self._robot.stop)) + reach, robot.v)
         brake = math.copysign(robot.v**2 / (2.0 * self._robot.limits.brake) + reach, robot.v)
         curved = max(self._outside(robot, share * brake, bend=True) for share in (0.5, 1.0))
@@ -202,12 +200,6 @@ class FenceWatch:
             f"the robot would leave the {self._fence}: it drives at {robot.v:.2f} m/s from x {pose.x:.2f} m, "
             f"y {pose.y:.2f} m, {math.degrees(pose.yaw):.0f} degrees, and could not stand inside"
         )
-
-    def _reaction(self, time: float) -> float:
-        """Return the time in s from this state until the base follows the command for the next one."""
-        period = 0.0 if self._time is None else min(time - self._time, self._longest_gap)
-        self._time = time
-        return period + self._robot.motor_time_constant
 
     def _outside(self, robot: RobotState, way: float, *, bend: bool = False) -> float:
         """Return the distance in m to the area after `way` m, straight ahead or along the present arc."""

@@ -45,8 +45,11 @@ class Rolling:
     def observe(self, world: World) -> None:
         """Process the state `world`; repeated and extrapolated sightings are ignored."""
         for name, rolls in self._rolls.items():
-            state = world.objects.get(name)
-            if state is not None and not self._is_free(world, name, state):
+            state, pose = world.objects.get(name), world.robot.pose
+            near = self._described.reach + self._described.scene.radius(name) + _CLEAR
+            if state is not None and (
+                state.speed < self._slowest or math.hypot(state.x - pose.x, state.y - pose.y) <= near
+            ):
                 state = None
             if state is None or not rolls[-1].continues(world.time, state):
                 if self._fit(name, rolls[-1]) is None:
@@ -82,13 +85,6 @@ class Rolling:
         """Return `described` for the robot with the corrected scene; itself where nothing is corrected."""
         robot = self.robot()
         return described if robot is self._described else described.with_robot(robot)
-
-    def _is_free(self, world: World, name: str, state: ObjectState) -> bool:
-        """Return whether an object rolls, out of the reach of the robot."""
-        robot, pose = self._described, world.robot.pose
-        away = math.hypot(state.x - pose.x, state.y - pose.y)
-        near = robot.reach + robot.scene.radius(name) + _CLEAR
-        return state.speed >= self._slowest and away > near
 
     def _fit(self, name: str, roll: _FreeRoll) -> _Fit | None:
         """Return the fit of a free roll; None where the floor alone cannot have caused this deceleration."""

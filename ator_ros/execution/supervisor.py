@@ -318,7 +318,14 @@ class Supervisor:
         """Check all deadlines at `now`."""
         start = self.slowdown * self._deadlines.start
         if self.phase is Phase.WAITING and now - self._accepted > start:
-            self._give_up_waiting(start)
+            expected = f"expected one within {start:.3g} s of the goal"
+            if self.start is None:
+                got = "got none" if math.isinf(self._odom_at) else "it came too late"
+                self.end(Ending.INPUT_LOST, f"odom is missing: {expected}, {got}")
+                self.phase = Phase.ENDED
+            else:
+                name, top = missing_in(self.executor.chain.calls, self.start) or ("", "")
+                self.end(Ending.INPUT_LOST, f"{name} is missing: {top} needs it, {expected}, got none")
         if self.question is not None and now - self.question.asked > self._deadlines.refinement:
             self.unrefined(
                 f"no answer within {self._deadlines.refinement:g} s; is a refinement node running?"
@@ -332,16 +339,6 @@ class Supervisor:
             reason = f"odom is missing: expected newer odometry within {limit:.3g} s, got none"
             self.end(Ending.INPUT_LOST, reason)
             self.phase = Phase.ENDED  # no state will show that the robot stands
-
-    def _give_up_waiting(self, seconds: float) -> None:
-        limit = f"expected one within {seconds:.3g} s of the goal"
-        if self.start is None:
-            got = "got none" if math.isinf(self._odom_at) else "it came too late"
-            self.end(Ending.INPUT_LOST, f"odom is missing: {limit}, {got}")
-            self.phase = Phase.ENDED
-        else:
-            name, top = missing_in(self.executor.chain.calls, self.start) or ("", "")
-            self.end(Ending.INPUT_LOST, f"{name} is missing: {top} needs it, {limit}, got none")
 
     # Answers of refinement
 

@@ -12,7 +12,6 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -63,24 +62,6 @@ class Segment:
     odom: Rows = field(default_factory=list)
     cmd_vel: Rows = field(default_factory=list)
     objects: dict[str, Rows] = field(default_factory=lambda: defaultdict(list))
-
-    def between(self, begin: float, end: float, base: Pose) -> Segment:
-        """Return the messages from the last ones at `begin` to the first at `end`, seen from another frame.
-
-        In that frame, odometry's frame is at `base`.
-        """
-        part = Segment(
-            odom=[(row[0], *base.compose(Pose(*row[1:4])), *row[4:]) for row in _cut(self.odom, begin, end)]
-        )
-        for name, rows in self.objects.items():
-            places = [(row[0], base.compose(Pose(row[1], row[2], 0.0))) for row in _cut(rows, begin, end)]
-            part.objects[name] = [(time, place.x, place.y) for time, place in places]
-        return part
-
-
-def _cut(rows: Rows, begin: float, end: float) -> Rows:
-    first = bisect.bisect_right(rows, begin, key=itemgetter(0)) - 1
-    return rows[max(0, first) : bisect.bisect_left(rows, end, key=itemgetter(0)) + 1]
 
 
 def _in_order(rows: Rows, width: int) -> FloatArray:
@@ -191,7 +172,7 @@ class Reader:
         top = next((top for top in self._domain.tops if top.action == item.action), None)
         if top is None or item.pose is None or item.base is None:
             return "no TOP calls the action"
-        track, errors = Track(segment.between(item.begin, item.end, item.base)), (math.nan, math.nan)
+        track, errors = Track(segment, item.base), (math.nan, math.nan)
         if item.reached is not None:
             reached = robot.hold_point(item.reached) if top.point is Point.HOLD else item.reached
             errors = reached.distance(item.pose), abs(wrap_angle(reached.yaw - item.pose.yaw))
@@ -262,6 +243,8 @@ class Reader:
 class Track:
     """The state at any time of a segment with odometry, interpolated.
 
+    It is seen from the frame in which odometry's frame is at `base`, by default from that itself.
+
     Attributes
     ----------
     odom : ndarray, shape (n, 6)
@@ -272,10 +255,15 @@ class Track:
         The objects with messages.
     """
 
-    def __init__(self, segment: Segment) -> None:
+    def __init__(self, segment: Segment, base: Pose | None = None) -> None:
         self.odom = _in_order(segment.odom, 6)
         self.odom[:, 3] = np.unwrap(self.odom[:, 3])
         self._objects = {name: _in_order(rows, 3) for name, rows in segment.objects.items() if rows}
+        if base is not None:
+            c, s = math.cos(base.yaw), math.sin(base.yaw)
+            self.odom[:, 3] += base.yaw
+            for table in (self.odom, *self._objects.values()):
+                table[:, 1:3] = table[:, 1:3] @ np.array([[c, s], [-s, c]]) + (base.x, base.y)
         self.begin, self.end = float(self.odom[0, 0]), float(self.odom[-1, 0])
         self.names = tuple(self._objects)
 

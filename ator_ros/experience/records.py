@@ -67,7 +67,15 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
     MessageError
         A value cannot be used, the TOP does not call the action, or the robot cannot have driven so far.
     """
-    top = _called_top(message, domain)
+    name, action = message.call.top, message.action
+    for field, value in (("action", action), ("action_set", message.action_set or DEFAULT_SET)):
+        if not is_name(value):
+            raise MessageError(f"{field}: expected a name of letters, digits and _, got {quoted(value)}")
+    top = next((top for top in domain.tops if top.name == name), None)
+    calling = [top.name for top in domain.tops if top.action == action]
+    if name not in calling and (calling or top is not None):
+        expected = f"one of {', '.join(calling)}, which call" if calling else "a TOP that calls"
+        raise MessageError(f"call.top: expected {expected} {action}, got {quoted(name)}")
     start, call = world_from(message.start, where="start"), message.call
     state, objects = start.robot, start.objects
     pose, speed = pose_from(call.goal.pose, "call.goal.pose"), velocity(call.speed, "call.speed")
@@ -87,20 +95,6 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
     if fault := fault_in(episode, top, robot):
         raise MessageError(fault)
     return episode
-
-
-def _called_top(message: Any, domain: Vocabulary) -> Top | None:
-    """Return the TOP of a record, None for that of another domain; raises MessageError."""
-    name, action = message.call.top, message.action
-    for field, value in (("action", action), ("action_set", message.action_set or DEFAULT_SET)):
-        if not is_name(value):
-            raise MessageError(f"{field}: expected a name of letters, digits and _, got {quoted(value)}")
-    top = next((top for top in domain.tops if top.name == name), None)
-    calling = [top.name for top in domain.tops if top.action == action]
-    if name not in calling and (calling or top is not None):
-        expected = f"one of {', '.join(calling)}, which call" if calling else "a TOP that calls"
-        raise MessageError(f"call.top: expected {expected} {action}, got {quoted(name)}")
-    return top
 
 
 def fault_in(episode: Episode, top: Top | None, robot: Robot) -> str:

@@ -331,11 +331,6 @@ def _standing_place(rel: Pose) -> bool:
     return abs(rel.y) < _LATERAL and -_SHORT < rel.x < _PAST
 
 
-def straightens(rel: Pose, end_speed: float, most: float) -> bool:
-    """Return whether a robot at `rel` has only to turn, by at most `most` rad, to stand in the goal."""
-    return end_speed == 0.0 and _standing_place(rel) and abs(rel.yaw) <= most
-
-
 # Actions
 
 
@@ -354,10 +349,19 @@ class _BezierAction(Action):
     """An action that follows a curve."""
 
     _driver: Driver
+    _goal: Goal
+    _target: Pose
 
     def path(self) -> FloatArray | None:
         """Return the curve of the last tick; see `Action.path`."""
         return self._driver.path()
+
+    def _approach(self, state: RobotState, message: str, most: float) -> Step:
+        """Follow the curve; where only a turn by at most `most` rad is left to stand in the goal, turn."""
+        rel, speed = self._target.relative(state.pose), self._goal.speed
+        if speed == 0.0 and _standing_place(rel) and abs(rel.yaw) <= most:
+            return Step(self._driver.turn(-rel.yaw), Status.RUNNING, "turning into the goal's heading")
+        return Step(self._driver.follow(state, self._target, speed), Status.RUNNING, message)
 
 
 class BezierGoToPose(_BezierAction):
@@ -375,7 +379,8 @@ class BezierGoToPose(_BezierAction):
         self._goal = goal
         self._target = goal.robot_pose(self.robot)
         ball = ball_of(world)
-        self._to_ball = self._lies_at_goal(ball)
+        front = self.robot.hold_point(self._target)
+        self._to_ball = ball is not None and math.hypot(ball.x - front.x, ball.y - front.y) < _AT_BALL
         self._is_backing_off = not self._to_ball and is_at_front(world, self.robot, BALL)
         style = _TO_BALL if self._to_ball else _TO_POSE
         beside = ball if self._to_ball or self._is_backing_off else None
@@ -389,24 +394,14 @@ class BezierGoToPose(_BezierAction):
         if reached(rel, state.v, speed):
             command = self._driver.send(speed, 0.0) if speed > 0.0 else STOP
             return finished(Status.SUCCEEDED, "arrived at the goal", command)
-        self._is_backing_off = self._is_backing_off and self._is_near_ball(world)
+        if self._is_backing_off:  # as long as it may touch the ball when it turns
+            ball, (x, y, _) = ball_of(world), state.pose
+            clear = ball_clearance(self.robot)
+            self._is_backing_off = ball is not None and math.hypot(ball.x - x, ball.y - y) < clear
         if self._is_backing_off:
             return Step(self._driver.command(-_BACKING, 0.0), Status.RUNNING, "backing off from the ball")
-        if straightens(rel, speed, _STRAIGHTENING if self._to_ball else math.pi):
-            return Step(self._driver.turn(-rel.yaw), Status.RUNNING, "turning into the goal's heading")
-        return Step(
-            self._driver.follow(state, self._target, speed), Status.RUNNING, "following the curve to the goal"
-        )
-
-    def _is_near_ball(self, world: World) -> bool:
-        """Return whether the robot may touch the ball when it turns."""
-        ball, (x, y, _) = ball_of(world), world.robot.pose
-        return ball is not None and math.hypot(ball.x - x, ball.y - y) < ball_clearance(self.robot)
-
-    def _lies_at_goal(self, ball: ObjectState | None) -> bool:
-        """Return whether the ball lies where the goal wants it in the robot's front."""
-        front = self.robot.hold_point(self._target)
-        return ball is not None and math.hypot(ball.x - front.x, ball.y - front.y) < _AT_BALL
+        most = _STRAIGHTENING if self._to_ball else math.pi
+        return self._approach(state, "following the curve to the goal", most)
 
 
 _LOOSE, _TAKEN = 0.025, 0.01
@@ -456,13 +451,7 @@ class BezierDribbleBall(_BezierHolding):
         self._is_taking_in = self._is_taking_in and self._gap(world) > _TAKEN
         if self._is_taking_in:
             return Step(self._driver.command(_TAKING, 0.0), Status.RUNNING, "taking the ball in")
-        if straightens(rel, speed, _TURNING):
-            return Step(self._driver.turn(-rel.yaw), Status.RUNNING, "turning into the goal's heading")
-        return Step(
-            self._driver.follow(state, self._target, speed),
-            Status.RUNNING,
-            "dribbling along the curve to the goal",
-        )
+        return self._approach(state, "dribbling along the curve to the goal", _TURNING)
 
     def _gap(self, world: World) -> float:
         """Return the distance in m of the ball before the hold, along the robot's heading."""
@@ -524,7 +513,7 @@ class BezierShoot(_BezierHolding):
             return finished(Status.FAILED, lost)
         crossing = self._crossing(world.robot.pose)
         if crossing is None or abs(crossing - mouth.y) > self._half_mouth():
-            target = self._target(world.robot.pose)
+            target = self._before_mouth(world.robot.pose)
             command = self._driver.follow(world.robot, target, self._limits.v)
             return Step(command, Status.RUNNING, "dribbling along a curve to the goal's mouth")
         return self._run_up(world, -behind_line(ball, mouth, field), crossing - mouth.y)
@@ -538,7 +527,7 @@ class BezierShoot(_BezierHolding):
             return None
         return hold.y + short / forward * math.sin(pose.yaw)
 
-    def _target(self, pose: Pose) -> Pose:
+    def _before_mouth(self, pose: Pose) -> Pose:
         """Return the pose of the axle before the mouth, in the direction from here up to a greatest slant."""
         straight = 0.0 if self._side > 0 else math.pi
         line, y = field_of(self.robot).goal_center(self._side)

@@ -164,22 +164,19 @@ def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
 def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a shot from up to 2.5 m before the goal: the ball is held, and every second start is in motion."""
     robot.holder_for("shoot")
-    x, y = field_of(robot).goal_center()
+    (x, y), area = field_of(robot).goal_center(), robot.scene.area
     start = drawn_until(
         lambda: _shooting_pose(robot, rng),
-        lambda pose: _has_floor(robot, pose) and not touches_goals(np.array([pose]), robot),
+        lambda pose: (
+            all(area.has_floor(there.x, there.y) for there in (pose, robot.hold_point(pose)))
+            and not touches_goals(np.array([pose]), robot)
+        ),
         lambda: (
             f"{_area_text(robot)}, expected room before the goal for a robot that reaches {robot.reach:.2f} m"
         ),
     )
     state, rolling = _holding(robot, start, _speed(robot, rng, 0.5))
     return Situation("shoot", state, objects_of(rolling), Goal(Pose(x, y, 0.0), 0.0, Point.HOLD))
-
-
-def _has_floor(robot: Robot, pose: Pose) -> bool:
-    """Return whether robot and ball are on the floor when the robot holds the ball at `pose`."""
-    area, ball = robot.scene.area, robot.hold_point(pose)
-    return area.has_floor(pose.x, pose.y) and area.has_floor(ball.x, ball.y)
 
 
 def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:

@@ -68,8 +68,15 @@ def entries_with_ball(robot: Robot, limits: Limits, speed: float) -> Ends:
 @lru_cache(maxsize=4096)
 def _fastest_rate(robot: Robot, limits: Limits, v: float, change: float) -> float:
     """Return the greatest turn rate in rad/s that keeps the ball at a speed that changes; 0 if none does."""
-    rates = (share * limits.w for share in _RATES)
-    return next((rate for rate in rates if _keeps_ball(robot, limits, v, change, rate)), 0.0)
+    for rate in (share * limits.w for share in _RATES):
+        lasts = (
+            v + change * _LARGEST_TURN / rate < limits.v
+        )  # else it must keep it at the greatest speed, too
+        if _push(robot, v, rate, change) >= _MARGIN and (
+            lasts or _push(robot, limits.v, rate, 0.0) >= _MARGIN
+        ):
+            return rate
+    return 0.0
 
 
 @lru_cache(maxsize=16)
@@ -96,12 +103,6 @@ def dribble_exits(robot: Robot, limits: Limits, speed: float) -> Ends:
             rate = next((each for each in rates if _push(robot, v, each, -change) >= _MARGIN), 0.0)
             sides += [Side(run, speed, v, change, rate)] if rate else []
     return exits_of(sides, limits)
-
-
-def _keeps_ball(robot: Robot, limits: Limits, v: float, gain: float, rate: float) -> bool:
-    """Return whether a turn keeps the ball, also at the greatest speed, where it gains no more."""
-    lasts = v + gain * _LARGEST_TURN / rate < limits.v
-    return _push(robot, v, rate, gain) >= _MARGIN and (lasts or _push(robot, limits.v, rate, 0.0) >= _MARGIN)
 
 
 def _shares(shares: Sequence[float], limit: float) -> list[float]:

@@ -61,15 +61,6 @@ class _Shooting(NamedTuple):
     depth: float
 
 
-def _shooting(robot: Robot, limits: Limits) -> _Shooting:
-    ball, field = robot.scene.objects[BALL], field_of(robot)
-    numbers = (
-        robot.hold, robot.reach, ball.radius, _roll_of(robot), ball.rolling_deceleration, robot.limits.brake,
-        field.goal_width / 2.0, field.goal_depth,
-    )  # fmt: skip
-    return _Shooting(rates_of(limits), *map(float, numbers))
-
-
 def _run_up(robot: Robot, start: Pose, mouth: Pose, entries: Ends, limits: Limits) -> Manoeuvre | None:
     """Plan the run-up with one turn that has the ball in the goal first; None where the posts block all.
 
@@ -77,7 +68,13 @@ def _run_up(robot: Robot, start: Pose, mouth: Pose, entries: Ends, limits: Limit
     tried longer.
     """
     seen = Pose(*map(float, mouth.relative(start)))
-    found = ranked(_run_ups(seen, entries, _shooting(robot, limits)), _GRID_TRIES)
+    ball, field = robot.scene.objects[BALL], field_of(robot)
+    numbers = (
+        robot.hold, robot.reach, ball.radius, _roll_of(robot), ball.rolling_deceleration, robot.limits.brake,
+        field.goal_width / 2.0, field.goal_depth,
+    )  # fmt: skip
+    shooting = _Shooting(rates_of(limits), *map(float, numbers))
+    found = ranked(_run_ups(seen, entries, shooting), _GRID_TRIES)
     around = surroundings(robot, limits, Obstacles())
     index = _first_clear_run_up(from_center(start, robot), found, entries.sides, around)
     if index < 0:
@@ -196,11 +193,6 @@ def _release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
     return poses
 
 
-def _scoring_time(robot: Robot, mouth: Pose, plan: Manoeuvre) -> float:
-    """Return the time in s from the start of a run-up until the ball is wholly behind the line."""
-    return plan.duration + _time_after(robot, mouth, plan.goal, plan.exit.outer_speed)
-
-
 def _time_after(robot: Robot, mouth: Pose, released: Pose, speed: float) -> float:
     """Return the time in s from the release, there at `speed` (m/s), until the ball is behind the line."""
     ball, rolling = mouth.relative(released).ahead(robot.hold), robot.scene.objects[BALL]
@@ -255,7 +247,7 @@ class Shoot(HoldingAction):
         if best is not None:
             if abs(best.first) < _LARGE:
                 return best
-            soonest = _scoring_time(robot, mouth, best)
+            soonest = best.duration + _time_after(robot, mouth, best.goal, best.exit.outer_speed)
         exits = release_exits(robot, limits)
         for pose in _release_poses(robot, mouth, limits):
             longest = soonest - _time_after(robot, mouth, pose, limits.v)
@@ -272,7 +264,7 @@ class Shoot(HoldingAction):
                     tries=_MOST_TRIES,
                     longest=longest,
                 )
-                time = _scoring_time(robot, mouth, plan)
+                time = plan.duration + _time_after(robot, mouth, plan.goal, plan.exit.outer_speed)
                 if time < soonest:
                     best, soonest = plan, time
         if best is None:

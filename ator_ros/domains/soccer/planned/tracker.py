@@ -137,17 +137,16 @@ class Tracker:
         rare = min(self._gaps) > _RARE * CONTROL_PERIOD
         self._period = min(self._gaps) if rare else CONTROL_PERIOD
         self._wait_for_start(world)
-        self._rate = 1.0 if self._waits else self._rate_for(world)
+        self._rate = 1.0
+        if not self._waits:  # it passes more slowly for a robot that falls behind
+            error, planned = self.deviation(world), self.trajectory.at(self.elapsed(world))
+            behind = error.x * float(np.sign(planned.v)) - _BEHIND * self._usual**2
+            turned_off = abs(error.yaw) - _TURNED_OFF * self._usual**2
+            slower = 1.0 - max(0.0, behind / _STRETCH, turned_off / _TURN_STRETCH)
+            self._rate = max(_LEAST_RATE, slower)
         self._start += (1.0 - self._rate) * passed
         self._lag.update(world, self._command)
         self._set_preview(self._lag.seconds)
-
-    def _rate_for(self, world: World) -> float:
-        """Return how fast the plan's time passes: 1, or less for a robot that falls behind."""
-        error, planned = self.deviation(world), self.trajectory.at(self.elapsed(world))
-        behind = error.x * float(np.sign(planned.v)) - _BEHIND * self._usual**2
-        turned_off = abs(error.yaw) - _TURNED_OFF * self._usual**2
-        return max(_LEAST_RATE, 1.0 - max(0.0, behind / _STRETCH, turned_off / _TURN_STRETCH))
 
     def _wait_for_start(self, world: World) -> None:
         """Start the plan's clock when the robot starts moving: after long planning its command is late."""
@@ -197,19 +196,16 @@ class Tracker:
         error = self.deviation(world)
         ahead = self.trajectory.at(self.elapsed(world) + self._rate * self._preview)
         planned_v, planned_w = self._rate * ahead.v, self._rate * ahead.w
-        v = planned_v * math.cos(error.yaw) + self._catching_up(error.x, forward=planned_v >= 0.0)
+        catching_up, behind = self.GAIN_ALONG * error.x, error.x if planned_v >= 0.0 else -error.x
+        if behind > 0.0:  # the reserve loses the speed again on the way
+            most = math.sqrt(2.0 * self._reserve * behind)
+            catching_up = math.copysign(min(abs(catching_up), most), catching_up)
+        v = planned_v * math.cos(error.yaw) + catching_up
         turning = self._pace * self.GAIN_HEADING * math.sin(error.yaw)
         w = planned_w + self._across(planned_v) * error.y + turning
         bound = self._robot.limits
         self._command = Command(max(-bound.v, min(bound.v, v)), max(-bound.w, min(bound.w, w)))
         return self._command
-
-    def _catching_up(self, along: float, *, forward: bool) -> float:
-        """Return the speed in m/s that is added to catch up: the reserve loses it again on the way."""
-        speed, behind = self.GAIN_ALONG * along, along if forward else -along
-        if behind <= 0.0:
-            return speed
-        return math.copysign(min(abs(speed), math.sqrt(2.0 * self._reserve * behind)), speed)
 
     def _across(self, v: float) -> float:
         speed = max(abs(v), self.SLOW)
