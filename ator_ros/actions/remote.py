@@ -184,7 +184,11 @@ def failure_in(call: RemoteCall, status: int, result: Any) -> str | None:
     wrong = [] if status_name(status) in success.status else [f"its goal is {status_name(status)}"]
     for expected in success.fields:
         value, name = value_at(result, expected.field), constant_name(result, expected.field)
-        if not _equal(value, expected.equals):
+        if isinstance(expected.equals, float) and isinstance(value, int | float):
+            equal = math.isclose(value, expected.equals, rel_tol=1e-6, abs_tol=1e-9)
+        else:
+            equal = bool(value == expected.equals)
+        if not equal:
             expects = f"expected {quoted(expected.equals)}, got {quoted(value)}"
             wrong.append(f"{expected.field}: {f'{name} ({value})' if name else expects}")
     if not wrong:
@@ -214,12 +218,6 @@ def constant_name(result: Any, path: str) -> str:
         if found:
             return found[0] if len(found) == 1 else ""
     return ""
-
-
-def _equal(value: Any, expected: Scalar) -> bool:
-    if isinstance(expected, float):
-        return isinstance(value, int | float) and math.isclose(value, expected, rel_tol=1e-6, abs_tol=1e-9)
-    return bool(value == expected)
 
 
 def parts(path: str) -> list[tuple[str, bool]]:

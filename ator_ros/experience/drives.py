@@ -311,9 +311,16 @@ def drives(segment: Segment, robot: Robot, domain: Vocabulary) -> Iterator[Episo
     for begin, ceased in _spans(_in_order(segment.cmd_vel, 3), track):
         end = _rest(track, ceased)
         if end - begin >= SHORTEST and track.begin <= begin and end <= track.end:
-            episode = _episode(track, begin, end, robot, domain)
-            if episode is not None:
-                yield episode
+            # The goal is where the robot comes to rest in the pause.
+            goal_pose = track.world(min(end + PAUSE, track.end)).robot.pose
+            start, last = track.world(begin), track.world(end)
+            at_goal = dataclasses.replace(last, robot=RobotState(goal_pose))
+            top = top_between(domain.tops, _held(robot, start), _held(robot, at_goal))
+            if top is not None:
+                place = robot.hold_point(goal_pose) if top.point is Point.HOLD else goal_pose
+                situation = Situation(top.action, start.robot, start.objects, Goal(place, 0.0, top.point))
+                why = "recorded: its goal is where it came to rest"
+                yield _driven(track, begin, end, situation, True, why)
 
 
 def _spans(commands: FloatArray, track: Track) -> Iterator[tuple[float, float]]:
@@ -348,19 +355,6 @@ def _rest(track: Track, ceased: float) -> float:
     after = track.odom[np.searchsorted(times, ceased) : np.searchsorted(times, last, "right")]
     still = NOT_DRIVEN.holds(after[:, 4], after[:, 5])
     return float(after[still][0, 0]) if still.any() else ceased
-
-
-def _episode(track: Track, begin: float, end: float, robot: Robot, domain: Vocabulary) -> Episode | None:
-    # The goal is where the robot comes to rest in the pause.
-    goal_pose = track.world(min(end + PAUSE, track.end)).robot.pose
-    start, last = track.world(begin), track.world(end)
-    at_goal = dataclasses.replace(last, robot=RobotState(goal_pose))
-    top = top_between(domain.tops, _held(robot, start), _held(robot, at_goal))
-    if top is None:
-        return None
-    place = robot.hold_point(goal_pose) if top.point is Point.HOLD else goal_pose
-    situation = Situation(top.action, start.robot, start.objects, Goal(place, 0.0, top.point))
-    return _driven(track, begin, end, situation, True, "recorded: its goal is where it came to rest")
 
 
 def _driven(

@@ -46,7 +46,22 @@ def workers(jobs: int, cluster: str | None = None) -> Iterator[None]:
 
     with contextlib.ExitStack() as stack:
         if cluster is not None:
-            stack.enter_context(_connected(cluster))
+            from distributed import Client
+
+            try:
+                client = stack.enter_context(Client(cluster))
+            except (OSError, ValueError) as error:
+                raise BackendError(
+                    f"cluster: expected a dask scheduler as in tcp://host:8786, got {cluster!r}: {error}"
+                ) from error
+            try:
+                client.wait_for_workers(1, timeout=_WORKERS_S)
+                client.run_on_scheduler(version, "ator_ros")
+                client.run(version, "ator_ros")
+            except TimeoutError as error:
+                raise BackendError(f"cluster: expected a worker within {_WORKERS_S} s, found none") from error
+            except ImportError as error:  # without ator_ros tasks would never end
+                raise BackendError(f"cluster: expected ator_ros on scheduler and workers: {error}") from error
         stack.enter_context(joblib.parallel_config("loky" if cluster is None else "dask", n_jobs=jobs))
         yield
 
@@ -105,24 +120,3 @@ def progress(results: Iterable[Result], *, done: int, total: int, unit: str) -> 
     """
     period = 0.1 if sys.stderr.isatty() else 30.0
     return tqdm(results, initial=done, total=total, unit=unit, mininterval=period, delay=period - 0.1)
-
-
-def _connected(address: str) -> Any:
-    """Return a client of the dask scheduler at `address`, for a with statement."""
-    from distributed import Client
-
-    try:
-        client = Client(address)
-    except (OSError, ValueError) as error:
-        raise BackendError(
-            f"cluster: expected a dask scheduler as in tcp://host:8786, got {address!r}: {error}"
-        ) from error
-    try:
-        client.wait_for_workers(1, timeout=_WORKERS_S)
-        client.run_on_scheduler(version, "ator_ros")
-        client.run(version, "ator_ros")
-    except TimeoutError as error:
-        raise BackendError(f"cluster: expected a worker within {_WORKERS_S} s, found none") from error
-    except ImportError as error:  # without ator_ros tasks would never end
-        raise BackendError(f"cluster: expected ator_ros on scheduler and workers: {error}") from error
-    return client

@@ -49,22 +49,6 @@ class Wanted(NamedTuple):
     types: Collection[str]
 
 
-def topics_wanted(domain: Vocabulary) -> list[Wanted]:
-    """Return the topics of a domain's objects and action servers; for objects of tf and for servers, tf."""
-    sources, servers = [domain.source(name) for name in domain.objects], status_topics(domain)
-    packages = {"Odometry": "nav_msgs"}
-    wanted = [
-        Wanted(item.name, item.listened, {f"{packages.get(item.type, 'geometry_msgs')}/msg/{item.type}"})
-        for item in sources
-        if item.type != "tf"
-    ]
-    wanted += [Wanted(name, name, {"action_msgs/msg/GoalStatusArray"}) for name in servers]
-    wanted += [Wanted(role, role, TYPES[role]) for role in (PLAN, GOAL_POSE) if servers]
-    if servers or any(item.type == "tf" for item in sources):
-        wanted += [Wanted(role, f"/{role}", {"tf2_msgs/msg/TFMessage"}) for role in TF]
-    return wanted
-
-
 def select(
     topics: Sequence[Topic], wanted: Sequence[Wanted]
 ) -> tuple[defaultdict[Topic, list[str]], list[str]]:
@@ -228,11 +212,19 @@ def _read(
     file: Path, domain: Vocabulary, robot: Robot, names: Mapping[str, str]
 ) -> tuple[Reader, list[str], list[Topic]]:
     """Return the messages, a line for each topic that was skipped, and all topics."""
-    wanted = [
-        *(Wanted(role, names.get(role, role), TYPES[role]) for role in (ODOM, CMD_VEL)),
-        Wanted(RECORDS, RECORDS, {"ator_interfaces/msg/ActionPerformance"}),
-        *topics_wanted(domain),
+    wanted = [Wanted(role, names.get(role, role), TYPES[role]) for role in (ODOM, CMD_VEL)]
+    wanted.append(Wanted(RECORDS, RECORDS, {"ator_interfaces/msg/ActionPerformance"}))
+    sources, servers = [domain.source(name) for name in domain.objects], status_topics(domain)
+    packages = {"Odometry": "nav_msgs"}
+    wanted += [
+        Wanted(item.name, item.listened, {f"{packages.get(item.type, 'geometry_msgs')}/msg/{item.type}"})
+        for item in sources
+        if item.type != "tf"
     ]
+    wanted += [Wanted(name, name, {"action_msgs/msg/GoalStatusArray"}) for name in servers]
+    wanted += [Wanted(role, role, TYPES[role]) for role in (PLAN, GOAL_POSE) if servers]
+    if servers or any(item.type == "tf" for item in sources):
+        wanted += [Wanted(role, f"/{role}", {"tf2_msgs/msg/TFMessage"}) for role in TF]
     try:
         with _opened(file) as files:
             topics = sorted(set().union(*(each.topics for each in files)))
@@ -284,9 +276,31 @@ def read_sources(
     ExperienceError, FileError
         A source cannot be used, or they are of different robots, domains or action sets.
     """
-    tables = [_source(path, robot, domain, action_set, topics) for path in paths]
-    frames, shift = [], 0
-    for table in tables:
+    tables, frames, shift = [], [], 0
+    for path in paths:
+        if path.suffix == ".parquet":
+            table = read_experience(path)
+        elif is_store(path):
+            table = read_store(path, action_set)
+        elif path.suffix in _FILES or path.is_dir():
+            table = read_recording(path, robot, domain, topics)
+        else:
+            raise ExperienceError(
+                f"{path}: expected a table of collect (.parquet) or a recording (.mcap, .db3, or its folder)"
+            )
+        found = table.metadata.get("domain", domain.name)
+        if found != domain.name:
+            raise ExperienceError(
+                f"{path}: metadata.domain: expected {domain.name!r}, got {quoted(found)}: "
+                "name its domain with --domain"
+            )
+        digest = table.metadata.get("robot_digest", robot.digest())
+        if digest != robot.digest():
+            raise ExperienceError(
+                f"{path}: metadata.robot_digest: expected {robot.digest()} of {robot.name}, got {digest}: "
+                "give its description with --robot, or collect again"
+            )
+        tables.append(table)
         frames.append(table.frame.assign(episode=table.frame["episode"] + shift))
         shift = int(frames[-1]["episode"].max()) + 1
     sets = {table.metadata.get("action_set") or action_set or DEFAULT_SET for table in tables}
@@ -295,31 +309,3 @@ def read_sources(
         raise ExperienceError(f"expected experience of one action set, got {', '.join(sorted(sets))}")
     metadata = {**tables[0].metadata, "domain": domain.name, "action_set": sets.pop()}
     return Experience(join(frames), metadata, tuple(remark for table in tables for remark in table.remarks))
-
-
-def _source(
-    path: Path, robot: Robot, domain: Vocabulary, action_set: str | None, topics: Mapping[str, str] | None
-) -> Experience:
-    if path.suffix == ".parquet":
-        table = read_experience(path)
-    elif is_store(path):
-        table = read_store(path, action_set)
-    elif path.suffix in _FILES or path.is_dir():
-        table = read_recording(path, robot, domain, topics)
-    else:
-        raise ExperienceError(
-            f"{path}: expected a table of collect (.parquet) or a recording (.mcap, .db3, or its folder)"
-        )
-    found = table.metadata.get("domain", domain.name)
-    if found != domain.name:
-        raise ExperienceError(
-            f"{path}: metadata.domain: expected {domain.name!r}, got {quoted(found)}: "
-            "name its domain with --domain"
-        )
-    digest = table.metadata.get("robot_digest", robot.digest())
-    if digest != robot.digest():
-        raise ExperienceError(
-            f"{path}: metadata.robot_digest: expected {robot.digest()} of {robot.name}, got {digest}: "
-            "give its description with --robot, or collect again"
-        )
-    return table

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ator_ros.actions.goal_variables import direct_name
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.store import NUMBER, action_sets_in, read_records
-from ator_ros.experience.table import goal_variables_of_columns, library_versions
+from ator_ros.experience.table import library_versions
 from ator_ros.files import FileError
 from ator_ros.learning.judging import RoundVerdict, TrainingData, constant, judge, training_data
 from ator_ros.learning.sets import (
@@ -66,7 +65,7 @@ def improved(
     with `NUMBER`. `current` is the model in use, `seen` are the numbers from which on records are new to its
     trees, by measure, and `former` the models that were in use before, by the names of their sets.
     """
-    rows = _plausible(_complete(rows, features))
+    rows = _usable(rows, features)
     rows = rows[routed(rows, robot, features)]
     if current is not None:
         driving = current.driving
@@ -116,17 +115,12 @@ def improved(
     )
 
 
-def _complete(rows: pd.DataFrame, features: Sequence[Feature]) -> pd.DataFrame:
-    """Return the episodes with a value of each goal variable that the action declares."""
-    there = set(map(direct_name, goal_variables_of_columns(rows.columns)))
-    wanted = declared_by(features)
-    if not there.issuperset(wanted):
+def _usable(rows: pd.DataFrame, features: Sequence[Feature]) -> pd.DataFrame:
+    """Return the episodes with all goal variables, without successes of an impossible duration."""
+    wanted = list(declared_by(features))
+    if not set(rows.columns).issuperset(wanted):
         return rows[:0]
-    return rows[rows[list(wanted)].notna().all(axis=1)]
-
-
-def _plausible(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the episodes without successes of an impossible duration; a failure may take any time."""
+    rows = rows[rows[wanted].notna().all(axis=1)]
     durations, good = rows["duration"].to_numpy(dtype=float), rows["success"].to_numpy(dtype=bool)
     usual = float(np.median(durations[good])) if good.any() else 0.0
     return rows[~good | ((durations > 0.0) & (durations < max(10.0 * usual, 1.0)))]

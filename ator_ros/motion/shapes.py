@@ -210,28 +210,22 @@ def _set_speed(entries: Rows, speed: float, shapes: Rows, tables: TurnTables, ru
 @compiled
 def _set_arrival(exits: Rows, arrival: float, shapes: Rows, tables: TurnTables, rules: Rules) -> None:
     """Write the last ends of all shapes for a speed (m/s) at the destination, as `_set_speed` does."""
+    rates, square = rules.rates, arrival * arrival
     for index in range(len(shapes)):
         shape, exit_ = shapes[index], exits[index]
-        speed, run = _before_run(shape["share"], arrival, rules)
+        share, speed, run = shape["share"], arrival, 0.0  # where the run begins
+        if not math.isnan(share) and math.isnan(rules.run):
+            speed = share * rates.v
+            change = speed * speed - square
+            run = max(change * (0.5 / rates.brake), change * (-0.5 / rates.a))
+        elif not math.isnan(share):
+            greatest = min(math.sqrt(square + 2.0 * rates.brake * rules.run), rates.v)
+            least = math.sqrt(max(square - 2.0 * rates.a * rules.run, 0.0))
+            speed, run = least + share * (greatest - least), rules.run
         exit_["speed"], exit_["length"] = speed, run
-        gaining, steady, losing, _ = forward_parts(run, speed, arrival, rules.rates)
+        gaining, steady, losing, _ = forward_parts(run, speed, arrival, rates)
         exit_["time"] = np.inf if arrival < shape["least_arrival"] else gaining + losing + steady
         exit_["row"] = _row_of(tables, shape["last_row"], speed)
-
-
-@compiled
-def _before_run(share: float, arrival: float, rules: Rules) -> tuple[float, float]:
-    """Return speed (m/s) and distance (m) to the goal where the straight run begins."""
-    rates, square = rules.rates, arrival * arrival
-    if math.isnan(share):
-        return arrival, 0.0
-    if math.isnan(rules.run):
-        speed = share * rates.v
-        change = speed * speed - square
-        return speed, max(change * (0.5 / rates.brake), change * (-0.5 / rates.a))
-    greatest = min(math.sqrt(square + 2.0 * rates.brake * rules.run), rates.v)
-    least = math.sqrt(max(square - 2.0 * rates.a * rules.run, 0.0))
-    return least + share * (greatest - least), rules.run
 
 
 @compiled

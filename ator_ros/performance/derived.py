@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ator_ros.compiled import compiled
-from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
+from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.motion.durations import turn_time
 from ator_ros.motion.shapes import fastest_paths
 from ator_ros.performance.direct import HOLD, SPEEDG, XG, YAW, YAWG, YG, Direct, V, W, X, Y, direct_table
@@ -255,26 +255,9 @@ class Geometry:
         return paths
 
 
-def _from_hold(geometry: Geometry) -> tuple[FloatArray, FloatArray]:
-    """Return the way in m, along x and y, from the hold at the start to the goal's position."""
+def from_hold(geometry: Geometry) -> tuple[FloatArray, FloatArray]:
+    """Return distance in m and bearing in rad of the goal's position, from the hold at the start."""
     d, hold = geometry.direct, geometry.robot.hold
     dx = d["xg"] - d["x"] - hold * np.cos(d["yaw"])
     dy = d["yg"] - d["y"] - hold * np.sin(d["yaw"])
-    return dx, dy
-
-
-def hold_dist(geometry: Geometry) -> FloatArray:
-    """Return the distance in m from the hold at the start to the goal's position."""
-    dx, dy = geometry.once(_from_hold)
-    return np.asarray(np.sqrt(dx * dx + dy * dy))
-
-
-def hold_bearing(geometry: Geometry) -> FloatArray:
-    """Return the bearing in rad, in the world, of the goal's position seen from the hold at the start."""
-    dx, dy = geometry.once(_from_hold)
-    return np.arctan2(dy, dx)
-
-
-def hold_angle(geometry: Geometry) -> FloatArray:
-    """Return the signed angle in rad from the heading to the goal's position, seen from the hold."""
-    return wrap_angles(geometry.once(hold_bearing) - geometry.direct["yaw"])
+    return np.sqrt(dx * dx + dy * dy), np.arctan2(dy, dx)

@@ -155,12 +155,9 @@ def chosen_shapes(shapes: Sequence[Shape], rules: Rules, ends: FloatArray, *, ho
     drawn = drawn_ends(ends, _DRAWN, np.random.default_rng(_SEED))
     grid = shape_set([[shape] for shape in shapes], rules)
     return tuple(
-        tuple(_stored(shapes[number]) for number in group) for group in needed_shapes(grid, drawn, hold=hold)
+        tuple(tuple(None if math.isnan(value) else value for value in shapes[number]) for number in group)
+        for group in needed_shapes(grid, drawn, hold=hold)
     )
-
-
-def _stored(shape: Shape) -> StoredShape:
-    return tuple(None if math.isnan(number) else number for number in shape)
 
 
 @lru_cache(maxsize=8)

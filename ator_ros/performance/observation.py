@@ -69,7 +69,8 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
         free_heading = bool(alike and known["position_error"] and not known["heading_error"])
         shapes = forward_shapes(limits, first, last, free_heading=free_heading)
         if not shapes:  # of an action whose odometry shows no turns, too
-            shapes = forward_shapes(limits, _on_the_spot, _on_the_spot, free_heading=free_heading)
+            first = last = lambda speed, change: float(speed == change == 0.0)  # on the spot
+            shapes = forward_shapes(limits, first, last, free_heading=free_heading)
         rules = Rules(rates_of(limits), math.nan, forward=True, free_heading=free_heading)
         hold = robot.hold if holding.any() else 0.0
         drives = chosen_shapes(shapes, rules, _geometry(starts, robot).ends, hold=hold)
@@ -183,10 +184,6 @@ def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:
         return float(np.interp(change, _CHANGES, [np.interp(speed, _SPEEDS, each) for each in table]))
 
     return rate
-
-
-def _on_the_spot(speed: float, change: float) -> float:
-    return float(speed == change == 0.0)
 
 
 def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> DrivingStyle:

@@ -197,26 +197,29 @@ def region_name(top: Top, binding: Binding, thing: str) -> str:
 
 
 def preconditions(top: Top, binding: Binding) -> list[Fact]:
-    """Return the facts that a TOP with this goal needs, without those that always hold."""
+    """Return the facts that a TOP with this goal needs.
+
+    Those are left out that always hold, or that concern an unbound goal variable.
+    """
+    facts = []
     clauses: tuple[Statement | Relation, ...] = (*top.pre.terms, *top.pre.relations)
-    return [fact for clause in clauses if (fact := _fact(top, clause, binding)) is not None]
-
-
-def _fact(top: Top, clause: Statement | Relation, binding: Binding) -> Fact | None:
-    """Return a fact; None if it always holds, or if it concerns an unbound goal variable."""
-    if isinstance(clause, Statement):
-        names = Condition((clause,)).goal_names()
-    else:
-        names = frozenset("xy") if "goal" in clause.places else frozenset()
-    used = tuple((name, binding[name]) for name in sorted(names) if name in binding)
-    if len(used) < len(names):
-        return None
-    if isinstance(clause, Statement):
-        same = target_of(clause, {}, dict(used), "").symbol == clause.variable
-        if same and _satisfied(clause, {}, dict(used), surely=False):
-            return None
-    thing = placed_thing(clause)
-    return Fact(clause, used, region_name(top, binding, thing) if thing else "")
+    for clause in clauses:
+        if isinstance(clause, Statement):
+            names = Condition((clause,)).goal_names()
+        else:
+            names = frozenset("xy") if "goal" in clause.places else frozenset()
+        used = {name: binding[name] for name in sorted(names) if name in binding}
+        unbound = len(used) < len(names)
+        always = (
+            isinstance(clause, Statement)
+            and target_of(clause, {}, used, "").symbol == clause.variable
+            and _satisfied(clause, {}, used, surely=False)
+        )
+        if not (unbound or always):
+            thing = placed_thing(clause)
+            region = region_name(top, binding, thing) if thing else ""
+            facts.append(Fact(clause, tuple(used.items()), region))
+    return facts
 
 
 def placed_thing(clause: Statement | Relation) -> str | None:

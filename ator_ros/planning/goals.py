@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 
 from ator_ros.printable import quoted
 from ator_ros.tops.conditions import Region, Statement
@@ -62,19 +63,13 @@ def statement_from(text: str) -> GoalStatement:
         numbers = [math.nan]
     if not variable or not target or len(numbers) not in (0, 2) or not all(map(math.isfinite, numbers)):
         raise PlanningError(f"goal: expected VARIABLE=VALUE or VARIABLE=VALUE:LOW:HIGH, got {quoted(text)}")
-    about = _number_or_name(target)
+    about: float | str = target
+    with suppress(ValueError):
+        about = float(target)
+    if isinstance(about, float) and not math.isfinite(about):
+        raise PlanningError(f"goal: expected a finite number or a variable, got {quoted(target)}")
     if not numbers:
         return Unspecified(variable, about)
     if numbers[0] > numbers[1]:
         raise PlanningError(f"goal: {variable}: expected LOW <= HIGH, got {numbers[0]:g} and {numbers[1]:g}")
     return Region(variable, about, numbers[0], numbers[1])
-
-
-def _number_or_name(text: str) -> float | str:
-    try:
-        value = float(text)
-    except ValueError:
-        return text
-    if not math.isfinite(value):
-        raise PlanningError(f"goal: expected a finite number or a variable, got {quoted(text)}")
-    return value

@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import with_values
 from ator_ros.execution.fence import Fence
-from ator_ros.geometry import FloatArray, Pose
+from ator_ros.geometry import FloatArray
 from ator_ros.planning.facts import Fact, placed_thing, resolved
 from ator_ros.planning.goals import GoalStatement, PlanningError, check_goal
 from ator_ros.planning.problem import PlannedStep, PlanningProblem, facts_of, planning_problem, steps_for
@@ -60,7 +60,10 @@ def chains_for(
     """
     robot = library.robot
     check_goal(goal, state_variables(objects, holder=robot.holder is not None))
-    unfit = {top.name: why for top in library.values() if (why := _unfit(top, world, library))}
+    unfit = {top.name: why for top in library.values() if (why := top.lacks(robot))}
+    for top in library.values():
+        if top.name not in unfit and (missing := missing_object(top, world)):
+            unfit[top.name] = f"{top.name} needs the {missing}, which is unknown"
     unfit |= library.left_out
     tops = [top for top in library.values() if top.name not in unfit]
     facts, state = facts_of(goal, tops), state_of(world, robot)
@@ -81,14 +84,6 @@ def chains_for(
     if not found:
         raise PlanningError("; ".join(dict.fromkeys(reasons)))
     return sorted(found, key=len)[:MOST_CHAINS]
-
-
-def _unfit(top: Top, world: World, library: TopLibrary) -> str | None:
-    """Return why a TOP cannot be used; None if it can."""
-    if why := top.lacks(library.robot):
-        return why
-    missing = missing_object(top, world)
-    return f"{top.name} needs the {missing}, which is unknown" if missing else None
 
 
 def _valid_chain(
@@ -137,36 +132,24 @@ def _call(step: PlannedStep, world: World, library: TopLibrary, fence: Fence, *,
     place = {"x": at.x, "y": at.y, **{name: known[name] for name in "xy" if name in known}}
     if step.region:
         places = fence.narrowed({axis: USUAL_RANGES[axis] for axis in "xy"}, robot)
-        x, y = (places[axis](robot, goal) for axis in "xy")
-        edges = (x.low, y.low, x.high, y.high)
+        along, across = (places[axis](robot, goal) for axis in "xy")
+        edges = (along.low, across.low, along.high, across.high)
         found = _place_in(step.region, step.top, state, edges)
         if found is None:
             raise PlanningError(f"{step.top.name}: expected a place for it in the area, found none")
         place = {"x": found[0], "y": found[1]}
-    yaw = _heading(step, Pose(place["x"], place["y"], 0.0), world)
-    return TopCall(
-        step.top, with_values(goal, {"yaw": yaw, **known, **place}), _opened(step, goal, last=last)
-    )
-
-
-def _heading(step: PlannedStep, place: Pose, world: World) -> float:
-    """Return the heading at a place: toward the target of the next action, else along the approach."""
-    at = world.robot.pose
-    if step.region:
-        target = dict(step.region[0].binding)
-        x, y = target.get("x"), target.get("y")
-        if isinstance(x, float) and isinstance(y, float) and (x, y) != (place.x, place.y):
-            return math.atan2(y - place.y, x - place.x)
-    distance = math.hypot(place.x - at.x, place.y - at.y)
-    return math.atan2(place.y - at.y, place.x - at.x) if distance > 0.0 else at.yaw
-
-
-def _opened(step: PlannedStep, goal: Goal, *, last: bool) -> frozenset[str]:
-    """Return the open goal variables."""
-    bound = frozenset() if step.region else frozenset(name for name, _ in step.binding)
-    place = {"x", "y", "yaw"} if step.top.arrives else set[str]()
-    speed = {"speed"} if step.top.arrives and not last else set[str]()
-    return frozenset(place | speed | goal.values.keys()) - bound
+    # The heading is toward the target of the next action, else along the approach.
+    (x, y), (start_x, start_y, yaw) = (place["x"], place["y"]), world.robot.pose
+    target = dict(step.region[0].binding) if step.region else {}
+    to_x, to_y = target.get("x"), target.get("y")
+    if isinstance(to_x, float) and isinstance(to_y, float) and (to_x, to_y) != (x, y):
+        yaw = math.atan2(to_y - y, to_x - x)
+    elif math.hypot(x - start_x, y - start_y) > 0.0:
+        yaw = math.atan2(y - start_y, x - start_x)
+    bound = frozenset() if step.region else frozenset(dict(step.binding))
+    moving = {"x", "y", "yaw", *(() if last else ("speed",))} if step.top.arrives else set[str]()
+    opened = frozenset(moving | goal.values.keys()) - bound
+    return TopCall(step.top, with_values(goal, {"yaw": yaw, **known, **place}), opened)
 
 
 def _place_in(

@@ -60,19 +60,16 @@ class PlannedStep:
 
 def facts_of(goal: Sequence[GoalStatement], tops: Sequence[Top]) -> list[Fact]:
     """Return a goal as facts; statements without a tolerance get the smallest that `tops` achieve."""
-    return [Fact(_specified(statement, tops), surely=True) for statement in goal]
-
-
-def _specified(statement: GoalStatement, tops: Sequence[Top]) -> Statement:
-    if not isinstance(statement, Unspecified):
-        return statement
-    ranges = [
-        (value.low, value.high)
-        for top in tops
-        if (value := _achieved(statement, top)) is not None and math.isfinite(value.high - value.low)
-    ]
-    low, high = min(ranges, key=lambda ends: ends[1] - ends[0], default=(0.0, 0.0))
-    return Region(statement.variable, statement.target, low, high)
+    facts = []
+    for statement in goal:
+        if isinstance(statement, Unspecified):
+            values = [value for top in tops if (value := _achieved(statement, top)) is not None]
+            ranges = [(each.low, each.high) for each in values if math.isfinite(each.high - each.low)]
+            low, high = min(ranges, key=lambda ends: ends[1] - ends[0], default=(0.0, 0.0))
+            facts.append(Fact(Region(statement.variable, statement.target, low, high), surely=True))
+        else:
+            facts.append(Fact(statement, surely=True))
+    return facts
 
 
 def _achieved(statement: Unspecified, top: Top) -> Value | None:

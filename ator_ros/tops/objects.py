@@ -98,12 +98,7 @@ def at_object(goal: Goal, world: World, name: str) -> Goal:
 
 def held_within(robot: Robot) -> float:
     """Return the distance in m from the hold up to which an object counts as held; 0 without a holder."""
-    return lost_beyond(robot) / _SLACK
-
-
-def lost_beyond(robot: Robot) -> float:
-    """Return the distance in m from the hold beyond which an object is lost: the length of the holder."""
-    return robot.holder_length
+    return robot.holder_length / _SLACK
 
 
 def is_held(world: World, robot: Robot, name: str) -> bool:
@@ -113,7 +108,7 @@ def is_held(world: World, robot: Robot, name: str) -> bool:
 
 def is_lost(world: World, robot: Robot, name: str) -> bool:
     """Return whether the position of an object is known, and farther from the hold than a held one."""
-    return name in world.objects and robot.hold_offset(world, name) > lost_beyond(robot)
+    return name in world.objects and robot.hold_offset(world, name) > robot.holder_length
 
 
 def is_at_front(world: World, robot: Robot, name: str) -> bool:

@@ -21,7 +21,7 @@ from ator_ros.domains.soccer.planned.shoot import Shoot
 from ator_ros.domains.soccer.thresholds import RANGES
 from ator_ros.domains.soccer.tops import TOPS, tops_for
 from ator_ros.geometry import wrap_angles
-from ator_ros.performance.derived import hold_angle, hold_bearing, hold_dist
+from ator_ros.performance.derived import from_hold
 from ator_ros.performance.features import PAPER_11, PATHS, Feature, names_of, variables
 from ator_ros.robot.description import Robot
 from ator_ros.tops.conditions import Condition
@@ -29,9 +29,14 @@ from ator_ros.tops.conditions import Condition
 _TO_MOUTH = variables("x y yaw xg yg")
 
 SHOT = (
-    Feature("hold_dist", "m", _TO_MOUTH, hold_dist),
-    Feature("hold_angle", "rad", _TO_MOUTH, lambda g: np.abs(g.once(hold_angle))),
-    Feature("hold_off_axis", "rad", _TO_MOUTH, lambda g: np.abs(g.once(hold_bearing))),
+    Feature("hold_dist", "m", _TO_MOUTH, lambda g: g.once(from_hold)[0]),
+    Feature(
+        "hold_angle",
+        "rad",
+        _TO_MOUTH,
+        lambda g: np.abs(wrap_angles(g.once(from_hold)[1] - g.direct["yaw"])),
+    ),
+    Feature("hold_off_axis", "rad", _TO_MOUTH, lambda g: np.abs(g.once(from_hold)[1])),
     Feature("heading_off_axis", "rad", variables("yaw"), lambda g: np.abs(wrap_angles(g.direct["yaw"]))),
 )
 """Of a ball that is held and a goal whose heading does not matter, on the field's x axis."""

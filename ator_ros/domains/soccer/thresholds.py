@@ -11,7 +11,6 @@ from ator_ros.actions.base import ActionError, Goal
 from ator_ros.actions.situation import NoPlaceError
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.robot.description import Robot
-from ator_ros.tops.objects import lost_beyond
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges, arrival_speed
 from ator_ros.world.state import World
 
@@ -51,7 +50,7 @@ def caught_within(robot: Robot) -> float:
 def lost_ball(world: World, robot: Robot) -> str | None:
     """Return that the ball is out of the hold, so that an action gives it up; None if it is not."""
     distance = robot.hold_offset(world, BALL)
-    lost = distance > 1.25 * lost_beyond(robot)
+    lost = distance > 1.25 * robot.holder_length
     return f"lost the ball: it is {distance:.2f} m from the hold" if lost else None
 
 

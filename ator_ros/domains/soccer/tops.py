@@ -10,7 +10,7 @@ from ator_ros.domains.soccer.field import Field, field_of
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Bearing, Condition, Distance, Region, Term
-from ator_ros.tops.objects import held_within, lost_beyond
+from ator_ros.tops.objects import held_within
 
 _NET = 0.1  # m by which the net gives way behind the depth of the goal
 _USUAL_FIELD = Field(8.0, 5.0, goal_width=2.0, goal_depth=0.6)
@@ -92,7 +92,7 @@ def tops_for(robot: Robot) -> tuple[Top, ...]:
     """
     if robot.holder is None:
         return TOPS
-    held, lost, field = held_within(robot), lost_beyond(robot), field_of(robot)
+    held, lost, field = held_within(robot), robot.holder_length, field_of(robot)
     if not field.goal_depth:
         field = dataclasses.replace(_USUAL_FIELD, x=field.x, y=field.y)
     shot = shoot(field, lost)
