@@ -196,19 +196,8 @@ class Supervisor:
         if unknown is not None:
             self.reason = f"waiting for the {unknown[0]}"
             return False
-        if not self._choose_plan(world):
-            return False
-        if self.refining.wanted:
-            self.refining.ask(world, now)
-            self.forecast.change(world)  # for feedback until the answer
-        self.phase = Phase.REFINING if self.refining.wanted else Phase.EXECUTING
-        self.reason = self.phase.value
-        return not self.refining.wanted
-
-    def _choose_plan(self, world: World) -> bool:
-        """Take the first plan that is valid from `world`; end without one."""
         reasons = []
-        for plan in self._plans:
+        for plan in self._plans:  # the first that is valid
             violations = plan.violations(world, self._robot)
             if not violations and (
                 off := self._area.unreachable(plan, self._robot, "chain", world.robot.pose[:2])
@@ -216,10 +205,17 @@ class Supervisor:
                 violations = [off]
             if not violations:
                 self.executor.choose(plan)
-                return True
+                break
             reasons.append("; ".join(violations))
-        self.end(Ending.REFUSED, f"no valid plan: {' | '.join(reasons)}")
-        return False
+        else:
+            self.end(Ending.REFUSED, f"no valid plan: {' | '.join(reasons)}")
+            return False
+        if self.refining.wanted:
+            self.refining.ask(world, now)
+            self.forecast.change(world)  # for feedback until the answer
+        self.phase = Phase.REFINING if self.refining.wanted else Phase.EXECUTING
+        self.reason = self.phase.value
+        return not self.refining.wanted
 
     def _execute(self, world: World, now: float, *, overdue: frozenset[str]) -> Command | None:
         if not self.forecast.begun:

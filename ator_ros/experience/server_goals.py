@@ -7,7 +7,7 @@ last odometry message. The latched status topic also names goals from before the
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -110,17 +110,14 @@ class ServerGoals:
         self._given: tuple[float, str, Pose] | None = None
         """Time of the last goal_pose, its frame and pose."""
 
-    def _active(self) -> Iterator[ServerGoal]:
-        return (goal for goal in self.goals.values() if goal.is_active)
-
     def take_status(self, action: str, message: Any, segment: int, now: float, robot: Pose) -> None:
         """Take an action_msgs/GoalStatusArray at `now` (s by odometry); `robot` is in odometry's frame."""
         is_first = not any(known == action for known, _ in self.goals)
         for item in sorted(message.status_list, key=lambda item: -item.status):  # those that ended first
             status, key = status_name(item.status), (action, bytes(item.goal_info.goal_id.uuid))
             if key not in self.goals:
-                for other in self._active():
-                    other.preempted = other.preempted or other.action == action
+                for other in self.goals.values():
+                    other.preempted |= other.is_active and other.action == action
                 late = now - seconds_from(item.goal_info.stamp) > _RECENT
                 self.goals[key] = ServerGoal(action, early=is_first and (late or status in _ENDED))
             goal = self.goals[key]
@@ -143,5 +140,5 @@ class ServerGoals:
             raise MessageError(f"{PLAN}.poses: expected at least one, got none")
         else:
             pose = pose_from(message.poses[-1].pose, f"{PLAN}.poses[-1]")
-            for goal in self._active():
+            for goal in filter(lambda goal: goal.is_active, self.goals.values()):
                 goal.take_pose(frame, pose, self._base(frame), exact=False)

@@ -262,16 +262,13 @@ def judge(
     tested = test[:size]
     errors = data.values[tested] - predicted[name][:size]
     if data.measure == "duration":
-        tree = _with_spread_of(errors, tree, data.table.iloc[tested])
+        # Its spreads are usually as large as these errors, by a measure that is robust against outliers.
+        spread = 1.4826 * float(np.median(np.abs(errors)))
+        leaves = tree.apply(data.table.iloc[tested][list(tree.names)].to_numpy())
+        usual = float(np.median(tree.spread[leaves]))
+        spreads = tree.spread * (spread / usual) if usual > 0.0 else np.full_like(tree.spread, spread)
+        tree = dataclasses.replace(tree, spread=spreads)
     return RoundVerdict(count, f"{name}: {loss} from {figures}", name, tree, tested, errors)
-
-
-def _with_spread_of(errors: FloatArray, tree: ModelTree, table: pd.DataFrame) -> ModelTree:
-    """Return the tree with spreads that are usually as large as these errors of its rows of features."""
-    spread = 1.4826 * float(np.median(np.abs(errors)))  # standard deviation, robust against outliers
-    usual = float(np.median(tree.spread[tree.apply(table[list(tree.names)].to_numpy())]))
-    spreads = tree.spread * (spread / usual) if usual > 0.0 else np.full_like(tree.spread, spread)
-    return dataclasses.replace(tree, spread=spreads)
 
 
 def _held_out(data: TrainingData, learn: Learn, test: IntArray) -> FloatArray:

@@ -39,7 +39,13 @@ class Value:
 
 def after(top: Top, binding: Binding) -> dict[str, Value]:
     """Return the variables that a TOP changes, with their values after it."""
-    values = _arrival(top, binding) if top.arrives else {}
+    values: dict[str, Value] = {}
+    goal = {name: binding.get(name, _chosen(top.name, name)) for name in AXES}
+    goal["speed"] = binding.get("speed", 0.0)
+    for name, by in top.arrival().items() if top.arrives else ():  # no condition bounds its errors
+        known = [goal[each] for each in by] or [0.0]
+        symbol = known[0] if len(known) == 1 else f"{known[0]} beside, heading {known[1]}"
+        values[name] = Value(symbol, *_ANYWHERE)
     arrived = frozenset(values)
     for term in top.post.terms:
         if term.variable in arrived:
@@ -50,18 +56,6 @@ def after(top: Top, binding: Binding) -> dict[str, Value]:
             target = target_of(term, values, binding, top.name)
             low, high = reach_about(term, target.symbol)
             values[term.variable] = Value(target.symbol, target.low + low, target.high + high)
-    return values
-
-
-def _arrival(top: Top, binding: Binding) -> dict[str, Value]:
-    """Return the robot's own variables at the goal, whose errors no condition bounds."""
-    goal = {name: binding.get(name, _chosen(top.name, name)) for name in AXES}
-    goal["speed"] = binding.get("speed", 0.0)
-    values = {}
-    for name, by in top.arrival().items():
-        known = [goal[each] for each in by] or [0.0]
-        symbol = known[0] if len(known) == 1 else f"{known[0]} beside, heading {known[1]}"
-        values[name] = Value(symbol, *_ANYWHERE)
     return values
 
 

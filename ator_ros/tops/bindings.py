@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ator_ros.tops.chain import Top
-from ator_ros.tops.conditions import Condition, Region, Statement
+from ator_ros.tops.conditions import Condition, Region
 
 Variable = tuple[int, str]
 """A goal variable of a chain: the step, from 0, and its name."""
@@ -60,31 +60,25 @@ def _after(top: Top, state: _State, step: int) -> _State:
     """Return the state after a step, as `ator_ros.tops.chain.projected` does, in terms of goal variables."""
     arrival = {name: _of_goal(step, *by) for name, by in top.arrival().items()} if top.arrives else {}
     after = {**state, **arrival}
-    others = (term for term in top.post.terms if term.variable not in arrival)
-    return after | {term.variable: _placed(term, _value(term.target, after, step)) for term in others}
-
-
-def _placed(term: Statement, target: _Value) -> _Value:
-    """Return the value of a term's variable when the term holds."""
-    if term.offset == 0.0:
-        return target
-    return target._replace(text=f"{target.text} with {term!r}")
+    placed = {}
+    for term in top.post.terms:
+        if term.variable not in arrival:
+            target = _value(term.target, after, step)
+            away = f"{target.text} with {term!r}" if term.offset else target.text
+            placed[term.variable] = target._replace(text=away)
+    return after | placed
 
 
 def _of_goal(step: int, *names: str) -> _Value:
     """Return the value that goal variables of a step determine; 0 without any."""
     if not names:
-        return _number(0.0)
+        return _value(0.0, {}, step)
     return _Value(f"{step}: {' '.join(names)}", frozenset((step, name) for name in names))
-
-
-def _number(value: float) -> _Value:
-    return _Value(repr(float(value)), frozenset())
 
 
 def _value(name: str | float, state: _State, step: int) -> _Value:
     if not isinstance(name, str):
-        return _number(name)
+        return _Value(repr(float(name)), frozenset())
     if name.startswith("goal."):
         return _of_goal(step, name.removeprefix("goal."))
     return state.get(name, _Value(name, frozenset()))

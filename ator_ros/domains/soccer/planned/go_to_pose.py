@@ -26,7 +26,6 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import is_at_front
 from ator_ros.world.state import ObjectState, RobotState, World
 
-_BALL_MARGIN = 0.04  # m
 _MOVED = 0.04  # m
 _LAGGING = 0.05  # s: motors with which a robot that catches up brakes too late, and has to come back for 3 s
 _TURNS_WITHIN = 0.04
@@ -85,7 +84,7 @@ class GoToPose(PlannedAction):
         """Plan to arrive at `speed` (m/s) where the ball rests there or elsewhere."""
         run, limits = approach_run(self.robot) if self._approach else 0.0, self.plan_limits
         exits = run_exits(limits, speed, run) if run else free_exits(limits, speed)
-        obstacles = Obstacles(rest, _BALL_MARGIN, run)
+        obstacles = Obstacles(rest, run)
         start, goal = world.robot, self.target()
         away = distance_to_clear(start.pose, goal, obstacles, self.robot)
         found = None

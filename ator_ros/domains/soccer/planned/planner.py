@@ -33,6 +33,7 @@ from ator_ros.world.state import ObjectState
 
 _INTERVALS = (0.25, 0.05)  # s between the states that are checked, first and last: 6 cm at full speed
 
+_BALL_MARGIN = 0.04  # m that are kept free around a ball
 _CLEARING = np.arange(0.0, 1.5, 0.01)  # lengths in m of straight drives that may lead away from a ball
 
 
@@ -44,14 +45,11 @@ class Obstacles:
     ----------
     ball : ObjectState or None
         The ball, taken as standing still.
-    ball_margin : float
-        Free distance to keep from the ball in m.
     run : float
         Length in m of the straight run at the end, in which the ball may be touched.
     """
 
     ball: ObjectState | None = None
-    ball_margin: float = 0.04
     run: float = 0.0
 
 
@@ -62,7 +60,7 @@ def is_free(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> bool
         return False
     if ball is None or start.distance(goal) <= obstacles.run:
         return True
-    return bool(ball_distances(pose, ball, robot)[0] >= obstacles.ball_margin)
+    return bool(ball_distances(pose, ball, robot)[0] >= _BALL_MARGIN)
 
 
 def distance_to_clear(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> float:
@@ -79,7 +77,7 @@ def distance_to_clear(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robo
         ways = sign * _CLEARING
         poses = np.array([start.ahead(way) for way in ways])
         distances = ball_distances(poses, ball, robot)
-        clear = distances >= obstacles.ball_margin
+        clear = distances >= _BALL_MARGIN
         until = slice(int(np.argmax(clear)) + 1)
         nearer = distances[until].min() < distances[0] - 1e-9
         if clear.any() and not nearer and not touches_goals(poses[until], robot):
@@ -128,12 +126,11 @@ def _outline_distance(dx: Any, dy: Any, yaw: Any, shape: Outline) -> Any:
 
 
 class BallObstacle(NamedTuple):
-    """A ball that is in the way, in m: its center (NaN: none), radius, margin, and the run to it."""
+    """A ball that is in the way, in m: its center (NaN: none), radius, and the run to it."""
 
     x: float
     y: float
     radius: float
-    margin: float
     run: float
 
 
@@ -152,7 +149,7 @@ def surroundings(robot: Robot, limits: Limits, obstacles: Obstacles) -> Surround
     """Return what manoeuvres within `limits` are checked against."""
     ball, area = obstacles.ball, robot.scene.area
     x, y = (np.nan, np.nan) if ball is None else (ball.x - area.x, ball.y - area.y)
-    in_the_way = (x, y, robot.scene.radius(BALL), obstacles.ball_margin, obstacles.run)
+    in_the_way = (x, y, robot.scene.radius(BALL), obstacles.run)
     return Surroundings(rates_of(limits), _outline(robot), BallObstacle(*map(float, in_the_way)))
 
 
@@ -203,11 +200,11 @@ def _touches(states: FloatArray, goal: Pose, shape: Outline, ball: BallObstacle)
         while end >= 0 and math.hypot(states[end, 0] - goal.x, states[end, 1] - goal.y) <= ball.run:
             end -= 1
     near = max(shape.reach, math.hypot(max(shape.front, shape.rear), shape.half_width))
-    near += ball.radius + ball.margin
+    near += ball.radius + _BALL_MARGIN
     for index in range(end + 1):
         dx, dy = ball.x - states[index, 0], ball.y - states[index, 1]
         is_near = abs(dx) < near and abs(dy) < near
-        if is_near and _outline_distance(dx, dy, states[index, 2], shape) - ball.radius < ball.margin:
+        if is_near and _outline_distance(dx, dy, states[index, 2], shape) - ball.radius < _BALL_MARGIN:
             return True
     return False
 

@@ -156,14 +156,10 @@ class Tracker:
         self._waits = patient and world.robot.is_still
         if self._waits:
             self._start = world.time
-        elif patient:
-            self._start = self._estimated_start(world)
-
-    def _estimated_start(self, world: World) -> float:
-        """Return when (s) a moving robot started, whole periods ago: states may have been missed."""
+        # A moving robot started whole periods ago: states may have been missed.
         most = max(1, round(self.elapsed(world) / CONTROL_PERIOD))
-        if most == 1:
-            return self._start
+        if self._waits or not patient or most == 1:
+            return
 
         def error(ticks: int) -> float:
             planned = self.trajectory.at(ticks * CONTROL_PERIOD - _SEEN_LATE)
@@ -171,7 +167,7 @@ class Tracker:
             # Just after a start the speed shows most; a meter counts as much as a meter per second.
             return change + planned.pose.distance(world.robot.pose)
 
-        return world.time - min(range(1, most + 1), key=error) * CONTROL_PERIOD
+        self._start = world.time - min(range(1, most + 1), key=error) * CONTROL_PERIOD
 
     def left(self, world: World) -> float:
         """Return the time in s to the end of the trajectory; not positive afterwards."""
