@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -21,87 +20,7 @@ from ator_ros.performance.tree.linear_models import (
 from ator_ros.performance.tree.nodes import IntArray, ModelTree
 from ator_ros.performance.tree.partition import GrownNode, Partition
 
-# Deviation of a term, as a share of the model's error, below which it is a trace.
-_TRACE = 0.01
-
-Children = Sequence[tuple[int, int] | None]
-"""Nodes below each node, which have higher numbers; None at a grown leaf."""
-
-
-def prune(children: Children, error: FloatArray, samples: FloatArray) -> BoolArray:
-    """Return the nodes that become leaves: their own model is expected to err no more than the tree below.
-
-    Parameters
-    ----------
-    children : sequence of (int, int) or None, length n_nodes
-        Nodes below, which have higher numbers; None at a grown leaf.
-    error : array of float, shape (n_nodes,)
-        Corrected error of each node's own linear model.
-    samples : array of float, shape (n_nodes,)
-        Number of each node's rows.
-
-    Returns
-    -------
-    array of bool, shape (n_nodes,)
-        True also at grown leaves; what lies below a leaf is cut off.
-    """
-    is_leaf = np.ones(len(error), dtype=bool)
-    best = error.copy()
-    for node in reversed(range(len(error))):
-        below = children[node]
-        if below is None:
-            continue
-        first, second = below
-        of_subtree = (samples[first] * best[first] + samples[second] * best[second]) / samples[node]
-        is_leaf[node] = error[node] <= of_subtree
-        best[node] = min(error[node], of_subtree)
-    return is_leaf
-
-
-def smooth(children: Children, models: FloatArray, samples: FloatArray, *, smoothing: float) -> FloatArray:
-    """Fold M5's smoothing into the models: each is mixed with the smoothed model above it.
-
-    M5 filters a prediction p on its way up to the root, p' = (n p + k q) / (n + k) with q predicted by the
-    node above. All of these are linear in the features, so that mixing coefficients once predicts the same.
-
-    Parameters
-    ----------
-    children, samples
-        As in `prune`; `samples` are n.
-    models : array of float, shape (n_nodes, 1 + n_features)
-    smoothing : float
-        k, how many samples the model above counts for; 0 for none.
-    """
-    smoothed = models.copy()
-    for node, below in enumerate(children):
-        for child in below or ():
-            share = samples[child] / (samples[child] + smoothing)
-            smoothed[child] = share * models[child] + (1 - share) * smoothed[node]
-    return smoothed
-
-
-def drop_traces(models: FloatArray, moments: FloatArray, error: FloatArray) -> FloatArray:
-    """Drop terms that move a node's prediction by next to nothing.
-
-    Smoothing leaves traces of the terms of all models above. They would clutter the rules and count as
-    features that influence performance (paper, section 4.2). A term goes if its deviation over a node's rows
-    is less than a hundredth of the error; the constant takes over its mean.
-
-    Parameters
-    ----------
-    models : array of float, shape (n_nodes, 1 + n_features)
-    moments : array of float, shape (n_nodes, 2 + n_features, 2 + n_features)
-        Normal equations of the nodes.
-    error : array of float, shape (n_nodes,)
-        Root-mean-square error of each model.
-    """
-    features = np.arange(1, models.shape[1])
-    weight = moments[:, :1, 0]
-    mean = moments[:, 0, 1:-1] / weight
-    variance = np.maximum(moments[:, features, features] / weight - mean**2, 0.0)
-    is_trace = np.abs(models[:, 1:]) * np.sqrt(variance) < _TRACE * error[:, None]
-    traces = np.where(is_trace, models[:, 1:], 0.0)
-    return np.column_stack([models[:, 0] + (traces * mean).sum(axis=1), models[:, 1:] - traces])
+_TRACE = 0.01  # deviation of a term, as a share of the model's error, below which it is a trace
 
 
 try:
@@ -184,9 +103,31 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         moments = np.stack([node.moments for node in nodes])
         samples = moments[:, 0, 0]
         fitted, error = fit_node_models(moments)
-        is_leaf = prune(children, error, samples)
-        smoothed = smooth(children, fitted, samples, smoothing=self.smoothing)
-        models = drop_traces(smoothed, moments, np.sqrt(squared_error(smoothed, moments) / samples))
+        # A node becomes a leaf if its own model is expected to err no more than the tree below it. Nodes there
+        # have higher numbers.
+        is_leaf, best = np.ones(len(nodes), dtype=bool), error.copy()
+        for node, below in reversed(list(enumerate(children))):
+            if below is not None:
+                first, second = below
+                of_subtree = (samples[first] * best[first] + samples[second] * best[second]) / samples[node]
+                is_leaf[node], best[node] = error[node] <= of_subtree, min(error[node], of_subtree)
+        # M5 filters a prediction p on its way up to the root, p' = (n p + k q) / (n + k) with q predicted by
+        # the node above, n its samples and k `smoothing`. All of these are linear in the features, so mixing
+        # coefficients once, from the root down, predicts the same.
+        models = fitted.copy()
+        for node, below in enumerate(children):
+            for child in below or ():
+                share = samples[child] / (samples[child] + self.smoothing)
+                models[child] = share * models[child] + (1 - share) * models[node]
+        # Smoothing leaves traces of the terms of all models above. They would clutter the rules and count as
+        # features that influence performance (paper, section 4.2). A term goes if its deviation over a node's
+        # rows is a trace of the error; the constant takes over its mean.
+        features = np.arange(1, models.shape[1])
+        mean = moments[:, 0, 1:-1] / samples[:, None]
+        variance = np.maximum(moments[:, features, features] / samples[:, None] - mean**2, 0.0)
+        most = _TRACE * np.sqrt(squared_error(models, moments) / samples)[:, None]
+        traces = np.where(np.abs(models[:, 1:]) * np.sqrt(variance) < most, models[:, 1:], 0.0)
+        models = np.column_stack([models[:, 0] + (traces * mean).sum(axis=1), models[:, 1:] - traces])
         terms = TERM_COST * np.count_nonzero(fitted, axis=1).clip(1)
         squared = squared_error(models, moments)
         spread = corrected_error(squared, samples, terms)
