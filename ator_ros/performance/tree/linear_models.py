@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.geometry import FloatArray
 from ator_ros.performance.tree.nodes import IntArray
 
 # Added to the diagonal of the normal equations of standardized features: it settles features that are
@@ -143,8 +143,14 @@ def fit_node_models(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
     error = corrected_error(swept[:, -1, -1] * samples, samples, np.full(len(swept), TERM_COST * n_terms))
     active = np.arange(len(swept))
     while len(active):
-        column, squared = _cheapest_removal(swept[active], kept[active])
-        terms = TERM_COST * (kept[active].sum(axis=1) - 1)
+        # Each node's term that is missed least, and the mean squared error without it; the constant stays.
+        left, there = swept[active], kept[active]
+        variance = np.abs(left[:, np.arange(n_terms), np.arange(n_terms)])
+        increase = np.where(there, left[:, :-1, -1] ** 2 / variance, np.inf)
+        increase[:, 0] = np.inf
+        column = increase.argmin(axis=1)
+        squared = np.maximum(left[:, -1, -1], 0.0) + increase[np.arange(len(left)), column]
+        terms = TERM_COST * (there.sum(axis=1) - 1)
         candidate = corrected_error(squared * samples[active], samples[active], terms)
         better = np.isfinite(squared) & (candidate <= error[active])
         active, column, candidate = active[better], column[better], candidate[better]
@@ -152,17 +158,6 @@ def fit_node_models(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
         kept[active, column] = False
         error[active] = candidate
     return np.where(kept, swept[:, :-1, -1], 0.0), error
-
-
-def _cheapest_removal(swept: FloatArray, kept: BoolArray) -> tuple[IntArray, FloatArray]:
-    """Return each node's term that is missed least and the mean squared error without it (inf: none left)."""
-    terms = np.arange(kept.shape[1])
-    variance = np.abs(swept[:, terms, terms])
-    increase = np.where(kept, swept[:, :-1, -1] ** 2 / variance, np.inf)
-    increase[:, 0] = np.inf  # the constant stays
-    column = increase.argmin(axis=1)
-    squared = np.maximum(swept[:, -1, -1], 0.0) + increase[np.arange(len(swept)), column]
-    return column, squared
 
 
 def _sweep(matrices: FloatArray, column: IntArray) -> FloatArray:

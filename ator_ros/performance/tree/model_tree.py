@@ -103,20 +103,20 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         moments = np.stack([node.moments for node in nodes])
         samples = moments[:, 0, 0]
         fitted, error = fit_node_models(moments)
-        # A node becomes a leaf if its own model is expected to err no more than the tree below it. Nodes there
+        # A node becomes a leaf if its own model is expected to err no more than the tree below it, where nodes
         # have higher numbers.
         is_leaf, best = np.ones(len(nodes), dtype=bool), error.copy()
-        for node, below in reversed(list(enumerate(children))):
-            if below is not None:
-                first, second = below
+        for node, pair in reversed(list(enumerate(children))):
+            if pair is not None:
+                first, second = pair
                 of_subtree = (samples[first] * best[first] + samples[second] * best[second]) / samples[node]
                 is_leaf[node], best[node] = error[node] <= of_subtree, min(error[node], of_subtree)
         # M5 filters a prediction p on its way up to the root, p' = (n p + k q) / (n + k) with q predicted by
         # the node above, n its samples and k `smoothing`. All of these are linear in the features, so mixing
         # coefficients once, from the root down, predicts the same.
         models = fitted.copy()
-        for node, below in enumerate(children):
-            for child in below or ():
+        for node, pair in enumerate(children):
+            for child in pair or ():
                 share = samples[child] / (samples[child] + self.smoothing)
                 models[child] = share * models[child] + (1 - share) * models[node]
         # Smoothing leaves traces of the terms of all models above. They would clutter the rules and count as

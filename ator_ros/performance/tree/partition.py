@@ -118,12 +118,18 @@ class Partition:
         minimum = self.min_samples_leaf
         if total < 2 * minimum:
             return None
-        residual = table[:, -1] - table[:, :-1] @ solve(node.moments)
+        solution = solve(node.moments)
+        residual = table[:, -1] - table[:, :-1] @ solution
         squared = float(residual @ residual)
         if squared <= _EXACT**2 * total:
             return None
         self._residuals[node.order[0], -1] = residual
-        positions, is_split = self._candidates(node, min(_CANDIDATES, int(total // minimum)))
+        # Splits at quantiles of each feature, by the rows to the left; none falls between equal values.
+        count, n = min(_CANDIDATES, int(total // minimum)), node.order.shape[1]
+        at = np.ceil(n * np.arange(1, count + 1) / (count + 1)).astype(np.intp) - 1
+        values = (column[order] for column, order in zip(self.X.T, node.order, strict=True))
+        ends = np.array([np.searchsorted(sorted_, sorted_[at], side="right") for sorted_ in values])
+        positions, is_split = np.minimum(ends, n - 1), ends < n
         sums = self._moments_left(node, positions)
         left, right = sums[:, :-1], (sums[:, -1:] - sums)[:, :-1]
         is_split &= (left[..., 0, 0] >= minimum) & (right[..., 0, 0] >= minimum)
@@ -131,23 +137,16 @@ class Partition:
             return None
         before = np.sqrt(total * squared)
         after = np.full(is_split.shape, np.inf)
+        # Rows × corrected deviation around the linear models of both sides.
         sides = np.stack([left[is_split], right[is_split]])
-        after[is_split] = _deviation(sides).sum(axis=0)
+        weight = sides[..., 0, 0]
+        error = corrected_error(residual_squares(sides), weight, np.full(weight.shape, len(solution)))
+        after[is_split] = (weight * np.where(np.isfinite(error), error, _WORST)).sum(axis=0)
         # Rounding errors shall not choose between equal splits: the first wins, in any order of the rows.
         best = np.round(after / before, 6).argmin()
         feature, candidate = np.unravel_index(int(best), after.shape)
         reduction = float(before - after[feature, candidate])
         return reduction, int(feature), int(positions[feature, candidate])
-
-    def _candidates(self, node: GrownNode, count: int) -> tuple[IntArray, BoolArray]:
-        """Return splits per feature at quantiles, by the rows to the left, and which are splits at all."""
-        n = node.order.shape[1]
-        targets = n * np.arange(1, count + 1) / (count + 1)
-        at = np.ceil(targets).astype(np.intp) - 1
-        values = (column[order] for column, order in zip(self.X.T, node.order, strict=True))
-        # No split falls between equal values.
-        positions = np.array([np.searchsorted(sorted_, sorted_[at], side="right") for sorted_ in values])
-        return np.minimum(positions, n - 1), positions < n
 
     def _moments_left(self, node: GrownNode, positions: IntArray) -> FloatArray:
         """Return the normal equations of the rows left of each position, and of all rows."""
@@ -162,11 +161,3 @@ class Partition:
                     np.matmul(table[begin:end].T, table[begin:end], out=sums[number])
                     begin = end
         return moments.cumsum(axis=1, out=moments)
-
-
-def _deviation(moments: FloatArray) -> FloatArray:
-    """Return rows × corrected deviation around the linear models of sides, given by their moments."""
-    weight = moments[..., 0, 0]
-    terms = np.full(weight.shape, moments.shape[-1] - 1.0)
-    error = corrected_error(residual_squares(moments), weight, terms)
-    return np.asarray(weight * np.where(np.isfinite(error), error, _WORST))
