@@ -23,7 +23,7 @@ from ator_ros.refinement.free_variables import (
 )
 from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.objective import Objective, expected_time
-from ator_ros.refinement.search import Deadline, NoCandidateError, Optimum, no_deadline, search
+from ator_ros.refinement.search import Deadline, NoCandidateError, Optimum, no_deadline, search, unsearched
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges
@@ -183,12 +183,18 @@ class Refiner:
         model = ChainModel(world, chain, self.robot, models=self.models, names=names, objective=objective)
         if not analysis.free:
             return self._left_alone(chain, analysis, model)
-        axes = [
-            [variable.domain for variable in analysis.free if variable.subgoal == index]
-            for index in range(len(chain.calls))
-        ]
-        optimum = search(model.step_cost, axes, model.given, allowed=regions.allowing(), deadline=deadline)
-        compared = model.compare(model.given, optimum.values)
+        if deadline():
+            compared = model.compare(model.given, model.given)
+            optimum = unsearched(model.given, compared[0].cost)
+        else:
+            axes = [
+                [variable.domain for variable in analysis.free if variable.subgoal == index]
+                for index in range(len(chain.calls))
+            ]
+            optimum = search(
+                model.step_cost, axes, model.given, allowed=regions.allowing(), deadline=deadline
+            )
+            compared = model.compare(model.given, optimum.values)
         if not math.isfinite(optimum.cost):
             raise RefinementError(
                 "expected a finite prediction for some candidate, got none: check the distances"

@@ -163,6 +163,12 @@ def search(
     return dataclasses.replace(path, curves=curves)
 
 
+def unsearched(given: Sequence[FloatArray], cost: float) -> Optimum:
+    """Return the result of no search: the values of each subgoal, shapes (k,), and their cost."""
+    curves = [SearchCurve(values[None, :], np.array([cost])) for values in given]
+    return Optimum(given, cost, curves, complete=False)
+
+
 # Dynamic programming
 
 

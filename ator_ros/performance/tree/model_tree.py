@@ -103,8 +103,8 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         moments = np.stack([node.moments for node in nodes])
         samples = moments[:, 0, 0]
         fitted, error = fit_node_models(moments)
-        # A node becomes a leaf if its own model is expected to err no more than the tree below it, whose nodes
-        # have higher numbers.
+        # A node becomes a leaf if its own model is expected to err no more than the tree below it.
+        # Nodes below have higher numbers.
         is_leaf, best = np.ones(len(nodes), dtype=bool), error.copy()
         for node, pair in reversed(list(enumerate(children))):
             if pair is not None:
