@@ -224,7 +224,16 @@ def _search(end: Pose, entries: Ends, exits: Ends, rates: Rates, forward: bool, 
                     first = low + _GRID_STEP * (gap / (gap - near[entry, at + 1] - far[exit_, at + 1]))
                     if not abs(total - first) < WIDEST:  # or it is NaN
                         continue
-                    first, c, s = _refined(first, low, gap, total, offset, one, two, across1, across2)
+                    # A secant step from there, whose cosine and sine are the first terms of series.
+                    c, s = math.cos(first), math.sin(first)
+                    now = c * offset.y - s * offset.x
+                    now -= look_up(across1, one.row, first) + look_up(across2, two.row, first - total)
+                    if now != gap:
+                        change = now * (first - low) / (gap - now)
+                        change = min(max(change, low - first), low + _GRID_STEP - first)
+                        square = change * change
+                        cosine, sine = 1.0 - 0.5 * square, change * (1.0 - square * (1.0 / 6.0))
+                        first, c, s = first + change, c * cosine - s * sine, s * cosine + c * sine
                     last = total - first
                     drive, before, after = drive_between(
                         first, last, c, s, offset, one, two, along1, along2, rates
@@ -277,30 +286,3 @@ def _write_parts(parts: RealArray, ends: Ends, total: float, x: float, y: float)
         cos, sin = math.cos(angle), math.sin(angle)
         for end in range(len(parts)):
             parts[end, step] = cos * y - sin * (x - sides[end, 0]) - look_up(across, end, angle)
-
-
-@inlined
-def _refined(
-    first: float,
-    low: float,
-    gap: float,
-    total: float,
-    offset: Offset,
-    one: Turn,
-    two: Turn,
-    across1: FloatArray,
-    across2: FloatArray,
-) -> tuple[float, float, float]:
-    """Return a first turn (rad) after which the drive meets the last turn, its cosine and sine.
-
-    It is a secant step from `first`. `gap` is that after the turn `low`, where the step of the grid begins.
-    """
-    c, s = math.cos(first), math.sin(first)
-    now = c * offset.y - s * offset.x
-    now -= look_up(across1, one.row, first) + look_up(across2, two.row, first - total)
-    if now != gap:
-        change = min(max(now * (first - low) / (gap - now), low - first), low + _GRID_STEP - first)
-        square = change * change
-        cos, sin = 1.0 - 0.5 * square, change * (1.0 - square * (1.0 / 6.0))
-        first, c, s = first + change, c * cos - s * sin, s * cos + c * sin
-    return first, c, s

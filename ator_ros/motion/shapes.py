@@ -333,8 +333,15 @@ def _fastest(
             else:
                 fraction, column = windows[around]
                 far = fractions[two.row, fraction, column : column + WIDTH]
-            above = _write_gaps(gaps, offset, shape["direction"], one.row, far, fractions)
-            roots = crossings(above, 2 * HALF, False)
+            # By how much a drive after each of the turns misses the last turn, in the shape's direction.
+            # `far` is how far across the last turns lead.
+            near, direction = fractions[one.row, 0, 2 * HALF : 2 * HALF + WIDTH], shape["direction"]
+            along_x, along_y, above = np.float32(offset.x), np.float32(offset.y), np.uint32(0)
+            for step in range(WIDTH):
+                gap = direction * (along_y * _COS[step] - along_x * _SIN[step] - near[step] - far[step])
+                gaps[step] = gap
+                above |= sign_bit(gap, step)
+            roots = crossings(int(above), 2 * HALF, False)
             while roots:
                 step = lowest(roots)
                 roots &= roots - 1
@@ -348,24 +355,6 @@ def _fastest(
                     if time < best:
                         best, result, turned, fastest = time, time, angles, index
     return result, turned, fastest
-
-
-@inlined
-def _write_gaps(
-    gaps: RealArray, offset: Offset, direction: float, row: int, far: RealArray, fractions: RealArray
-) -> int:
-    """Write by how much a drive after each of the turns misses the last turn, in the shape's direction.
-
-    The first turns have a row in `fractions`; `far` is how far across the last ones lead. Return the bits of
-    `crossings`.
-    """
-    near = fractions[row, 0, 2 * HALF : 2 * HALF + WIDTH]
-    x, y, above = np.float32(offset.x), np.float32(offset.y), np.uint32(0)
-    for step in range(WIDTH):
-        gap = direction * (y * _COS[step] - x * _SIN[step] - near[step] - far[step])
-        gaps[step] = gap
-        above |= sign_bit(gap, step)
-    return int(above)
 
 
 @inlined
