@@ -31,9 +31,8 @@ from ator_ros.nodes.parameters import (
     ROBOT,
     Parameter,
     declare_parameters,
-    domain_of,
+    domain_and_robot,
     fence_of,
-    robot_of,
 )
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.running import run_node
@@ -106,8 +105,7 @@ class RefinementNode(Node):
     def __init__(self) -> None:
         super().__init__("refinement", automatically_declare_parameters_from_overrides=True)
         self._settings = declare_parameters(self, PARAMETERS)
-        self._robot = robot = robot_of(self._settings)
-        self._domain = domain = domain_of(self._settings)
+        self._domain, self._robot = domain, robot = domain_and_robot(self._settings)
         self._fence = fence_of(self._settings, robot, domain)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         self._ranges = self._fence.narrowed(domain.ranges, robot)  # places are searched inside the fence
