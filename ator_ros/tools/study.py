@@ -6,9 +6,8 @@ The same command resumes where it was interrupted.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.study import open_variables, study_page
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
 from ator_ros.evaluation.trials import EvaluationError, possible_actions, possible_chain, random_trial
+from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.table import join, read_experience
 from ator_ros.files import load, save, write_text
 from ator_ros.performance.model_file import load_model
@@ -52,13 +52,15 @@ def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
     for name, reason in left_out.items():
         print(f"study: without {name}: {reason}", file=sys.stderr)
     sizes = {name: getattr(options, name) for name in ("episodes", "situations", "seed", "chain", "oracle")}
-    _begin(out, source, sizes)
+    named = {"robot": described.description_digest(), "domain": source.domain, "action_set": action_set}
     tables = [out / "experience.parquet", out / "fresh.parquet"]
-    for after, table in enumerate(tables):
-        if not table.exists():
-            print(f"study: {table.stem}", flush=True)
-            made = f"collect of study, seed {seed + after}"
-            collect(actions, source, table, command=made, episodes=options.episodes, seed=seed + after)
+    with PartialResults(out / "study.jsonl", {**named, **sizes}, "a study of the same options") as partial:
+        for after, table in enumerate(tables):
+            if not table.exists():
+                print(f"study: {table.stem}", flush=True)
+                made = f"collect of study, seed {seed + after}"
+                collect(actions, source, table, command=made, episodes=options.episodes, seed=seed + after)
+                partial.append({"table": table.name})
     models = {action: source.folder() / f"{action}.json" for action in actions}
     if not all(file.exists() for file in models.values()):
         print("study: models", flush=True)
@@ -110,25 +112,6 @@ def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
     save(out / "study.json", KIND, result)
     write_text(out / "study.html", study_page(result))
     print(f"wrote {out / 'study.json'} and {out / 'study.html'}")
-
-
-def _begin(out: Path, source: ToolsetSource, sizes: Mapping[str, Any]) -> None:
-    """Check that the folder is empty or belongs to the same study."""
-    file = out / "settings.json"
-    if out.exists() and not out.is_dir():
-        raise EvaluationError(f"--out {out}: expected a folder, got a file")
-    robot = source.described().description_digest()
-    ours = {"robot": robot, "domain": source.domain, "action_set": source.action_set, **sizes}
-    if not os.path.lexists(file):
-        save(file, "study settings", ours)
-        return
-    theirs = load(file, "study settings", dict[str, Any])
-    for name, value in ours.items():
-        if (found := theirs.get(name)) != value:
-            raise EvaluationError(
-                f"{file}: {name}: expected {found!r} as in the folder's study, got {value!r}: "
-                "choose another --out"
-            )
 
 
 def _measured(ends: pd.DataFrame, model: Path, source: ToolsetSource) -> dict[str, Any]:
