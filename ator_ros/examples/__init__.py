@@ -1,1 +1,1 @@
-"""Example programs: the paper in one file; others stand for your own and import nothing of ator_ros."""
+"""The action servers of the domains tour and pursuit; they stand for your own: nothing else is imported."""

@@ -24,10 +24,15 @@ from rclpy.task import Future
 
 from ator_interfaces.action import DriveTo
 from ator_ros.examples.pursuit import Law
-from ator_ros.examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotate, State
+from ator_ros.examples.rotate_drive_rotate import Phase, RotateDriveRotate, State
 
 _FEEDBACK_PERIOD = 0.5
-_CODES = {Phase.MISSED: DriveTo.Result.MISSED, Phase.TOO_LONG: DriveTo.Result.TOO_LONG}
+_CODES = {
+    Phase.ARRIVED: DriveTo.Result.NONE,
+    Phase.MISSED: DriveTo.Result.MISSED,
+    Phase.TOO_LONG: DriveTo.Result.TOO_LONG,
+}
+"""The codes of the phases in which a drive has ended."""
 
 
 class _Drive:
@@ -38,7 +43,6 @@ class _Drive:
         pose = handle.request.goal.pose
         self.law = law((pose.position.x, pose.position.y, _yaw(pose.orientation)))
         self.ended = Future()
-        self.superseded = False
         self.feedback_at = -math.inf  # s, by the stamps
 
 
@@ -91,11 +95,12 @@ class DriveToServer(Node):
         drive = _Drive(handle, self._law)
         former, self._drive = self._drive, drive
         if former is not None:
-            former.superseded = True
-            former.ended.set_result(None)
+            former.ended.set_result((DriveTo.Result.SUPERSEDED, "a newer goal took over"))
         self._steer()
-        await drive.ended
-        return self._result(drive)
+        code, text = await drive.ended
+        ends = {DriveTo.Result.NONE: handle.succeed, DriveTo.Result.CANCELED: handle.canceled}
+        ends.get(code, handle.abort)()
+        return DriveTo.Result(error_code=code, error_msg=text)
 
     def _take_odom(self, message: Odometry) -> None:
         pose, twist, stamp = message.pose.pose, message.twist.twist, message.header.stamp
@@ -110,32 +115,20 @@ class DriveToServer(Node):
         drive, state = self._drive, self._state
         if drive is None or state is None:
             return
-        v, w = (0.0, 0.0) if drive.handle.is_cancel_requested else drive.law.step(state)
-        if drive.handle.is_cancel_requested or drive.law.phase in ENDED:
+        canceled = drive.handle.is_cancel_requested
+        v, w = (0.0, 0.0) if canceled else drive.law.step(state)
+        phase = drive.law.phase
+        if canceled or phase in _CODES:
             self._drive = None
-            drive.ended.set_result(None)
+            ended = (DriveTo.Result.CANCELED, "canceled") if canceled else (_CODES[phase], phase.value)
+            drive.ended.set_result(ended)
         command = Twist()
         command.linear.x, command.angular.z = v, w
         self._commands.publish(command)
         if state.time - drive.feedback_at >= _FEEDBACK_PERIOD and self._drive is not None:
             drive.feedback_at = state.time
-            feedback = DriveTo.Feedback(distance_remaining=drive.law.distance, phase=drive.law.phase.value)
+            feedback = DriveTo.Feedback(distance_remaining=drive.law.distance, phase=phase.value)
             drive.handle.publish_feedback(feedback)
-
-    def _result(self, drive: _Drive) -> Any:
-        """Put the goal into its final state and return its result."""
-        phase = drive.law.phase
-        if drive.superseded:
-            drive.handle.abort()
-            return DriveTo.Result(error_code=DriveTo.Result.SUPERSEDED, error_msg="a newer goal took over")
-        if drive.handle.is_cancel_requested:
-            drive.handle.canceled()
-            return DriveTo.Result(error_code=DriveTo.Result.CANCELED, error_msg="canceled")
-        if phase is Phase.ARRIVED:
-            drive.handle.succeed()
-            return DriveTo.Result(error_code=DriveTo.Result.NONE)
-        drive.handle.abort()
-        return DriveTo.Result(error_code=_CODES.get(phase, DriveTo.Result.CANCELED), error_msg=phase.value)
 
 
 def _yaw(q: Any) -> float:

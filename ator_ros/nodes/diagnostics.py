@@ -73,7 +73,12 @@ class Diagnostics:
         strange = (*mismatches, rival_senders(self._node, self._states))
         others = (text for text in strange if text and text not in health.problem)
         problem = "; ".join(filter(None, (health.problem, *others)))
-        self._log_lasting(problem)
+        self._lasts = self._lasts + 1 if problem == self._problem else 1
+        self._problem = problem
+        if problem != self._logged and self._lasts >= (_LASTING if problem else 1):
+            if problem:
+                self._node.get_logger().warning(printable(problem, _LONGEST))
+            self._logged = problem
         level = DiagnosticStatus.OK
         if problem:
             level = DiagnosticStatus.ERROR if health.error else DiagnosticStatus.WARN
@@ -88,15 +93,6 @@ class Diagnostics:
         message = DiagnosticArray(status=[status])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
-
-    def _log_lasting(self, problem: str) -> None:
-        """Log a problem once it has been published a few times in a row, and its end."""
-        self._lasts = self._lasts + 1 if problem == self._problem else 1
-        self._problem = problem
-        if problem != self._logged and self._lasts >= (_LASTING if problem else 1):
-            if problem:
-                self._node.get_logger().warning(printable(problem, _LONGEST))
-            self._logged = problem
 
 
 class Ticks:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -48,9 +48,8 @@ from ator_ros.nodes.parameters import (
     Parameter,
     SetupError,
     declare_with_domain,
-    domain_of,
+    domain_and_robot,
     fence_of,
-    robot_of,
 )
 from ator_ros.nodes.qos import LATCHED, RESULTS, SERVICES
 from ator_ros.nodes.remote_actions import RemoteServers
@@ -148,8 +147,8 @@ class ExecutorNode(Node):
     def __init__(self) -> None:
         super().__init__("executor", automatically_declare_parameters_from_overrides=True)
         self._settings = declare_with_domain(self, parameters_for)
-        robot = robot_of(self._settings)
-        self._domain = domain = domain_of(self._settings)
+        domain, robot = domain_and_robot(self._settings)
+        self._domain = domain
         self._remotes = RemoteServers(self, domain, self._settings["frame"])
         self._libraries = self._remotes.libraries(robot)
         left_out = (reason for library in self._libraries.values() for reason in library.left_out.values())
@@ -381,10 +380,13 @@ class ExecutorNode(Node):
     def _health(self) -> Health:
         silence = time.monotonic() - self._odom_at if self._odom_at else None
         stale = silence is None or silence > self._odom_timeout
-        known = {} if self._world is None else self._world.objects
+        known, overdue = {} if self._world is None else self._world.objects, self._inputs.overdue
         values: dict[str, object] = {
             "odom": "none yet" if silence is None else f"{1000.0 * silence:.0f} ms ago",
-            **{name: self._knowledge(name, known) for name in self._domain.objects},
+            **{
+                name: "unknown" if name not in known else "overdue" if name in overdue else "known"
+                for name in self._domain.objects
+            },
             **self._rolling.diagnostics(),
             **self._ticks.diagnostics(),
             "goal": "none" if self._run is None else self._run.supervisor.phase.value,
@@ -405,12 +407,6 @@ class ExecutorNode(Node):
             missing = self._diagnosis.rate_problem("odom", self._odom_timeout)
         problems = (missing, self._commands.mismatch(), self._sets.problem, self._remotes.problem)
         return Health("; ".join(filter(None, problems)), stale and self._run is not None, values)
-
-    def _knowledge(self, name: str, known: Container[str]) -> str:
-        """Return whether an object is known, for diagnostics."""
-        if name not in known:
-            return "unknown"
-        return "overdue" if name in self._inputs.overdue else "known"
 
     def stop(self) -> None:
         """Stop the robot and end the running goal, before the node ends."""

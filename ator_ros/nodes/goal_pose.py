@@ -11,26 +11,16 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
-from ator_ros.nodes.messages import chain_of
-from ator_ros.nodes.parameters import (
-    DOMAIN,
-    FRAME,
-    ROBOT,
-    SetupError,
-    declare_parameters,
-    domain_of,
-    robot_of,
-)
+from ator_interfaces.msg import TopChain
+from ator_ros.geometry import Pose
+from ator_ros.nodes.messages import call_of
+from ator_ros.nodes.parameters import DOMAIN, ROBOT, SetupError, declare_parameters, domain_and_robot
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.running import run_node
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.chain import TopCall
 from ator_ros.tops.library import driving_top
-from ator_ros.world import messages
-from ator_ros.world.messages import MessageError, pose_from
 
-_WARNING_PERIOD = 2.0  # s
-
-PARAMETERS = (FRAME, DOMAIN, ROBOT)
+PARAMETERS = (DOMAIN, ROBOT)
 
 
 class GoalPoseNode(Node):
@@ -47,31 +37,22 @@ class GoalPoseNode(Node):
     def __init__(self) -> None:
         super().__init__("goal_pose", automatically_declare_parameters_from_overrides=True)
         settings = declare_parameters(self, PARAMETERS)
-        self._frame = settings["frame"]
-        domain = domain_of(settings)
-        self._library = domain.library(robot_of(settings))
-        top = driving_top(self._library)
+        domain, robot = domain_and_robot(settings)
+        library = domain.library(robot)
+        top = driving_top(library)
         if top is None:
             raise SetupError(f"domain {domain.name}: expected a TOP that only drives to a pose, found none")
-        self._top = top
+        self._call = call_of(TopCall(top, library.goal(top, Pose(0.0, 0.0, 0.0))), frame="")
         self._chains = ActionClient(self, ExecuteChain, "execute_chain")
         self.create_subscription(PoseStamped, "goal_pose", self._take, RESULTS)
-        self.get_logger().info(
-            f"poses on goal_pose in {self._frame} become goals of {top.name} (domain {domain.name})"
-        )
+        self.get_logger().info(f"poses on goal_pose become goals of {top.name} (domain {domain.name})")
 
     def _take(self, message: PoseStamped) -> None:
-        try:
-            messages.frame(message.header.frame_id, "goal_pose.header.frame_id", expected=self._frame)
-            pose = pose_from(message.pose, "goal_pose.pose")
-        except MessageError as error:
-            self.get_logger().warning(f"ignored: {error}", throttle_duration_sec=_WARNING_PERIOD)
-            return
         if not self._chains.server_is_ready():
             self.get_logger().warning("ignored: expected the action execute_chain, it is not there")
             return
-        chain = TopChain((TopCall(self._top, self._library.goal(self._top, pose)),))
-        goal = ExecuteChain.Goal(chain=chain_of(chain, action_set="", frame=self._frame))
+        self._call.goal = message  # which the executor checks
+        goal = ExecuteChain.Goal(chain=TopChain(calls=[self._call]))
         self._chains.send_goal_async(goal).add_done_callback(self._accepted)
 
     def _accepted(self, future: Future) -> None:

@@ -29,8 +29,7 @@ from ator_ros.nodes.parameters import (
     Parameter,
     SetupError,
     declare_parameters,
-    domain_of,
-    robot_of,
+    domain_and_robot,
 )
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.running import run_node
@@ -75,8 +74,7 @@ class LearningNode(Node):
     def __init__(self) -> None:
         super().__init__("learning", automatically_declare_parameters_from_overrides=True)
         self._settings = settings = declare_parameters(self, PARAMETERS)
-        self._domain = domain_of(settings)
-        self._robot = robot = robot_of(settings)
+        self._domain, self._robot = domain_and_robot(settings)
         topics = settings["records"]
         folder = Path(settings["learned"]).expanduser() if settings["learned"] else _HOME
         self._open = contextlib.ExitStack()
@@ -86,7 +84,7 @@ class LearningNode(Node):
             self._open.enter_context(exclusive_folder(folder))
             self._learner = Learner(
                 folder,
-                StoreInfo(robot.digest(), self._domain.name),
+                StoreInfo(self._robot.digest(), self._domain.name),
                 lambda: RoundProcess(folder, time=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), **named),
                 start=digest_of_start(models, self._domain.action_sets),
                 batch=settings["batch"],

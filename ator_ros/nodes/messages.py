@@ -180,7 +180,7 @@ def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -
         top = library[checks.name(call.top, f"{where}.top", allowed=[*library, *library.left_out])]
     except LeftOutError as error:
         raise MessageError(f"{where}.top: {error}") from None
-    checks.frame(call.goal.header.frame_id, f"{where}.goal.header.frame_id", expected=frame)
+    checks.expect_frame(call.goal.header.frame_id, f"{where}.goal.header.frame_id", expected=frame)
     fastest = _FASTEST_GOAL * library.robot.limits.v
     speed = checks.number(call.speed, f"{where}.speed", low=0.0, high=fastest, unit="m/s")
     pose = pose_from(call.goal.pose, f"{where}.goal.pose")

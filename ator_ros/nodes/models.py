@@ -94,22 +94,20 @@ class LearnedSets:
         return {name: self._read(library, place) for name, library in self._libraries.items()}
 
     def _read(self, library: TopLibrary, place: Path) -> ModelSet:
-        name, warn, known = library.action_set, self._node.get_logger().warning, self._domain.known_features
-        models: Mapping[str, PerformanceModel] = {}
-        absent = problem = ""
+        name, known = library.action_set, self._domain.known_features
         try:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", RobotMismatchWarning)
                 models = load_models(library.robot, known, action_set=name, folder=place)
-            problem = str(caught[0].message) if caught else ""  # models of another robot mostly come together
+            # Models of another robot mostly come together.
+            read = ModelSet(models, problem=str(caught[0].message) if caught else "")
         except NoModelsError as error:
-            absent = str(error)
+            read = ModelSet({}, absent=str(error))
         except (FileError, OSError) as error:
-            absent = problem = str(error)
-        if problem and (absent or name == DEFAULT_SET):  # others are seldom used
-            warn(f"action set {name}: {problem}")
-        read = ModelSet(models, absent, problem)
-        if models:
+            read = ModelSet({}, absent=str(error), problem=str(error))
+        if read.problem and (read.absent or name == DEFAULT_SET):  # others are seldom used
+            self._node.get_logger().warning(f"action set {name}: {read.problem}")
+        if read.models:
             self._warm_up(library, read)
         return read
 

@@ -112,24 +112,19 @@ OBJECT = "OBJECT"
 """Placeholder for the name of an object in descriptions of parameters."""
 
 
-def domain_of(settings: Mapping[str, Any]) -> Domain:
-    """Return the domain that `DOMAIN` and `ROBOT` select, on the map that `MAP` names; raises SetupError."""
+def domain_and_robot(settings: Mapping[str, Any]) -> tuple[Domain, Robot]:
+    """Return the domain that `DOMAIN` and `ROBOT` select, on the map that `MAP` names, and its robot.
+
+    Raises SetupError.
+    """
     try:
         domain = domain_for(settings[DOMAIN.name], settings[ROBOT.name])
-        path = settings.get(MAP.name)
-        return domain.on_map(Path(path).expanduser(), robot_of(settings)) if path else domain
-    except DomainError as error:
+        robot, path = domain.robot(settings[ROBOT.name] or None), settings.get(MAP.name)
+        return domain.on_map(Path(path).expanduser(), robot) if path else domain, robot
+    except (ConfigError, DomainError) as error:
         raise SetupError(str(error)) from error
     except FileError as error:
         raise SetupError(f"parameter map: {error}") from error
-
-
-def robot_of(settings: Mapping[str, Any]) -> Robot:
-    """Read the robot that the parameter `ROBOT` names, in the scene of the domain; raises SetupError."""
-    try:
-        return domain_for(settings[DOMAIN.name], settings[ROBOT.name]).robot(settings[ROBOT.name] or None)
-    except (ConfigError, DomainError) as error:
-        raise SetupError(str(error)) from error
 
 
 def fence_of(settings: Mapping[str, Any], robot: Robot, domain: Domain) -> Fence:
@@ -152,7 +147,15 @@ def declare_parameters(
     SetupError if a value has another type, or is not allowed.
     """
     values = {parameter.name: _declared(node, parameter) for parameter in parameters}
-    _warn_of_strange(node, values, unused)
+    given = [name for name in node.get_parameters_by_prefix("") if _is_implicit(node, name)]
+    strange = sorted(name for name in given if name not in _OF_ROS)
+    for name in strange:
+        node.undeclare_parameter(name)
+    if strange := [name for name in strange if name not in unused]:
+        node.get_logger().warning(
+            f"ignored: parameters {', '.join(map(printable, strange[:5]))}: "
+            f"expected some of {', '.join(values)}"
+        )
 
     def take(changes: Sequence[Any]) -> SetParametersResult:  # ROS checks bounds, and that they are live
         values.update({item.name: item.value for item in changes if item.name in values})
@@ -170,7 +173,7 @@ def declare_with_domain(
     `parameters_for` returns them, `DOMAIN` and `ROBOT` among them, for the names of objects; see
     `declare_parameters` for the others. Raises SetupError also if the domain cannot be used.
     """
-    domain = domain_of({item.name: _declared(node, item) for item in (DOMAIN, ROBOT)})
+    domain, _ = domain_and_robot({item.name: _declared(node, item) for item in (DOMAIN, ROBOT)})
     # The shipped parameter files set those of soccer's objects, whatever domain is used.
     usual = {item.name for item in parameters_for(find_domain(DEFAULT).objects)}
     return declare_parameters(node, parameters_for(domain.objects), unused=usual)
@@ -192,16 +195,3 @@ def _declared(node: Node, parameter: Parameter) -> Any:
 def _is_implicit(node: Node, name: str) -> bool:
     """Return whether a parameter exists only because the command line or a parameter file sets it."""
     return node.has_parameter(name) and not node.describe_parameter(name).description
-
-
-def _warn_of_strange(node: Node, known: Mapping[str, Any], unused: Collection[str]) -> None:
-    """Undeclare parameters that the node does not have, and warn of those that are not `unused`."""
-    given = [name for name in node.get_parameters_by_prefix("") if _is_implicit(node, name)]
-    strange = sorted(name for name in given if name not in _OF_ROS)
-    for name in strange:
-        node.undeclare_parameter(name)
-    if strange := [name for name in strange if name not in unused]:
-        node.get_logger().warning(
-            f"ignored: parameters {', '.join(map(printable, strange[:5]))}: "
-            f"expected some of {', '.join(known)}"
-        )

@@ -6,6 +6,7 @@ import random
 import time
 import traceback
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from rclpy.node import Node
@@ -30,9 +31,8 @@ from ator_ros.nodes.parameters import (
     ROBOT,
     Parameter,
     declare_parameters,
-    domain_of,
+    domain_and_robot,
     fence_of,
-    robot_of,
 )
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.running import run_node
@@ -105,8 +105,7 @@ class RefinementNode(Node):
     def __init__(self) -> None:
         super().__init__("refinement", automatically_declare_parameters_from_overrides=True)
         self._settings = declare_parameters(self, PARAMETERS)
-        self._robot = robot = robot_of(self._settings)
-        self._domain = domain = domain_of(self._settings)
+        self._domain, self._robot = domain, robot = domain_and_robot(self._settings)
         self._fence = fence_of(self._settings, robot, domain)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         self._ranges = self._fence.narrowed(domain.ranges, robot)  # places are searched inside the fence
@@ -116,25 +115,22 @@ class RefinementNode(Node):
         self._answered, self._cut_short, self._last_error = 0, 0, ""
         self._tf = TfListener(self)
         self._markers = LazyPublisher(self, MarkerArray, "refinement_markers")
-        self.create_service(RefineSubgoal, "refine_subgoal", self._serve_refinement, qos_profile=SERVICES)
-        self.create_service(PlanChains, "plan_chains", self._serve_plan, qos_profile=SERVICES)
-        self.create_service(
-            PredictDurations, "predict_durations", self._serve_durations, qos_profile=SERVICES
-        )
+        for kind, name, answer in (
+            (RefineSubgoal, "refine_subgoal", self._refine),
+            (PlanChains, "plan_chains", self._plan),
+            (PredictDurations, "predict_durations", self._predict),
+        ):
+            self.create_service(kind, name, partial(self._serve, answer), qos_profile=SERVICES)
         self._diagnostics = Diagnostics(self, self._health)
+        policy = "a chain is changed where the predicted gain exceeds its uncertainty"
+        if not self._sets.present[DEFAULT_SET].models:
+            policy = "chains stay as they are sent"
+        elif not self._settings["gate"]:
+            policy = "gate is false: a chain is changed whenever a gain is predicted"
         self.get_logger().info(
             f"refining chains for {robot.name} (domain {domain.name}, ROS domain "
-            f"{self.context.get_domain_id()}); {self._sets.startup_text()}; {self._gate_text()}"
+            f"{self.context.get_domain_id()}); {self._sets.startup_text()}; {policy}"
         )
-
-    def _gate_text(self) -> str:
-        """Return what decides on refinements by the default action set."""
-        read = self._sets.present[DEFAULT_SET]
-        if not read.models:
-            return "chains stay as they are sent"
-        if not self._settings["gate"]:
-            return "gate is false: a chain is changed whenever a gain is predicted"
-        return "a chain is changed where the predicted gain exceeds its uncertainty"
 
     def _gate(self, request: RefineSubgoal.Request, gains: Gains) -> Gate:
         """Return the gate as it is now; some chains that are executed are drawn to measure what it gains."""
@@ -153,34 +149,23 @@ class RefinementNode(Node):
     def _warm_up(self, library: TopLibrary, read: ModelSet) -> None:
         warm_up_refinement(library, self._refiner(read, Gate()))
 
-    def _serve_refinement(self, request: RefineSubgoal.Request, _: Any) -> RefineSubgoal.Response:
-        return self._answered_by(self._refine, request, lambda why: messages.refused(why, request.chain))
-
-    def _serve_plan(self, request: PlanChains.Request, _: Any) -> PlanChains.Response:
-        return self._answered_by(self._plan, request, lambda why: PlanChains.Response(reason=why))
-
-    def _serve_durations(self, request: PredictDurations.Request, _: Any) -> PredictDurations.Response:
-        return self._answered_by(self._predict, request, lambda why: PredictDurations.Response(reason=why))
-
-    def _answered_by(self, answer: Callable[[Any], Any], request: Any, refuse: Callable[[str], Any]) -> Any:
+    def _serve(self, answer: Callable[[Any], Any], request: Any, response: Any) -> Any:
+        """Answer a request, also where it cannot be evaluated."""
         started = time.monotonic()
         try:
             response = answer(request)
         except Exception as error:  # a defect must not end the node
-            response = refuse(self._failure(error))
+            if isinstance(error, MessageError | RefinementError | PlanningError):
+                reason = printable(str(error), _LONGEST_REASON)
+                self.get_logger().warning(f"refused: {reason}", throttle_duration_sec=_WARNING_PERIOD)
+            else:
+                reason = f"internal error: {printable(repr(error), _LONGEST_REASON)}"
+                self.get_logger().error(traceback.format_exc(), throttle_duration_sec=_WARNING_PERIOD)
+            self._last_error = response.reason = reason
+            if isinstance(request, RefineSubgoal.Request):
+                response = messages.refused(reason, request.chain)
         response.computation_time = time.monotonic() - started
         return response
-
-    def _failure(self, error: Exception) -> str:
-        """Log and return why a request has no answer."""
-        if isinstance(error, MessageError | RefinementError | PlanningError):
-            reason = printable(str(error), _LONGEST_REASON)
-            self.get_logger().warning(f"refused: {reason}", throttle_duration_sec=_WARNING_PERIOD)
-        else:
-            reason = f"internal error: {printable(repr(error), _LONGEST_REASON)}"
-            self.get_logger().error(traceback.format_exc(), throttle_duration_sec=_WARNING_PERIOD)
-        self._last_error = reason
-        return reason
 
     def _refine(self, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
         end = time.monotonic() + self._settings["deadline"]

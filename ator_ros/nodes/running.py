@@ -32,9 +32,7 @@ _EXPECTED = (SetupError, ResourceError, ParameterException, NameValidationExcept
 """Errors for the user; rcl's are RuntimeErrors, and rclpy raises ValueError for a parameter []."""
 
 
-def run_node(
-    make: Callable[[], Node], parameters: Sequence[Parameter] = (), args: Sequence[str] | None = None
-) -> None:
+def run_node(make: Callable[[], Node], parameters: Sequence[Parameter], args: Sequence[str] | None) -> None:
     """Make a node and spin it until Ctrl-C or SIGTERM, then end with exit code 0.
 
     The node may have a method `stop`, which is called while it can still publish. Unusable parameters and
@@ -42,11 +40,18 @@ def run_node(
     the documentation of the node and its `parameters`.
     """
     arguments = list(sys.argv if args is None else args)
+    lines = [f"  {p.name:24}{p.description} (default: {p.default!r})" for p in parameters]
+    parser = ArgumentParser(
+        usage="%(prog)s [-h] [--ros-args -p PARAMETER:=VALUE ... -r NAME:=OTHER ...]",
+        description=inspect.getdoc(make),
+        epilog="\n".join(["parameters:", *lines]),
+        formatter_class=RawDescriptionHelpFormatter,
+    )
     stopped: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):  # for good: a second one must not disturb the end
         signal.signal(number, lambda received, _: stopped.append(received))
     try:
-        _command_line(make, parameters).parse_args(remove_ros_args(arguments)[1:])
+        parser.parse_args(remove_ros_args(arguments)[1:])
         stay_on_this_machine(os.environ)
         # rclpy's own handlers would invalidate the context before the robot has been stopped.
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
@@ -77,14 +82,3 @@ def spin_out(node: Node) -> None:
     end = time.monotonic() + _LAST_SPINS
     while time.monotonic() < end:
         executor.spin_once(timeout_sec=0.01)
-
-
-def _command_line(make: Callable[[], Node], parameters: Sequence[Parameter]) -> ArgumentParser:
-    """Return the command line of a node, which takes ROS's own arguments only."""
-    lines = [f"  {p.name:24}{p.description} (default: {p.default!r})" for p in parameters]
-    return ArgumentParser(
-        usage="%(prog)s [-h] [--ros-args -p PARAMETER:=VALUE ... -r NAME:=OTHER ...]",
-        description=inspect.getdoc(make),
-        epilog="\n".join(["parameters:", *lines]) if lines else None,
-        formatter_class=RawDescriptionHelpFormatter,
-    )

@@ -33,7 +33,7 @@ from ator_ros.nodes.parameters import (
     Parameter,
     SetupError,
     declare_with_domain,
-    robot_of,
+    domain_and_robot,
 )
 from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.running import run_node
@@ -237,7 +237,7 @@ class SimulationNode(Node):
 
     def _place_robot(self, number: int, request: PlaceRobot.Request) -> str:
         frame = self._topics[number].frame
-        checks.frame(request.pose.header.frame_id, "pose.header.frame_id", expected=frame)
+        checks.expect_frame(request.pose.header.frame_id, "pose.header.frame_id", expected=frame)
         pose = checks.pose_from(request.pose.pose, "pose.pose")
         self._world.place_robot(pose, number, v=request.v, w=request.w)
         who = self._world.robots[number].name or "robot"
@@ -248,7 +248,7 @@ class SimulationNode(Node):
             self._world.remove_object(name)
             return f"{name} removed"
         frame = self._topics[number].frame
-        checks.frame(request.position.header.frame_id, "position.header.frame_id", expected=frame)
+        checks.expect_frame(request.position.header.frame_id, "position.header.frame_id", expected=frame)
         point, velocity = request.position.point, request.velocity
         self._world.place_object(name, point.x, point.y, vx=velocity.x, vy=velocity.y)
         return f"{name} at x {point.x:.3f} m, y {point.y:.3f} m"
@@ -301,7 +301,7 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
 
 def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
     """Return the world at its start; what its robots observe errs independently. Raises SetupError."""
-    robot, names = robot_of(settings), settings["robots"]
+    (_, robot), names = domain_and_robot(settings), settings["robots"]
     if len(set(names)) < len(names) or not all(is_name(name) for name in names if name or len(names) > 1):
         raise SetupError(
             f"parameter robots: expected different names of letters, digits and _, got {quoted(list(names))}"

@@ -114,7 +114,10 @@ def _fitted(times: Sequence[float], commands: FloatArray, speeds: FloatArray) ->
         return AxisResponse(*values.tolist()).speeds(times, sent) - speeds
 
     top = float(np.abs(speeds).max())
-    rate = max(0.05, _steepest(times, speeds))
+    # The 90th percentile of the change of speed over 0.2 s, in m/s^2 or rad/s^2.
+    pairs = enumerate(np.searchsorted(times, np.add(times, 0.2 - 1e-6)))
+    slopes = [abs(speeds[j] - speeds[i]) / (times[j] - times[i]) for i, j in pairs if j < len(times)]
+    rate = max(0.05, float(np.percentile(slopes, 90)) if slopes else 0.0)
     starts = [
         np.clip([latency, lag, top, rate, rate, 4.0 * rate], np.add(_LOWER, 1e-6), np.subtract(_UPPER, 1e-6))
         for latency, lag in product(_LATENCIES, _LAGS)
@@ -125,14 +128,6 @@ def _fitted(times: Sequence[float], commands: FloatArray, speeds: FloatArray) ->
         for start in starts[:_STARTS]
     ]
     return AxisResponse(*min(fits, key=lambda fit: float(fit.cost)).x.tolist())
-
-
-def _steepest(times: Sequence[float], speeds: FloatArray) -> float:
-    """Return the 90th percentile of the change of speed over 0.2 s, in m/s^2 or rad/s^2."""
-    later = np.searchsorted(times, np.add(times, 0.2 - 1e-6))
-    pairs = [(i, j) for i, j in enumerate(later) if j < len(times)]
-    slopes = [abs(speeds[j] - speeds[i]) / (times[j] - times[i]) for i, j in pairs]
-    return float(np.percentile(slopes, 90)) if slopes else 0.0
 
 
 def _dead_zone(creep: Sequence[tuple[float, float, float]]) -> float:

@@ -86,7 +86,9 @@ class SimulatedBase:
         if speeds != (0.0, 0.0):
             self._held = None
         elif self._held is None:
-            self._held = self._standing_wheels()
+            states = self._bullet.getJointStates(self.body, self._wheels)
+            if all(abs(state[1]) < _BLOCKED_BELOW for state in states):
+                self._held = [state[0] for state in states]
         mode, held = self._bullet.VELOCITY_CONTROL, {}
         if self._held is not None:
             mode = self._bullet.POSITION_CONTROL
@@ -95,12 +97,6 @@ class SimulatedBase:
             self.body, self._wheels, mode, targetVelocities=speeds, forces=self._torques,
             velocityGains=self._gains, **held,
         )  # fmt: skip
-
-    def _standing_wheels(self) -> list[float] | None:
-        """Return the wheels' angles in rad, or None while they turn."""
-        states = self._bullet.getJointStates(self.body, self._wheels)
-        stand = all(abs(state[1]) < _BLOCKED_BELOW for state in states)
-        return [state[0] for state in states] if stand else None
 
     def wheel_angles(self) -> list[float]:
         """Return the angles of the left and the right wheel in rad."""

@@ -178,9 +178,12 @@ class Simulation:
 
     def world(self, *, number: int = 0) -> World:
         """Return the true state: time, a robot, and the objects that are there."""
-        objects = {
-            name: self._object_state(body) for name, body in self._bodies.items() if self._present[name]
-        }
+        objects = {}
+        for name, body in self._bodies.items():
+            if self._present[name]:
+                (x, y, _), _ = self._bullet.getBasePositionAndOrientation(body)
+                (vx, vy, _), _ = self._bullet.getBaseVelocity(body)
+                objects[name] = ObjectState(*self._area.at(x, y)[:2], vx, vy)
         state = self._bases[number].state()
         x, y, yaw = state.pose
         return World(self.time, dataclasses.replace(state, pose=self._area.at(x, y, yaw)), objects)
@@ -188,12 +191,6 @@ class Simulation:
     def wheel_angles(self, number: int = 0) -> list[float]:
         """Return the angles of a robot's left and right wheel in rad."""
         return self._bases[number].wheel_angles()
-
-    def _object_state(self, body: int) -> ObjectState:
-        position, _ = self._bullet.getBasePositionAndOrientation(body)
-        linear, _ = self._bullet.getBaseVelocity(body)
-        x, y, _ = self._area.at(position[0], position[1])
-        return ObjectState(x, y, linear[0], linear[1])
 
     def close(self) -> None:
         """Free the world; it cannot be used afterwards."""

@@ -62,28 +62,20 @@ def _built(robot: Robot) -> tuple[float, float, float, float, float]:
     # In a short body, too, the wheels carry most of the weight, so low that neither stop nor turn tips it.
     caster = _or(given.caster_behind, max(robot.rear - _CASTER, 0.5 * robot.rear))
     behind = min(_CENTER_OF_MASS, _BEHIND_SHARE * caster)
+    # The inertia of usual motors would let a heavy base lag more than described, and throw over a light one.
+    load = robot.mass * robot.wheel_radius**2 / (_USUAL_MASS * _USUAL_RADIUS**2)
+    motor_size = max(1.0, load) if load >= _LIGHT else max(load, (load / _LIGHT) ** 2)
     return (
         _or(given.mass_behind, behind),
         _or(given.mass_height, _HEIGHT * (behind / _CENTER_OF_MASS)),
         caster,
         _or(given.wheel_mass, wheel_mass),
-        _or(given.wheel_inertia, WHEEL_INERTIA * _motor_size(robot)),
+        _or(given.wheel_inertia, WHEEL_INERTIA * motor_size),
     )
 
 
 def _or(given: float | None, derived: float) -> float:
     return derived if given is None else given
-
-
-def _motor_size(robot: Robot) -> float:
-    """Return the inertia of the motors over that of a usual base's.
-
-    Those would let a heavy base lag more than described, and throw over one that is very light.
-    """
-    load = robot.mass * robot.wheel_radius**2 / (_USUAL_MASS * _USUAL_RADIUS**2)
-    if load >= _LIGHT:
-        return max(1.0, load)
-    return max(load, (load / _LIGHT) ** 2)
 
 
 def _fingers(tag: str, holder: Holder | None, front: float, material: str = "") -> str:

@@ -86,19 +86,6 @@ class NodeProcesses:
                     f"the node {name} ended with exit code {process.returncode}: {' | '.join(lines[-5:])}"
                 )
 
-    def stop(self) -> None:
-        """End all in reverse order, as Ctrl-C would, and kill those that do not end."""
-        running = [process for process in reversed(self._processes.values()) if process.poll() is None]
-        for process in running:
-            process.send_signal(signal.SIGINT)
-        end = time.monotonic() + _PATIENCE
-        for process in running:
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(timeout=max(0.0, end - time.monotonic()))
-            process.kill()
-            process.wait()
-        self._processes.clear()
-
     def _log(self, name: str) -> Path:
         return Path(self._logs.name, f"{name.replace('/', '_')[:100]}.log")
 
@@ -106,12 +93,21 @@ class NodeProcesses:
         return self
 
     def __exit__(self, *_: object) -> None:
+        """End all in reverse order, as Ctrl-C would, and kill those that do not end."""
         # A second Ctrl-C, a second SIGTERM (`timeout` sends two) or a closing terminal must not leave a node
         # behind.
         numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
         previous = [signal.signal(number, signal.SIG_IGN) for number in numbers]
         try:
-            self.stop()
+            running = [process for process in reversed(self._processes.values()) if process.poll() is None]
+            for process in running:
+                process.send_signal(signal.SIGINT)
+            end = time.monotonic() + _PATIENCE
+            for process in running:
+                with suppress(subprocess.TimeoutExpired):
+                    process.wait(timeout=max(0.0, end - time.monotonic()))
+                process.kill()
+                process.wait()
             self._logs.cleanup()
         finally:
             for number, handler in zip(numbers, previous, strict=True):

@@ -6,9 +6,8 @@ The same command resumes where it was interrupted.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.study import open_variables, study_page
 from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
 from ator_ros.evaluation.trials import EvaluationError, possible_actions, possible_chain, random_trial
+from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.table import join, read_experience
 from ator_ros.files import load, save, write_text
 from ator_ros.performance.model_file import load_model
@@ -38,48 +38,29 @@ MARGIN = 0.5
 """Time in s: headings predicted to take this much longer than the best are not executed by the oracle."""
 
 
-def study(
-    out: Path,
-    source: ToolsetSource,
-    *,
-    command: str,
-    episodes: int,
-    situations: int,
-    seed: int,
-    chain: str | None,
-    oracle: int,
-) -> None:
-    """Collect, train and evaluate for a robot; write `study.json` and `study.html` to `out`.
+def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
+    """Collect, train and evaluate for a robot; write `study.json` and `study.html` to `--out`.
 
-    Parameters
-    ----------
-    out, source
-        Folder of the study, and what is studied, with the folder of the models that are learned.
-    command : str
-        The command line, for the result.
-    episodes, situations : int
-        Numbers of episodes of each action, and of situations of the evaluation.
-    seed : int
-        Seed of the episodes; fresh episodes and the evaluation use the two seeds after it.
-    chain : str or None
-        The chain of the evaluation, if the robot can execute it.
-    oracle : int
-        Number of headings of the first subgoal that the oracle executes.
+    Fresh episodes and the evaluation use the two seeds after that of the episodes.
     """
-    of_domain, described, action_set = find_domain(source.domain), source.described(), source.action_set
-    actions, left_out = possible_actions(of_domain, action_set, described)
+    out, seed = options.out, options.seed
+    source = replace(source_of(options), models=str(out / "models"))
+    described, action_set = source.described(), source.action_set
+    actions, left_out = possible_actions(domain, action_set, described)
     if not actions:
-        raise EvaluationError("; ".join(dict.fromkeys(left_out.values())) or f"{of_domain.name}: no actions")
+        raise EvaluationError("; ".join(dict.fromkeys(left_out.values())) or f"{domain.name}: no actions")
     for name, reason in left_out.items():
         print(f"study: without {name}: {reason}", file=sys.stderr)
-    sizes = {"episodes": episodes, "situations": situations, "seed": seed, "chain": chain, "oracle": oracle}
-    _begin(out, source, sizes)
+    sizes = {name: getattr(options, name) for name in ("episodes", "situations", "seed", "chain", "oracle")}
+    named = {"robot": described.description_digest(), "domain": source.domain, "action_set": action_set}
     tables = [out / "experience.parquet", out / "fresh.parquet"]
-    for after, table in enumerate(tables):
-        if not table.exists():
-            print(f"study: {table.stem}", flush=True)
-            made = f"collect of study, seed {seed + after}"
-            collect(actions, source, table, command=made, episodes=episodes, seed=seed + after)
+    with PartialResults(out / "study.jsonl", {**named, **sizes}, "a study of the same options") as partial:
+        for after, table in enumerate(tables):
+            if not table.exists():
+                print(f"study: {table.stem}", flush=True)
+                made = f"collect of study, seed {seed + after}"
+                collect(actions, source, table, command=made, episodes=options.episodes, seed=seed + after)
+                partial.append({"table": table.name})
     models = {action: source.folder() / f"{action}.json" for action in actions}
     if not all(file.exists() for file in models.values()):
         print("study: models", flush=True)
@@ -88,27 +69,27 @@ def study(
             Path(source.models),
             command="train of study",
             fresh=tables[1:],
-            domain=of_domain,
+            domain=domain,
             robot=described,
         )
     learned = [name for name, file in models.items() if file.exists()]
-    possible = possible_chain(of_domain, make_library(described, source), chain, learned)
+    possible = possible_chain(domain, make_library(described, source), options.chain, learned)
     evaluation: dict[str, Any] | None = None
     variables: list[dict[str, Any]] = []
     if possible is None:
-        print(f"study: without an evaluation: no chain of {of_domain.name} has only {', '.join(learned)}")
+        print(f"study: without an evaluation: no chain of {domain.name} has only {', '.join(learned)}")
     else:
         folder = out / "evaluation"
         if not (folder / RESULT).exists():
             print("study: evaluation", flush=True)
-            margin = MARGIN if oracle else None
-            evaluated = Settings(seed + 2, possible, POLICIES, oracle, margin, source=source)
-            evaluate(evaluated, folder, command="evaluate of study", situations=situations)
+            margin = MARGIN if options.oracle else None
+            evaluated = Settings(seed + 2, possible, POLICIES, options.oracle, margin, source=source)
+            evaluate(evaluated, folder, command="evaluate of study", situations=options.situations)
         evaluation = load(folder / RESULT, EVALUATION, dict[str, Any])["summary"]
         tools, library = tools_of(source)
         trials = [
-            random_trial(of_domain, possible, library, seed=seed + 2, index=index)
-            for index in range(min(situations, EXPLAINED))
+            random_trial(domain, possible, library, seed=seed + 2, index=index)
+            for index in range(min(options.situations, EXPLAINED))
         ]
         variables = open_variables(tools, trials)
         for each in variables:
@@ -120,7 +101,7 @@ def study(
         "command": command,
         "robot": described.name,
         "robot_digest": described.digest(),
-        "domain": of_domain.name,
+        "domain": domain.name,
         "action_set": action_set,
         "actions": {name: _measured(ends[ends["action"] == name], models[name], source) for name in actions},
         "left_out": left_out,
@@ -131,25 +112,6 @@ def study(
     save(out / "study.json", KIND, result)
     write_text(out / "study.html", study_page(result))
     print(f"wrote {out / 'study.json'} and {out / 'study.html'}")
-
-
-def _begin(out: Path, source: ToolsetSource, sizes: Mapping[str, Any]) -> None:
-    """Check that the folder is empty or belongs to the same study."""
-    file = out / "settings.json"
-    if out.exists() and not out.is_dir():
-        raise EvaluationError(f"--out {out}: expected a folder, got a file")
-    robot = source.described().description_digest()
-    ours = {"robot": robot, "domain": source.domain, "action_set": source.action_set, **sizes}
-    if not os.path.lexists(file):
-        save(file, "study settings", ours)
-        return
-    theirs = load(file, "study settings", dict[str, Any])
-    for name, value in ours.items():
-        if (found := theirs.get(name)) != value:
-            raise EvaluationError(
-                f"{file}: {name}: expected {found!r} as in the folder's study, got {value!r}: "
-                "choose another --out"
-            )
 
 
 def _measured(ends: pd.DataFrame, model: Path, source: ToolsetSource) -> dict[str, Any]:
@@ -192,16 +154,8 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
-    source = replace(source_of(options), models=str(options.out / "models"))
-    study(
-        options.out, source, command=command, episodes=options.episodes, situations=options.situations,
-        seed=options.seed, chain=options.chain, oracle=options.oracle,
-    )  # fmt: skip
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     return run_tool(
-        arguments(), _run, argv, interrupted=RESUMES, needed=False, chain=lambda domain: domain.chains
+        arguments(), study, argv, interrupted=RESUMES, needed=False, chain=lambda domain: domain.chains
     )

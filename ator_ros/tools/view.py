@@ -77,7 +77,7 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
         known = _models(options.models, found, body)
         shown = backends if options.robots else {}
         page = Page(editor, body, robot_urdf(body), known, robots=shown, host=options.host, port=options.port)
-        closing.callback(page.close)
+        closing.callback(page.server.stop)
         address = f"http://{options.host}:{page.server.get_port()}"
         print(f"view: open {address} in a browser; Ctrl-C ends it", flush=True)
         while True:

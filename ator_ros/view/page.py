@@ -81,7 +81,11 @@ class Page:
         self._gui = server.gui
         self._boxes: list[tuple[int, str, Any]] = []
         self._tops: list[str] = []
-        self._add_panel()
+        tabs = self._gui.add_tab_group()
+        with tabs.add_tab("Now"):
+            self._add_fields()
+        with tabs.add_tab("History"):
+            self._history = self._gui.add_markdown("")
         self._edition, self._written = -1, -math.inf
 
     def _moved(self, move: Callable[..., None], *arguments: object) -> None:
@@ -155,21 +159,10 @@ class Page:
         )
         self._trails.draw([planned, *driven])
 
-    def close(self) -> None:
-        """Stop serving."""
-        self.server.stop()
-
     # The panel
 
-    def _add_panel(self) -> None:
-        """Add buttons, fields and texts; each event is queued as a command for the editor's thread."""
-        tabs = self._gui.add_tab_group()
-        with tabs.add_tab("Now"):
-            self._add_fields()
-        with tabs.add_tab("History"):
-            self._history = self._gui.add_markdown("")
-
     def _add_fields(self) -> None:
+        """Add buttons, fields and texts; each event is queued as a command for the editor's thread."""
         gui, editor, robots = self._gui, self._editor, self._robots
         if len(robots) > 1:
             choice = gui.add_dropdown("Robot", tuple(robots))

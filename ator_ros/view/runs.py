@@ -196,12 +196,6 @@ class History:
         if gains:
             mean = f"{np.mean(gains):+.2f} s, mean of {len(gains)}"
             lines += [f"Gain over the naive chain from the same start: {mean}.", ""]
-        known = [record.gain for record, _ in rows if math.isfinite(record.gain.measured)]
-        if known:
-            gain = known[-1]
-            mean = f"{gain.measured:+.2f} s ({gain.measured_low:.2f} to {gain.measured_high:.2f})"
-            chains = f"{gain.refined} refined chains and {gain.compared} as planned"
-            lines += [f"Measured gain per refined chain: {mean} from {chains}.", ""]
         lines += ["| | chain | predicted | actual | gain |", "|---|---|---|---|---|"]
         newest = itertools.islice(reversed(list(enumerate(rows, 1))), _SHOWN)
         return "\n".join([*lines, *(_row(number, *row) for number, row in newest)])

@@ -1,10 +1,9 @@
-"""Maps of buildings: grids of free cells, from files of map_server or from an OccupancyGrid."""
+"""Maps of buildings: grids of free cells, from files of map_server."""
 
 from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,7 +17,6 @@ from ator_ros.schema import SchemaError, Within, require, structured
 
 _LARGEST_YAML = 100_000  # bytes; map_server's have 200
 _MOST_CELLS = 100_000_000  # 500 x 500 m at 5 cm
-_FREE = 25  # percent up to which a cell of an OccupancyGrid is free, as map_saver writes it
 
 
 @dataclass(frozen=True)
@@ -60,16 +58,6 @@ class GridMap:
     resolution: float
     origin: Pose
 
-    def __post_init__(self) -> None:
-        """Check it; raises FileError."""
-        numbers = (self.resolution, *self.origin)
-        if not all(map(math.isfinite, numbers)) or self.resolution <= 0.0:
-            raise FileError(
-                f"{self.name}: expected a finite origin and a resolution above 0 m, got {numbers}"
-            )
-        if not self.free.any():
-            raise FileError(f"{self.name}: expected free cells, got none: check negate and free_thresh")
-
     def __str__(self) -> str:
         """Return name and content in short."""
         numbers = np.array([*self.free.shape, self.resolution, *self.origin])
@@ -80,23 +68,6 @@ class GridMap:
         cos, sin = math.cos(self.origin.yaw), math.sin(self.origin.yaw)
         dx, dy = np.asarray(x) - self.origin.x, np.asarray(y) - self.origin.y
         return (cos * dx + sin * dy) / self.resolution, (cos * dy - sin * dx) / self.resolution
-
-
-def map_of_grid(
-    name: str, width: int, height: int, resolution: float, origin: Pose, data: Sequence[int]
-) -> GridMap:
-    """Return the map in the fields of an OccupancyGrid, row by row: percent, or -1 where unknown.
-
-    Raises
-    ------
-    FileError
-        `data` has another size, or no cell is free.
-    """
-    values = np.asarray(data, dtype=np.int16)
-    if values.size != width * height or not 0 < values.size <= _MOST_CELLS:
-        raise FileError(f"{name}: expected {width} x {height} cells, at most 1e8, got {values.size}")
-    free = (values >= 0) & (values <= _FREE)
-    return GridMap(name, free.reshape(height, width), float(resolution), origin)
 
 
 def load_map(path: Path | str) -> GridMap:
@@ -116,8 +87,10 @@ def load_map(path: Path | str) -> GridMap:
     except SchemaError as error:
         raise FileError(f"{file}: expected a map_server file: {error}") from error
     shade = _image(file.parent / read.image)
-    occupied = shade if read.negate else 1.0 - shade
-    return GridMap(file.name, (occupied < read.free_thresh)[::-1], read.resolution, Pose(*read.origin))
+    free = ((shade if read.negate else 1.0 - shade) < read.free_thresh)[::-1]
+    if not free.any():
+        raise FileError(f"{file.name}: expected free cells, got none: check negate and free_thresh")
+    return GridMap(file.name, free, read.resolution, Pose(*read.origin))
 
 
 def _image(file: Path) -> FloatArray:

@@ -156,9 +156,9 @@ def plain_frame(frame_id: str) -> str:
     return frame_id.removeprefix("/")
 
 
-def frame(frame_id: str, where: str, *, expected: str) -> None:
-    """Raise FrameError unless a frame is the expected one, or empty, which means the same."""
-    if plain_frame(frame_id) not in ("", plain_frame(expected)):
+def expect_frame(frame_id: str, where: str, *, expected: str) -> None:
+    """Raise FrameError unless a frame is the expected one, or empty, which means the same; empty: any."""
+    if expected and plain_frame(frame_id) not in ("", plain_frame(expected)):
         text = f"{where}: expected the frame {quoted(expected)}, got {quoted(frame_id)}"
         raise FrameError(text, got=frame_id)
 
@@ -275,7 +275,7 @@ class OdometryReader:
         The twist is the robot's own, unless `child_frame_id` is the frame of the pose: then it is rotated.
         """
         given = odometry.header.frame_id
-        _expect_frame(given, "odom.header.frame_id", self.frame)
+        expect_frame(given, "odom.header.frame_id", expected=self.frame)
         pose = pose_from(odometry.pose.pose, "odom.pose.pose")
         twist = odometry.twist.twist
         v = velocity(twist.linear.x, "odom.twist.twist.linear.x")
@@ -305,7 +305,7 @@ class ObjectReader:
     def read(self, message: Any) -> tuple[float, ObjectState]:
         """Return time in s and state of the object from a message of the source's type."""
         where, given = self._source.name, message.header.frame_id
-        _expect_frame(given, f"{where}.header.frame_id", self.frame)
+        expect_frame(given, f"{where}.header.frame_id", expected=self.frame)
         time = seconds_from(message.header.stamp, f"{where}.header.stamp")
         pose = message.pose if self._source.type == "PoseStamped" else message.pose.pose
         x = position(pose.position.x, f"{where}.pose: position.x")
@@ -330,7 +330,7 @@ class ObjectReader:
 
 def world_from(situation: Any, *, frame: str = "", where: str = "situation") -> World:
     """Read an ator_interfaces/Situation, which must be in the frame `frame`; empty: in any."""
-    _expect_frame(situation.header.frame_id, f"{where}.header.frame_id", frame)
+    expect_frame(situation.header.frame_id, f"{where}.header.frame_id", expected=frame)
     robot = RobotState(
         pose_from(situation.robot, f"{where}.robot"),
         velocity(situation.v, f"{where}.v"),
@@ -353,11 +353,6 @@ def world_from(situation: Any, *, frame: str = "", where: str = "situation") -> 
     if len(objects) != len(situation.objects):
         raise MessageError(f"{where}.objects: expected each name once, got one twice")
     return World(seconds_from(situation.header.stamp, f"{where}.header.stamp"), robot, objects)
-
-
-def _expect_frame(given: str, where: str, expected: str) -> None:
-    if expected:
-        frame(given, where, expected=expected)
 
 
 def _is_pose_frame(child: str, given: str, expected: str) -> bool:

@@ -13,7 +13,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.trials import random_trial, with_headings
 from ator_ros.geometry import Pose
-from ator_ros.nodes.parameters import robot_of
+from ator_ros.nodes.parameters import domain_and_robot
 from ator_ros.robot.description import ConfigError, Robot, load_robot
 from ator_ros.simulation.run import place
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
@@ -56,7 +56,7 @@ def test_the_simulated_base_has_the_described_lag(robot: Robot) -> None:
 
 @pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.stem)
 def test_nodes_load_each_file_and_a_naive_chain_succeeds(file: Path) -> None:
-    robot = robot_of({"domain": "soccer", "robot": str(file)})
+    _, robot = domain_and_robot({"domain": "soccer", "robot": str(file)})
     assert robot == load_robot(file)
     library = SOCCER.library(robot)
     trial = random_trial(SOCCER, "dribble" if robot.holder else "drive", library, seed=3, index=0)

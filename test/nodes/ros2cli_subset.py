@@ -1,7 +1,7 @@
 """The subset of the `ros2` command line in the documentation, for machines without it.
 
 Options and defaults are those of ros2cli 0.32 and launch_ros 0.26 (Jazzy); messages are printed as YAML, by
-`ator_ros.examples.call`.
+`examples/call.py`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from xml.etree import ElementTree as ET
 
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
-from ator_ros.examples.call import main as call
+sys.path.insert(0, str(Path(__file__).parents[2]))
+from examples.call import main as call
 
 
 def launch(words: list[str]) -> int:

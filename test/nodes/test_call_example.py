@@ -9,10 +9,11 @@ import sys
 
 import pytest
 from conftest import Host, Start
+from documentation import ROOT
 from ros_client import Client
 
 from ator_interfaces.srv import PlaceObject
-from ator_ros.examples.call import CallError, filled
+from examples.call import CallError, filled
 
 pytestmark = pytest.mark.node
 
@@ -22,7 +23,7 @@ EXECUTE = ("execute_chain", "ator_interfaces/action/ExecuteChain", CHAIN)
 
 
 def started(*words: str, domain: int) -> subprocess.Popen[str]:
-    program = [sys.executable, "-m", "ator_ros.examples.call", *words]
+    program = [sys.executable, str(ROOT / "examples" / "call.py"), *words]
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
     return subprocess.Popen(
         program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment

@@ -9,11 +9,11 @@ import sys
 
 import pytest
 from conftest import Start
-from test_readme import README, answered, printed
+from test_readme import README, ROOT, answered, printed
 
 from ator_interfaces.srv import RefineSubgoal
-from ator_ros.examples.call import filled
-from ator_ros.examples.refine_and_execute import request
+from examples.call import filled
+from examples.refine_and_execute import request
 
 
 def test_its_request_has_the_answer_of_the_readme() -> None:
@@ -30,7 +30,7 @@ def test_its_request_has_the_answer_of_the_readme() -> None:
 def test_it_drives_the_simulated_robot(start: Start, domain: int) -> None:
     for name in ("simulation", "refinement", "executor"):
         start(name, **({"real_time_factor": 3.0} if name == "simulation" else {}))
-    words = [sys.executable, "-m", "ator_ros.examples.refine_and_execute"]
+    words = [sys.executable, str(ROOT / "examples" / "refine_and_execute.py")]
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
     ran = subprocess.run(words, capture_output=True, text=True, timeout=180.0, env=environment, check=False)
     assert ran.returncode == 0, ran.stdout + ran.stderr

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from conftest import Start
+from documentation import ROOT
 from refinement_requests import save_small_models
 from ros_client import Client
 
@@ -73,7 +74,7 @@ def test_the_example_executes_the_best_of_the_planned_chains(
     start("refinement", models=tmp_path)
     start("executor", odom_timeout=5.0, start_timeout=60.0, refinement_timeout=30.0)
     client.place(robot=Pose(-1.2, 0.0, 0.0), ball=(0.0, 0.0))
-    words = [sys.executable, "-m", "ator_ros.examples.plan_and_execute", "ball_held"]
+    words = [sys.executable, str(ROOT / "examples" / "plan_and_execute.py"), "ball_held"]
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
     ran = subprocess.run(words, capture_output=True, text=True, timeout=180.0, env=environment, check=False)
     assert ran.returncode == 0, ran.stdout + ran.stderr

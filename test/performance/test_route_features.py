@@ -15,7 +15,7 @@ from ator_ros.execution.fence import Fence
 from ator_ros.experience.table import Experience, ExperienceError, write_experience
 from ator_ros.files import FileError
 from ator_ros.geometry import Pose, wrap_angles
-from ator_ros.nodes.parameters import SetupError, domain_of
+from ator_ros.nodes.parameters import SetupError, domain_and_robot
 from ator_ros.performance.model_file import load_model
 from ator_ros.performance.training import direct_of, train
 from ator_ros.tools import train as tool
@@ -112,7 +112,7 @@ def test_goals_in_obstacles_and_out_of_reach_are_reported(walled: Domain) -> Non
 
 def test_the_parameter_map_of_nodes(tmp_path: Path) -> None:
     settings = {"domain": "tour", "robot": "", "map": str(write_map(tmp_path, hall()))}
-    assert domain_of(settings).routes is not None
-    assert domain_of({**settings, "map": ""}).routes is None
+    assert domain_and_robot(settings)[0].routes is not None
+    assert domain_and_robot({**settings, "map": ""})[0].routes is None
     with pytest.raises(SetupError, match=r"parameter map: .*none\.yaml: expected a readable YAML file"):
-        domain_of({**settings, "map": str(tmp_path / "none.yaml")})
+        domain_and_robot({**settings, "map": str(tmp_path / "none.yaml")})

@@ -145,7 +145,6 @@ DAMAGED = [
     *((f"{tool} --domain odd.yaml", "odd.yaml") for tool in ("plan", "demo")),
     ("evaluate --models models --out out", "models/goToPose.json"),
     ("plan ball_in_goal --object ball 1 0 --models models", "models/goToPose.json"),
-    ("study --out studied", "studied/settings.json"),
 ]
 CONTENTS = [
     bytes(range(256)) * 40,

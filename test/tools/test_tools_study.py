@@ -85,7 +85,7 @@ def test_a_folder_of_another_study_is_rejected(
     studied: Path, robot: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(command(robot, studied, seed="6")) == 1
-    assert "settings.json: seed: expected 5 as in the folder's study, got 6" in capsys.readouterr().err
+    assert "study.jsonl: expected a study of the same options, got others: choose" in capsys.readouterr().err
 
 
 def test_a_study_without_a_chain_is_shown() -> None:
@@ -107,7 +107,7 @@ def test_a_file_in_place_of_the_folder_is_reported(
 ) -> None:
     (tmp_path / "file").touch()
     assert main(["--out", str(tmp_path / "file")]) == 1
-    assert capsys.readouterr().err == f"study: --out {tmp_path / 'file'}: expected a folder, got a file\n"
+    assert f"File exists: '{tmp_path / 'file'}'" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")

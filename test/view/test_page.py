@@ -58,7 +58,7 @@ def shown() -> Iterator[Shown]:
     shown = Shown()
     shown.step()
     yield shown
-    shown.page.close()
+    shown.page.server.stop()
 
 
 def test_two_clients_receive_the_same_and_one_may_vanish(shown: Shown) -> None:

@@ -1,8 +1,7 @@
-"""Maps: what is read from files of map_server and from an OccupancyGrid."""
+"""Maps: what is read from files of map_server."""
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from PIL import Image
 
 from ator_ros.files import FileError
 from ator_ros.geometry import Pose
-from ator_ros.world.grid_map import load_map, map_of_grid
+from ator_ros.world.grid_map import load_map
 
 SHADES = np.array(
     [[254, 205, 0], [254, 254, 100]], dtype=np.uint8
@@ -41,12 +40,6 @@ def test_images_of_all_kinds_are_read(tmp_path: Path, kind: str) -> None:
     assert load_map(file).free.tolist() == FREE
 
 
-def test_an_occupancy_grid_is_read() -> None:
-    read = map_of_grid("/map", 3, 2, 0.1, Pose(1.0, 2.0, math.pi / 2), [0, 25, 26, 100, -1, 0])
-    assert read.free.tolist() == [[True, True, False], [False, False, True]]
-    assert np.allclose(read.cells(0.9, 2.05), (0.5, 1.0))  # the rows run along y
-
-
 @pytest.mark.parametrize(
     ("fields", "text"),
     [
@@ -61,8 +54,3 @@ def test_an_occupancy_grid_is_read() -> None:
 def test_what_cannot_be_used_is_named(tmp_path: Path, fields: dict[str, Any], text: str) -> None:
     with pytest.raises(FileError, match=text):
         load_map(write_map(tmp_path, hall(), **fields))
-
-
-def test_a_grid_of_another_size_is_rejected() -> None:
-    with pytest.raises(FileError, match=r"/map: expected 3 x 2 cells, at most 1e8, got 5"):
-        map_of_grid("/map", 3, 2, 0.1, Pose(0.0, 0.0, 0.0), [0] * 5)

@@ -1,7 +1,7 @@
 """A client of your own: ask for the chains that reach a goal, have the best executed.
 
     ros2 launch ator_ros ator.launch.xml
-    python3 -m ator_ros.examples.plan_and_execute ball_in_goal
+    python3 examples/plan_and_execute.py ball_in_goal
 
 The nodes must run. The program needs rclpy, the interfaces and the example `refine_and_execute`, and nothing
 else of ator_ros.
@@ -15,11 +15,11 @@ from typing import Any
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.wait_for_message import wait_for_message
+from refine_and_execute import answered, executed, run
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ObjectState, Outcome, PlanGoal, Situation
 from ator_interfaces.srv import PlanChains
-from ator_ros.examples.refine_and_execute import answered, executed, run
 
 _PATIENCE = 120.0  # s
 

@@ -1,9 +1,9 @@
 """Call a service, send a goal to an action, or echo a topic, where the command `ros2` is not installed.
 
-    python3 -m ator_ros.examples.call /reset std_srvs/srv/Trigger
-    python3 -m ator_ros.examples.call /pause std_srvs/srv/SetBool "{data: true}"
-    python3 -m ator_ros.examples.call /execute_chain ator_interfaces/action/ExecuteChain "{refine: true, ...}"
-    python3 -m ator_ros.examples.call echo /performance/chain
+    python3 examples/call.py /reset std_srvs/srv/Trigger
+    python3 examples/call.py /pause std_srvs/srv/SetBool "{data: true}"
+    python3 examples/call.py /execute_chain ator_interfaces/action/ExecuteChain "{refine: true, ...}"
+    python3 examples/call.py echo /performance/chain
 
 The values are YAML; fields that are not named keep their defaults. With --feedback, the feedback of a goal is
 printed as it comes. Ctrl-C cancels the goal. The program needs only rclpy, PyYAML and the interfaces.

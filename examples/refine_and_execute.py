@@ -1,10 +1,10 @@
 """A client of your own: have a chain refined, look at the answer, have it executed.
 
     ros2 launch ator_ros ator.launch.xml
-    python3 -m ator_ros.examples.refine_and_execute
+    python3 examples/refine_and_execute.py
 
 The nodes must run. The program needs rclpy and the interfaces, and nothing else of ator_ros. Before it runs
-again, put everything back: `python3 -m ator_ros.examples.call /reset std_srvs/srv/Trigger`.
+again, put everything back: `python3 examples/call.py /reset std_srvs/srv/Trigger`.
 """
 
 from __future__ import annotations
