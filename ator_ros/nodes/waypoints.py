@@ -41,7 +41,6 @@ from ator_ros.nodes.parameters import (
     fence_of,
     robot_of,
 )
-from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.remote_messages import action_type
 from ator_ros.nodes.running import run_node, spin_out
 from ator_ros.printable import printable, quoted
@@ -59,13 +58,12 @@ _LONGEST_REASON = 500
 _FREE = frozenset({"yaw"})
 _PREEMPTED = "a newer goal took over"
 
-# Error codes and states of Nav2 since Kilted; Jazzy names only some of them.
-_NONE = 0
+# Error codes of Nav2 since Kilted, of which Jazzy names only some; 0 means none.
 _UNKNOWN, _NO_WAYPOINTS, _STOPPED = 600, 602, 603  # of FollowWaypoints
 _UNKNOWN_OF_ONE, _TF_OF_ONE = 9000, 9002  # of NavigateToPose, for a missed waypoint
 _OF_POSES = 100  # by which the codes of NavigateThroughPoses are greater than those of NavigateToPose
 _NO_TREE = 9101
-_PENDING, _COMPLETED, _FAILED = 0, 1, 3
+_FAILED = 3  # a WaypointStatus; those of other poses are 0, pending, and 1, completed
 
 ACTIONS = {"FollowWaypoints": "~/follow_waypoints", "NavigateThroughPoses": "~/navigate_through_poses"}
 PARAMETERS = (
@@ -110,8 +108,8 @@ class Tour:
         self.position = goal.goal_index if self.loops else 0
         self.end = len(self.poses) * (1 + goal.number_of_loops if self.loops else 1)
         self._missed: list[tuple[int, int, str]] = []
-        self._began = self._pace = math.nan
-        """Start in s by odometry's stamps, and predicted s per m of straight lines in the chain."""
+        self._began = math.nan  # s, by odometry's stamps
+        self._pace = 0.0  # predicted s per m of the chain's straight lines, for the chains after it
         self._answer: Future | None = None
         self._chain: Any = None
 
@@ -137,7 +135,7 @@ class Tour:
 
     def send(self, chains: ActionClient, chain: ChainMessage, report: Callable[[Any], None]) -> Future:
         """Send the next chain; return the future of its result."""
-        self._answer, self._chain, self._pace = Future(), None, math.nan
+        self._answer, self._chain = Future(), None
         sent = chains.send_goal_async(ExecuteChain.Goal(chain=chain, refine=True), report)
         sent.add_done_callback(partial(self._accepted, self._answer))
         return self._answer
@@ -167,12 +165,12 @@ class Tour:
     # Feedback and result
 
     def publish_feedback(
-        self, predicted: float, last: int, now: float, robot: RobotState, frame_id: str
+        self, predicted: float, positions: Sequence[int], now: float, robot: RobotState, frame_id: str
     ) -> None:
         """Publish the waypoint that the robot drives to, and what remains.
 
-        `predicted` are the s that remain of the chain, NaN if unknown, and `last` is its last position; `now`
-        is the stamp of `robot` in s.
+        `predicted` are the s that remain of the chain, NaN if unknown, `positions` its positions, and `now` is
+        the stamp of `robot` in s.
         """
         if self.loops:
             self.handle.publish_feedback(self._kind.Feedback(current_waypoint=self.index(self.position)))
@@ -180,11 +178,11 @@ class Tour:
         self._began = now if math.isnan(self._began) else self._began
         places = [robot.pose, *(self.goals[each] for each in range(self.position, self.end))]
         legs = [first.distance(second) for first, second in pairwise(places)]
-        steps = last + 1 - self.position
+        steps = positions[-1] + 1 - self.position
         chain, later = sum(legs[:steps]), sum(legs[steps:])
-        if math.isnan(self._pace) and chain > 0.0:
+        if self.position == positions[0] and chain > 0.0:
             self._pace = predicted / chain
-        remaining = predicted + (self._pace * later if later else 0.0)
+        remaining = predicted + self._pace * later
         feedback = self._kind.Feedback(
             navigation_time=_duration(now - self._began),
             estimated_time_remaining=_duration(remaining if math.isfinite(remaining) else 0.0),
@@ -212,26 +210,28 @@ class Tour:
         return result
 
     def _missed_waypoint(self, index: int, code: int, reason: str) -> Any:
-        nav2 = importlib.import_module("nav2_msgs.msg")
+        nav2, pose = importlib.import_module("nav2_msgs.msg"), self.poses[index]
         if hasattr(nav2, "MissedWaypoint"):  # Jazzy
-            return nav2.MissedWaypoint(index=index, goal=self.poses[index], error_code=code)
-        status = self._status(index, _FAILED)
-        status.error_code, status.error_msg = code, reason
-        return status
-
-    def _status(self, index: int, state: int) -> Any:
-        kind = importlib.import_module("nav2_msgs.msg").WaypointStatus
-        return kind(waypoint_index=index, waypoint_pose=self.poses[index], waypoint_status=state)
+            return nav2.MissedWaypoint(index=index, goal=pose, error_code=code)
+        return nav2.WaypointStatus(
+            waypoint_status=_FAILED,
+            waypoint_index=index,
+            waypoint_pose=pose,
+            error_code=code,
+            error_msg=reason,
+        )
 
     def _write_statuses(self, message: Any) -> None:
         """Write the state of each pose, where messages have it: since Kilted."""
-        if hasattr(message, "waypoint_statuses"):
-            failed = {index for index, *_ in self._missed}
-            states = [
-                _FAILED if index in failed else _COMPLETED if index < self.position else _PENDING
-                for index in range(self.end)
-            ]
-            message.waypoint_statuses = list(map(self._status, range(self.end), states))
+        if not hasattr(message, "waypoint_statuses"):
+            return
+        status = importlib.import_module("nav2_msgs.msg").WaypointStatus
+        failed = {index: self._missed_waypoint(index, *why) for index, *why in self._missed}
+        message.waypoint_statuses = [
+            failed.get(index)
+            or status(waypoint_status=int(index < self.position), waypoint_index=index, waypoint_pose=pose)
+            for index, pose in enumerate(self.poses)
+        ]
 
 
 def _duration(seconds: float) -> Duration:
@@ -266,9 +266,7 @@ class WaypointsNode(Node):
         top = driving_top(self._library)
         if top is None:
             raise SetupError(f"domain {domain.name}: expected a TOP that only drives to a pose, found none")
-        kinds = [
-            action_type(f"nav2_msgs/action/{name}") for name in ("FollowWaypoints", "NavigateThroughPoses")
-        ]
+        kinds = [action_type(f"nav2_msgs/action/{name}") for name in ACTIONS]
         self._top, self._frame = top, settings["frame"]
         self._tour: Tour | None = None
         self._waiting: list[Future] = []
@@ -285,9 +283,6 @@ class WaypointsNode(Node):
                 self, kind, name, partial(self._execute, kind),
                 goal_callback=lambda _: GoalResponse.REJECT if self._shutting_down else GoalResponse.ACCEPT,
                 cancel_callback=self._cancel,
-                goal_service_qos_profile=SERVICES,
-                result_service_qos_profile=SERVICES,
-                cancel_service_qos_profile=SERVICES,
             )
             for kind, name in zip(kinds, ACTIONS.values(), strict=True)
         ]  # fmt: skip
@@ -355,7 +350,7 @@ class WaypointsNode(Node):
                 self._warn(str(error))
                 tour.miss(index, str(error), _TF_OF_ONE if isinstance(error, FrameError) else _UNKNOWN_OF_ONE)
         if len(tour.goals) == len(driven) or (tour.goals and self._goes_on(tour)):
-            return _NONE, ""
+            return 0, ""
         return tour.failure(_STOPPED if tour.goals else _NO_WAYPOINTS)
 
     def _goes_on(self, tour: Tour) -> bool:
@@ -412,7 +407,7 @@ class WaypointsNode(Node):
             if tour is not self._tour:
                 return unknown, _PREEMPTED
             if tour.handle.is_cancel_requested:
-                return _NONE, "canceled by the client"
+                return 0, "canceled by the client"
             reached = [each.step for each in result.record.actions if each.outcome.code == Outcome.SUCCEEDED]
             tour.position = positions[min(max(reached, default=-1) + 1, len(positions) - 1)]
             index, outcome = tour.index(tour.position), result.outcome
@@ -422,14 +417,14 @@ class WaypointsNode(Node):
             if outcome.code != Outcome.FAILED or not self._goes_on(tour):
                 return tour.failure(_STOPPED)
             tour.position += 1
-        return _NONE, ""
+        return 0, ""
 
     def _report(self, tour: Tour, positions: Sequence[int], message: Any) -> None:
         """Publish feedback for that of the executor."""
         if tour is self._tour and tour.handle.is_active and self._state is not None:
             tour.position = positions[min(message.feedback.step, len(positions) - 1)]
             predicted = message.feedback.predicted_remaining
-            tour.publish_feedback(predicted, positions[-1], *self._state, self._frame)
+            tour.publish_feedback(predicted, positions, *self._state, self._frame)
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         if self._tour is not None and self._tour.handle is handle:
