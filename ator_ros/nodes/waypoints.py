@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
-from itertools import pairwise
 from typing import Any
 
 from builtin_interfaces.msg import Duration
@@ -44,26 +43,24 @@ from ator_ros.nodes.parameters import (
 from ator_ros.nodes.remote_messages import action_type
 from ator_ros.nodes.running import run_node, spin_out
 from ator_ros.printable import printable, quoted
-from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import driving_top
 from ator_ros.world.messages import FrameError, MessageError, frame, plain_frame, pose_from
 from ator_ros.world.state import RobotState
 
+_MOST_STEPS = 8  # of a chain; refinement's deadline ends its search in longer ones, whose gain is then less
 _PERIOD = 0.1  # real s between two checks of what is awaited
 _TF_PATIENCE = 1.0  # real s until the frame of a pose counts as unknown
 _SERVER_PATIENCE = 3.0  # real s until the executor counts as missing; DDS may still be connecting it
 _WARNING_PERIOD = 2.0
 _LONGEST_REASON = 500
 _FREE = frozenset({"yaw"})
-_PREEMPTED = "a newer goal took over"
 
 # Error codes of Nav2 since Kilted, of which Jazzy names only some; 0 means none.
 _UNKNOWN, _NO_WAYPOINTS, _STOPPED = 600, 602, 603  # of FollowWaypoints
 _UNKNOWN_OF_ONE, _TF_OF_ONE = 9000, 9002  # of NavigateToPose, for a missed waypoint
-_OF_POSES = 100  # by which the codes of NavigateThroughPoses are greater than those of NavigateToPose
-_NO_TREE = 9101
-_FAILED = 3  # a WaypointStatus; those of other poses are 0, pending, and 1, completed
+_UNKNOWN_OF_ALL, _NO_TREE, _TF_OF_ALL = 9100, 9101, 9102  # of NavigateThroughPoses
+_FAILED = 3  # a WaypointStatus; 0 means pending, 1 completed
 
 ACTIONS = {"FollowWaypoints": "~/follow_waypoints", "NavigateThroughPoses": "~/navigate_through_poses"}
 PARAMETERS = (
@@ -110,7 +107,7 @@ class Tour:
         self._missed: list[tuple[int, int, str]] = []
         self._began = math.nan  # s, by odometry's stamps
         self._pace = 0.0  # predicted s per m of the chain's straight lines, for the chains after it
-        self._answer: Future | None = None
+        self._answer = Future()
         self._chain: Any = None
 
     def index(self, position: int) -> int:
@@ -120,16 +117,13 @@ class Tour:
     def upcoming(self) -> list[int]:
         """Return the positions of the next chain; none at the end."""
         ahead = (each for each in range(self.position, self.end) if self.index(each) in self.goals)
-        return list(itertools.islice(ahead, LONGEST_CHAIN)) if self.goals else []
+        return list(itertools.islice(ahead, _MOST_STEPS))
 
-    def miss(self, index: int, reason: str, code: int = _UNKNOWN_OF_ONE) -> None:
-        """Record that a waypoint cannot be driven to, or was not reached."""
-        self._missed.append((index, code, printable(reason, _LONGEST_REASON)))
-
-    def failure(self, code: int) -> tuple[int, str]:
-        """Return error code and reason of the last missed waypoint; `code` is that of FollowWaypoints."""
-        _, of_one, reason = self._missed[-1]
-        return code if self.loops else of_one + _OF_POSES, reason
+    def miss(self, index: int, reason: str, *, frame: bool = False) -> tuple[int, str]:
+        """Record a missed waypoint; return error code and reason if that ends the goal."""
+        reason = printable(reason, _LONGEST_REASON)
+        self._missed.append((index, _TF_OF_ONE if frame else _UNKNOWN_OF_ONE, reason))
+        return _STOPPED if self.loops else _TF_OF_ALL if frame else _UNKNOWN_OF_ALL, reason
 
     # The chain that is executed
 
@@ -158,39 +152,38 @@ class Tour:
 
     def give_up(self, code: int, reason: str) -> None:
         """Cancel the chain if it has not ended, and take this for its result."""
-        if self._answer is not None and not self._answer.done():
+        if not self._answer.done():
             self.cancel()
             self._answer.set_result(ExecuteChain.Result(outcome=Outcome(code=code, reason=reason)))
 
     # Feedback and result
 
     def publish_feedback(
-        self, predicted: float, positions: Sequence[int], now: float, robot: RobotState, frame_id: str
+        self, predicted: float, positions: Sequence[int], now: float, pose: Pose, frame_id: str
     ) -> None:
         """Publish the waypoint that the robot drives to, and what remains.
 
-        `predicted` are the s that remain of the chain, NaN if unknown, `positions` its positions, and `now` is
-        the stamp of `robot` in s.
+        Of the chain with these `positions`, `predicted` s remain, NaN if unknown. `now` is the stamp of the
+        robot's `pose` in s.
         """
         if self.loops:
             self.handle.publish_feedback(self._kind.Feedback(current_waypoint=self.index(self.position)))
             return
         self._began = now if math.isnan(self._began) else self._began
-        places = [robot.pose, *(self.goals[each] for each in range(self.position, self.end))]
-        legs = [first.distance(second) for first, second in pairwise(places)]
+        places = [pose, *(self.goals[each] for each in range(self.position, self.end))]
+        legs = [start.distance(end) for start, end in itertools.pairwise(places)]
         steps = positions[-1] + 1 - self.position
         chain, later = sum(legs[:steps]), sum(legs[steps:])
         if self.position == positions[0] and chain > 0.0:
             self._pace = predicted / chain
-        remaining = predicted + self._pace * later
         feedback = self._kind.Feedback(
             navigation_time=_duration(now - self._began),
-            estimated_time_remaining=_duration(remaining if math.isfinite(remaining) else 0.0),
-            distance_remaining=sum(legs),
+            estimated_time_remaining=_duration(predicted + self._pace * later),
+            distance_remaining=chain + later,
             number_of_poses_remaining=len(legs),
         )
         feedback.current_pose.header.stamp, feedback.current_pose.header.frame_id = stamp_of(now), frame_id
-        feedback.current_pose.pose = pose_of(robot.pose)
+        feedback.current_pose.pose = pose_of(pose)
         self._write_statuses(feedback)
         self.handle.publish_feedback(feedback)
 
@@ -213,20 +206,16 @@ class Tour:
         nav2, pose = importlib.import_module("nav2_msgs.msg"), self.poses[index]
         if hasattr(nav2, "MissedWaypoint"):  # Jazzy
             return nav2.MissedWaypoint(index=index, goal=pose, error_code=code)
-        return nav2.WaypointStatus(
-            waypoint_status=_FAILED,
-            waypoint_index=index,
-            waypoint_pose=pose,
-            error_code=code,
-            error_msg=reason,
-        )
+        status = nav2.WaypointStatus(waypoint_status=_FAILED, waypoint_index=index, waypoint_pose=pose)
+        status.error_code, status.error_msg = code, reason
+        return status
 
     def _write_statuses(self, message: Any) -> None:
         """Write the state of each pose, where messages have it: since Kilted."""
         if not hasattr(message, "waypoint_statuses"):
             return
         status = importlib.import_module("nav2_msgs.msg").WaypointStatus
-        failed = {index: self._missed_waypoint(index, *why) for index, *why in self._missed}
+        failed = {missed[0]: self._missed_waypoint(*missed) for missed in self._missed}
         message.waypoint_statuses = [
             failed.get(index)
             or status(waypoint_status=int(index < self.position), waypoint_index=index, waypoint_pose=pose)
@@ -235,25 +224,26 @@ class Tour:
 
 
 def _duration(seconds: float) -> Duration:
-    stamp = stamp_of(max(0.0, seconds))
+    """Write a duration; 0 if it is unknown."""
+    stamp = stamp_of(seconds if seconds > 0.0 else 0.0)
     return Duration(sec=stamp.sec, nanosec=stamp.nanosec)
 
 
 class WaypointsNode(Node):
     """Drives along waypoints as Nav2 does, with headings that refinement chooses.
 
-    The poses of a goal become a chain of the domain's TOP that drives to a pose, or several chains of at most
-    32 steps. Headings are free, but those of `keep_headings` and that of the last pose.
+    The poses of a goal become chains of the domain's TOP that drives to a pose, of at most 8 steps each.
+    Headings are free, but those of `keep_headings` and that of the last pose.
 
     Parameters: see `PARAMETERS`; `keep_headings` and `stop_on_failure` can change while it runs.
 
     Action servers
         ~/follow_waypoints (nav2_msgs/FollowWaypoints), ~/navigate_through_poses
         (nav2_msgs/NavigateThroughPoses): one goal at a time; a newer one that can be used preempts it. Poses
-        are in any frame that tf connects with `frame`. Poses that are malformed, in unknown frames or outside
-        the fence are missed waypoints before the robot moves.
+        are in any frame that tf connects with `frame`. Those that are malformed, in unknown frames or outside
+        the fence are missed before the robot moves.
     Subscribes to
-        odom (nav_msgs/Odometry), or /tf and /tf_static, for feedback.
+        odom (nav_msgs/Odometry), or /tf and /tf_static: for feedback, and poses in other frames.
     Calls
         execute_chain (ator_interfaces/ExecuteChain).
     """
@@ -261,16 +251,16 @@ class WaypointsNode(Node):
     def __init__(self) -> None:
         super().__init__("waypoints", automatically_declare_parameters_from_overrides=True)
         self._settings = settings = declare_parameters(self, PARAMETERS)
+        kinds = [action_type(f"nav2_msgs/action/{name}") for name in ACTIONS]
         self._robot, domain = robot_of(settings), domain_of(settings)
         self._library, self._fence = domain.library(self._robot), fence_of(settings, self._robot, domain)
         top = driving_top(self._library)
         if top is None:
             raise SetupError(f"domain {domain.name}: expected a TOP that only drives to a pose, found none")
-        kinds = [action_type(f"nav2_msgs/action/{name}") for name in ACTIONS]
         self._top, self._frame = top, settings["frame"]
         self._tour: Tour | None = None
         self._waiting: list[Future] = []
-        self._state: tuple[float, RobotState] | None = None
+        self._here: tuple[float, Pose] | None = None  # stamp in s, and pose of the robot
         self._shutting_down = False
         subscribed = Subscriptions(
             self, settings, self._robot, (),
@@ -293,7 +283,7 @@ class WaypointsNode(Node):
         )
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
-        self._state = stamp, robot
+        self._here = stamp, robot.pose
 
     def _warn(self, text: str) -> None:
         self.get_logger().warning(text, throttle_duration_sec=_WARNING_PERIOD)
@@ -318,12 +308,10 @@ class WaypointsNode(Node):
         code, reason = await self._read(tour)
         if not reason:
             former, self._tour = self._tour, tour
-            try:
-                code, reason = await self._follow(tour)
-            finally:
-                self._tour = None if self._tour is tour else self._tour
-                if former is not None:
-                    former.cancel()  # its chain goes on if the executor refused the one that replaces it
+            code, reason = await self._follow(tour)
+            self._tour = None if self._tour is tour else self._tour
+            if former is not None:
+                former.cancel()  # its chain goes on if the executor refused the one that replaces it
         self.get_logger().info(f"goal ended: {reason or 'all waypoints done'}")
         return tour.ended(code, reason)
 
@@ -335,23 +323,20 @@ class WaypointsNode(Node):
         if getattr(request, "behavior_tree", ""):
             return _NO_TREE, f"behavior_tree: expected none, got {quoted(request.behavior_tree)}"
         if tour.position >= count:
-            code = _NO_WAYPOINTS if tour.loops else _UNKNOWN_OF_ONE + _OF_POSES
+            code = _NO_WAYPOINTS if tour.loops else _UNKNOWN_OF_ALL
             return code, f"poses: expected more than {tour.position}, got {count}"
-        driven = sorted(
-            {tour.index(each) for each in range(tour.position, min(tour.end, tour.position + count))}
-        )
+        driven = {tour.index(each) for each in range(tour.position, min(tour.end, tour.position + count))}
         with suppress(MessageError):  # reading the pose reports it
             frames = {tour.poses[index].header.frame_id for index in driven}
             await self._until(lambda: all(map(self._is_known, frames)), _TF_PATIENCE)
-        for index in driven:
+        end = 0, ""
+        for index in sorted(driven):
             try:
                 tour.goals[index] = self._goal(tour.poses[index], f"poses[{index}]")
             except MessageError as error:
                 self._warn(str(error))
-                tour.miss(index, str(error), _TF_OF_ONE if isinstance(error, FrameError) else _UNKNOWN_OF_ONE)
-        if len(tour.goals) == len(driven) or (tour.goals and self._goes_on(tour)):
-            return 0, ""
-        return tour.failure(_STOPPED if tour.goals else _NO_WAYPOINTS)
+                end = tour.miss(index, str(error), frame=isinstance(error, FrameError))
+        return (0, "") if tour.goals and self._goes_on(tour) else end
 
     def _goes_on(self, tour: Tour) -> bool:
         """Return whether a tour goes on after a missed waypoint."""
@@ -363,14 +348,11 @@ class WaypointsNode(Node):
 
     def _goal(self, stamped: PoseStamped, where: str) -> Pose:
         """Read a pose into the node's frame; raises MessageError, also if it lies outside the fence."""
-        pose, origin = (
-            pose_from(stamped.pose, f"{where}.pose"),
-            self._tf.base(self._frame, stamped.header.frame_id),
-        )
-        if origin is None:
-            frame(stamped.header.frame_id, f"{where}.header.frame_id", expected=self._frame)
-        else:
+        pose, other = pose_from(stamped.pose, f"{where}.pose"), stamped.header.frame_id
+        if (origin := self._tf.base(self._frame, other)) is not None:
             pose = origin.compose(pose)
+        else:
+            frame(other, f"{where}.header.frame_id", expected=self._frame)
         violation = self._fence.violation(TopChain((self._call(pose),)), self._robot, where)
         if violation is not None:
             raise MessageError(violation)
@@ -380,21 +362,18 @@ class WaypointsNode(Node):
         return TopCall(self._top, self._library.goal(self._top, pose), _FREE if free else frozenset())
 
     def _chain(self, tour: Tour, positions: Sequence[int]) -> ChainMessage:
-        count = len(tour.poses)
+        count, calls = len(tour.poses), []
         kept = {each % count for each in self._settings["keep_headings"] if -count <= each < count}
-        calls = (
-            self._call(
-                tour.goals[tour.index(each)], free=each != tour.end - 1 and tour.index(each) not in kept
-            )
-            for each in positions
-        )
+        for each in positions:
+            index = tour.index(each)
+            calls.append(self._call(tour.goals[index], free=index not in kept and each < tour.end - 1))
         return chain_of(TopChain(tuple(calls)), action_set="", frame=self._frame)
 
     # Execution
 
     async def _follow(self, tour: Tour) -> tuple[int, str]:
         """Have the tour executed; return error code and reason if it was not, else no reason."""
-        unknown = _UNKNOWN if tour.loops else _UNKNOWN_OF_ONE + _OF_POSES
+        unknown = _UNKNOWN if tour.loops else _UNKNOWN_OF_ALL
         while positions := tour.upcoming():
             if not await self._until(self._chains.server_is_ready, _SERVER_PATIENCE):
                 return unknown, "expected the action execute_chain, it is not there"
@@ -405,26 +384,26 @@ class WaypointsNode(Node):
                     tour.position = positions[-1] + 1
                     continue
             if tour is not self._tour:
-                return unknown, _PREEMPTED
+                return unknown, "a newer goal took over"
             if tour.handle.is_cancel_requested:
                 return 0, "canceled by the client"
-            reached = [each.step for each in result.record.actions if each.outcome.code == Outcome.SUCCEEDED]
-            tour.position = positions[min(max(reached, default=-1) + 1, len(positions) - 1)]
-            index, outcome = tour.index(tour.position), result.outcome
+            outcome, actions = result.outcome, result.record.actions
             if outcome.code == Outcome.REFUSED:
                 return unknown, printable(outcome.reason, _LONGEST_REASON)
-            tour.miss(index, f"poses[{index}]: {outcome.reason}")
+            reached = [each.step for each in actions if each.outcome.code == Outcome.SUCCEEDED]
+            tour.position = positions[min(max(reached, default=-1) + 1, len(positions) - 1)]
+            index = tour.index(tour.position)
+            end = tour.miss(index, f"poses[{index}]: {outcome.reason}")
             if outcome.code != Outcome.FAILED or not self._goes_on(tour):
-                return tour.failure(_STOPPED)
+                return end
             tour.position += 1
         return 0, ""
 
     def _report(self, tour: Tour, positions: Sequence[int], message: Any) -> None:
         """Publish feedback for that of the executor."""
-        if tour is self._tour and tour.handle.is_active and self._state is not None:
+        if tour is self._tour and tour.handle.is_active and self._here is not None:
             tour.position = positions[min(message.feedback.step, len(positions) - 1)]
-            predicted = message.feedback.predicted_remaining
-            tour.publish_feedback(predicted, positions, *self._state, self._frame)
+            tour.publish_feedback(message.feedback.predicted_remaining, positions, *self._here, self._frame)
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         if self._tour is not None and self._tour.handle is handle:

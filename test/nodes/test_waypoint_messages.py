@@ -42,8 +42,7 @@ def later(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_each_pose_has_a_status() -> None:
     through = tour(SimpleNamespace(poses=Goals(goals=POSES)), waypoint_statuses=[])
     through.position = 1
-    through.miss(1, "blocked")
-    code, reason = through.failure(0)
+    code, reason = through.miss(1, "blocked")
     statuses = through.ended(code, reason).waypoint_statuses
     assert (code, through.handle.state) == (9100, "aborted")
     assert [each.waypoint_status for each in statuses] == [1, 3, 0]
