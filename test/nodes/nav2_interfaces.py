@@ -6,6 +6,7 @@ import ctypes
 import hashlib
 import importlib.util
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -89,3 +90,4 @@ def _build(prefix: Path) -> None:
         done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=1200)
         assert done.returncode == 0, done.stdout + done.stderr
     (work / "made").rename(prefix)
+    shutil.rmtree(work)

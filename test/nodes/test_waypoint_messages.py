@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import importlib.util
 import sys
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from conftest import Start
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Goals
 
@@ -55,3 +57,11 @@ def test_a_missed_waypoint_has_a_reason() -> None:
     (missed,) = follow.ended(0, "").missed_waypoints
     assert follow.handle.state == "succeeded"
     assert (missed.waypoint_index, missed.waypoint_status, missed.error_msg) == (2, 3, "blocked")
+
+
+@pytest.mark.skipif(importlib.util.find_spec("nav2_msgs") is not None, reason="nav2_msgs is installed")
+def test_without_nav2_msgs_the_node_ends_with_one_line(start: Start) -> None:
+    node = start("waypoints")
+    assert node.wait() == 1
+    (line,) = node.output.splitlines()
+    assert "expected nav2_msgs/action/FollowWaypoints to be installed, as by `apt install" in line
