@@ -74,7 +74,7 @@ PARAMETERS = (
     Parameter(
         "keep_headings",
         [-1],
-        "indices of waypoints that keep their heading, from the end if negative; the end of a tour always does",
+        "indices of waypoints that keep their heading, below 0 from the end; the end of a tour always does",
         live=True,
     ),
     Parameter("stop_on_failure", True, "whether follow_waypoints ends at the first missed one", live=True),
