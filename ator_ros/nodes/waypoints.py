@@ -174,7 +174,9 @@ class Tour:
         legs = [start.distance(end) for start, end in itertools.pairwise(places)]
         steps = positions[-1] + 1 - self.position
         chain, later = sum(legs[:steps]), sum(legs[steps:])
-        if self.position == positions[0] and chain > 0.0:
+        if math.isnan(predicted):
+            predicted = self._pace * chain
+        elif self.position == positions[0] and chain > 0.0:
             self._pace = predicted / chain
         feedback = self._kind.Feedback(
             navigation_time=_duration(now - self._began),
@@ -224,8 +226,7 @@ class Tour:
 
 
 def _duration(seconds: float) -> Duration:
-    """Write a duration; 0 if it is unknown."""
-    stamp = stamp_of(seconds if seconds > 0.0 else 0.0)
+    stamp = stamp_of(max(0.0, seconds))
     return Duration(sec=stamp.sec, nanosec=stamp.nanosec)
 
 
@@ -403,7 +404,9 @@ class WaypointsNode(Node):
         """Publish feedback for that of the executor."""
         if tour is self._tour and tour.handle.is_active and self._here is not None:
             tour.position = positions[min(message.feedback.step, len(positions) - 1)]
-            tour.publish_feedback(message.feedback.predicted_remaining, positions, *self._here, self._frame)
+            begun = message.feedback.elapsed > 0.0  # until then it predicts the chain as sent
+            predicted = message.feedback.predicted_remaining if begun else math.nan
+            tour.publish_feedback(predicted, positions, *self._here, self._frame)
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         if self._tour is not None and self._tour.handle is handle:

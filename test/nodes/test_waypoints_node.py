@@ -146,6 +146,7 @@ def test_poses_are_navigated_through_with_times_from_the_models(navigator: Navig
     last = sent.feedback[-1]
     took = seconds(last.navigation_time) - seconds(first.navigation_time)
     assert seconds(first.estimated_time_remaining) == pytest.approx(took, rel=0.25)
+    assert max(seconds(each.estimated_time_remaining) for each in sent.feedback) < 1.25 * (took + 5.0)
     legs = [start.distance(end) for start, end in pairwise(poses)]
     assert first.distance_remaining == pytest.approx(sum(legs), abs=0.3)
     assert last.distance_remaining < 0.3
