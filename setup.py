@@ -8,7 +8,7 @@ PACKAGE = "ator_ros"
 DATA_FOLDERS = ("config", "launch", "models", "rviz", "security", "urdf")
 EXECUTABLES = {
     "examples": ("drive_to_server", "pursuit_server"),
-    "nodes": ("simulation", "executor", "refinement", "learning", "goal_pose"),
+    "nodes": ("simulation", "executor", "refinement", "learning", "goal_pose", "waypoints"),
     "tools": ("collect", "train", "evaluate", "calibrate", "study", "demo", "view", "plan"),
 }
 DOMAINS = {

@@ -33,7 +33,7 @@ class RemoteInterface:
     """
 
     def __init__(self, call: RemoteCall, frame: str) -> None:
-        self.kind = _action_type(call.type)
+        self.kind = action_type(call.type)
         self._writers = [
             (filling.field, _writer(filling, self.kind.Goal, frame, f"goal[{number}]"))
             for number, filling in enumerate(call.goal)
@@ -52,7 +52,7 @@ class RemoteInterface:
         return message
 
 
-def _action_type(name: str) -> Any:
+def action_type(name: str) -> Any:
     """Import an action type, as nav2_msgs/action/NavigateToPose."""
     package, folder, kind = name.split("/")
     try:

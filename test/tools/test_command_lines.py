@@ -70,7 +70,7 @@ def test_invalid_arguments_are_rejected_before_the_work(
     assert {file.name for file in tmp_path.iterdir()} == {"file", "bare.yaml"}
 
 
-NODES = ("simulation", "executor", "refinement", "learning", "goal_pose")
+NODES = ("simulation", "executor", "refinement", "learning", "goal_pose", "waypoints")
 HELP = """
 import importlib, sys
 for module in sys.argv[1:]:

@@ -1,0 +1,93 @@
+"""The types of nav2_msgs that the node `waypoints` needs, with the fields of Jazzy, where ROS has none."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from documentation import ROOT
+
+FILES = {
+    "msg/MissedWaypoint.msg": "uint32 index\ngeometry_msgs/PoseStamped goal\nuint16 error_code\n",
+    "action/FollowWaypoints.action": """
+uint32 number_of_loops
+uint32 goal_index 0
+geometry_msgs/PoseStamped[] poses
+---
+uint16 NONE=0
+uint16 UNKNOWN=600
+uint16 TASK_EXECUTOR_FAILED=601
+MissedWaypoint[] missed_waypoints
+uint16 error_code
+string error_msg
+---
+uint32 current_waypoint
+""",
+    "action/NavigateThroughPoses.action": """
+geometry_msgs/PoseStamped[] poses
+string behavior_tree
+---
+uint16 NONE=0
+uint16 error_code
+string error_msg
+---
+geometry_msgs/PoseStamped current_pose
+builtin_interfaces/Duration navigation_time
+builtin_interfaces/Duration estimated_time_remaining
+int16 number_of_recoveries
+float32 distance_remaining
+int16 number_of_poses_remaining
+""",
+    "CMakeLists.txt": """
+cmake_minimum_required(VERSION 3.20)
+project(nav2_msgs)
+find_package(ament_cmake REQUIRED)
+find_package(rosidl_default_generators REQUIRED)
+find_package(geometry_msgs REQUIRED)
+rosidl_generate_interfaces(nav2_msgs msg/MissedWaypoint.msg action/FollowWaypoints.action
+  action/NavigateThroughPoses.action DEPENDENCIES builtin_interfaces geometry_msgs)
+ament_package()
+""",
+}
+
+
+def provide_nav2_msgs(patch: pytest.MonkeyPatch) -> None:
+    """Make nav2_msgs importable here and in processes; build it in build/ where ROS has none."""
+    if importlib.util.find_spec("nav2_msgs") is not None:
+        return
+    digest = hashlib.sha256(repr((FILES, sys.version)).encode()).hexdigest()[:12]
+    prefix = ROOT / "build" / "for_tests" / f"nav2_msgs-{digest}"
+    if not prefix.is_dir():
+        _build(prefix)
+    (packages,) = prefix.glob("lib/python3*/site-packages")
+    for name, folder in (("LD_LIBRARY_PATH", prefix / "lib"), ("PYTHONPATH", packages)):
+        patch.setenv(name, f"{folder}:{os.environ.get(name, '')}")
+    patch.setenv("AMENT_PREFIX_PATH", f"{os.environ['AMENT_PREFIX_PATH']}:{prefix}")
+    patch.syspath_prepend(str(packages))
+    for library in sorted((prefix / "lib").glob("lib*.so")):  # this process has read LD_LIBRARY_PATH already
+        ctypes.CDLL(str(library))
+
+
+def _build(prefix: Path) -> None:
+    work = prefix.with_suffix(f".{os.getpid()}")
+    package = (ROOT / "scripts" / "tf2_msgs" / "package.xml").read_text(encoding="utf-8")
+    for name, text in {**FILES, "package.xml": package.replace("tf2_msgs", "nav2_msgs")}.items():
+        (work / "src" / name).parent.mkdir(parents=True, exist_ok=True)
+        (work / "src" / name).write_text(text, encoding="utf-8")
+    found = "-DCMAKE_INSTALL_RPATH=$ORIGIN:$ORIGIN/../../.."
+    for words in (
+        ["cmake", "-S", work / "src", "-B", work / "build", f"-DCMAKE_INSTALL_PREFIX={work / 'made'}", found],
+        ["cmake", "--build", work / "build", f"-j{os.cpu_count()}"],
+        ["cmake", "--install", work / "build"],
+    ):
+        done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=1200)
+        assert done.returncode == 0, done.stdout + done.stderr
+    (work / "made").rename(prefix)
+    shutil.rmtree(work)
