@@ -1,7 +1,5 @@
 """Configuration and fixtures of all tests."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Iterator
 

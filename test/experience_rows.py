@@ -1,7 +1,5 @@
 """Synthetic experience for tests: durations follow a simple law, without a simulator."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Damaged or excessive files are read, or rejected with an error of this package."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math

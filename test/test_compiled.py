@@ -1,7 +1,5 @@
 """Compiled functions."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Domains as YAML files: declarations are used, errors are reported with their location."""
 
-from __future__ import annotations
-
 import copy
 import math
 from pathlib import Path

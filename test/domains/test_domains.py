@@ -1,7 +1,5 @@
 """Domains: found by entry point name and complete, otherwise rejected with one sentence."""
 
-from __future__ import annotations
-
 import dataclasses
 from importlib.metadata import EntryPoint
 from pathlib import Path

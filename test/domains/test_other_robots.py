@@ -1,7 +1,5 @@
 """Robots other than the Pioneer: shipped descriptions, actions and simulation."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

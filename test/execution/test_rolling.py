@@ -1,7 +1,5 @@
 """Rolling balls: chains refined during execution, and estimation of the deceleration."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,18 +1,18 @@
 """The search for paths: each leads to its goal and takes the time that is said, and none is missed."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
-from robots import OTHERS, PIONEER
+from robots import OTHERS, PIONEER, PLAIN
 
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.motion.durations import change_distance, rates_of, turn_time
 from ator_ros.motion.manoeuvre import Manoeuvre, Side, close, pose_after_turn
 from ator_ros.motion.paths import Ends, entries_of, exits_of, find_paths
+from ator_ros.motion.shapes import Rules, drawn_ends, fastest_paths, shape_set
 from ator_ros.motion.trajectory import Trajectory
+from ator_ros.performance.driving import free_shapes, plain_driving
 from ator_ros.robot.description import Limits, Robot
 
 START = Pose(0.5, -1.0, 2.0)
@@ -103,3 +103,15 @@ def test_paths_drive_forward_and_take_no_longer_where_that_is_asked() -> None:
         assert set() < drives_forward <= set(forward.times) <= set(free.times[suffices])
         few = find_paths(START, goal, entries, exits, limits, most=7)
         assert few.times.tolist() == free.times[:7].tolist()
+
+
+@pytest.mark.parametrize("robot", [PIONEER, PLAIN, OTHERS[-1]], ids=lambda robot: robot.name)
+def test_chosen_paths_are_nearly_as_fast_as_all_of_the_grid(robot: Robot) -> None:
+    limits = robot.limits
+    grid = shape_set([[shape] for shape in free_shapes(limits)], Rules(rates_of(limits)))
+    chosen = plain_driving(robot).drive_paths
+    far = np.array([[3.0, 1.0], [0.0, 0.0], [0.0, 0.0], [0.0, limits.v], [limits.v, 0.0]])
+    drawn = drawn_ends(far, 150, np.random.default_rng(1))
+    mine, best = (fastest_paths(drawn, some, hold=robot.hold)[0] for some in (chosen, grid))
+    assert np.isfinite(mine).all()
+    assert float(np.mean(mine) / np.mean(np.minimum(mine, best))) < 1.02

@@ -1,7 +1,5 @@
 """Fixtures of the node tests: a separate ROS domain for every test, processes on it, and a client."""
 
-from __future__ import annotations
-
 import gc
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
@@ -21,9 +19,10 @@ Host = Callable[..., Hosted]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark tests that start processes."""
+    """Mark tests with nodes."""
     for item in items:
-        if "start" in getattr(item, "fixturenames", ()):
+        ours = item.path.is_relative_to(Path(__file__).parent)
+        if ours and {"domain", "shared"} & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.node)
 
 

@@ -1,7 +1,5 @@
 """Reports of the nodes about the robot's description and the performance models."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 
@@ -74,7 +72,6 @@ def test_a_missing_folder_of_models_is_a_warning(host: Host, tmp_path: Path, nam
 
 @pytest.fixture
 def slow_robot(tmp_path: Path) -> Path:
-    """Return the file of a robot that differs from the shipped one in its maximum speed."""
     text = Path(resource_path("config", "pioneer.yaml")).read_text(encoding="utf-8")
     assert text.count("v: 1.2 ") == 1
     file = tmp_path / "slow.yaml"

@@ -1,14 +1,10 @@
 """The rate of simulated time in the `simulation` node, and its waiting for commands."""
 
-from __future__ import annotations
-
 import time
 
 import pytest
 from conftest import Host
 from ros_client import Client
-
-pytestmark = pytest.mark.node
 
 
 def test_the_real_time_factor_can_be_changed_at_runtime(host: Host, client: Client) -> None:

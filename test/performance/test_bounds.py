@@ -1,7 +1,5 @@
 """No input makes compiled code access memory beyond its arrays."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The model tree learner: accuracy, invalid parameters, and scikit-learn compatibility."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

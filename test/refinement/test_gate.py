@@ -1,7 +1,5 @@
 """The gate: it compares a predicted gain with what the models err by."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """Requests outside the experience of the performance models: reported, and not refined."""
 
-from __future__ import annotations
-
 from ator_ros.actions.base import Goal, Point
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL

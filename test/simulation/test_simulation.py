@@ -1,7 +1,5 @@
 """The core of the simulator."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

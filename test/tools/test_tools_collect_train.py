@@ -1,7 +1,5 @@
 """The command lines of collect and train, from experience to rules."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import math
@@ -20,7 +18,7 @@ import pytest
 from experience_rows import synthetic_experience
 from selection import few
 
-from ator_ros.experience.parallel import run_tasks, workers
+from ator_ros.experience.parallel import BackendError, run_tasks, workers
 from ator_ros.experience.table import Experience, read_experience, write_experience
 from ator_ros.robot.description import load_robot
 from ator_ros.tools import collect, evaluate, train
@@ -56,6 +54,12 @@ def test_collect_writes_the_same_table_for_any_number_of_workers(tmp_path: Path)
     assert one.metadata["seed"] == 9
     assert one.metadata["robot_digest"] == ROBOT.digest()
     assert one.frame.groupby("action")["episode"].nunique().to_dict() == {"dribbleBall": 2, "goToPose": 2}
+
+
+def test_an_invalid_cluster_is_rejected() -> None:
+    expected = "cluster: expected a dask scheduler as in tcp://host:8786, got 'nowhere'"
+    with pytest.raises(BackendError, match=expected), workers(2, "nowhere"):
+        pass
 
 
 def test_collect_keeps_finished_episodes_if_a_worker_is_killed(

@@ -1,7 +1,5 @@
 """State estimation of objects and robots from noisy, incomplete or contradictory messages."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

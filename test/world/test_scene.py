@@ -1,7 +1,5 @@
 """Scenes: objects of domains, and their simulation."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -19,7 +17,6 @@ CUP = RoundObject(radius=0.05, mass=0.2, rolling_deceleration=1.0, restitution=0
 
 
 def within(**changes: object) -> Robot:
-    """Return the shipped robot in a changed scene."""
     return dataclasses.replace(ROBOT, scene=dataclasses.replace(ROBOT.scene, **changes))  # type: ignore[arg-type]
 
 

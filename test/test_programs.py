@@ -1,6 +1,4 @@
-"""The example in which two robots decide who goes to the ball."""
-
-from __future__ import annotations
+"""Programs beside the package: figures, benchmarks, and two robots that decide who goes to the ball."""
 
 import importlib.util
 import subprocess
@@ -9,6 +7,24 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+
+from benchmarks import speed
+from scripts import figures
+
+
+def test_both_figures_are_drawn(tmp_path: Path) -> None:
+    assert figures.main(["--action-set", "bezier", "--out", str(tmp_path)]) == 0
+    assert "angle_at_dest (degree)" in (tmp_path / "figure4_bezier.svg").read_text()
+    assert "together" in (tmp_path / "figure6_bezier.svg").read_text()
+
+
+@pytest.mark.parametrize("part", speed.PARTS)
+def test_each_part_of_the_speed_is_measured(part: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert speed.main([part, "--requests", "1"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) >= 2
+    assert all(line.startswith((part, "longest tick")) for line in lines)
+
 
 FILE = Path(__file__).parents[1] / "examples" / "who_goes_to_the_ball.py"
 
