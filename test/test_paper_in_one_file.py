@@ -54,11 +54,11 @@ def learned(rows: pd.DataFrame) -> example.Node:
 
 
 def differences(experience: Mapping[str, pd.DataFrame]) -> FloatArray:
-    """Return by how much naive and refined headings (rad) differ from the product's, shape (100, 2)."""
+    """Return by how much naive and refined headings (rad) differ from the product's, shape (40, 2)."""
     refiner = Refiner(ROBOT, {a: train(a, rows, ROBOT, features=PAPER_11) for a, rows in experience.items()})
     models = {action: learned(rows) for action, rows in experience.items()}
     found = []
-    for index in range(100):
+    for index in range(40):
         trial = random_trial(SOCCER, "dribble", LIBRARY, seed=77, index=index)
         task = example.Task(trial.world, *(call.goal for call in trial.chain.calls))
         naive = refiner.naive(trial.world, trial.chain)

@@ -8,7 +8,6 @@ import pytest
 from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_ros.files import FileError
 from ator_ros.learning.gains import GAINS, ChainGain, Gains, add_chain, chain_gain, read_gains
-from ator_ros.learning.sets import digest_of_start
 from ator_ros.refinement.gate import Gate
 
 
@@ -52,16 +51,6 @@ def test_gains_are_kept_by_set_and_a_damaged_file_is_reported(tmp_path: Path) ->
     (tmp_path / GAINS).write_text('{"format": "ator_ros gains of refinement"', encoding="utf-8")
     with pytest.raises(FileError, match=GAINS):
         read_gains(tmp_path, "a")
-
-
-def test_the_models_of_the_start_are_known_by_their_own_files(tmp_path: Path) -> None:
-    (tmp_path / "goToPose.json").write_text("{}", encoding="utf-8")
-    digest = digest_of_start(tmp_path, ["default", "bezier"])
-    (tmp_path / "learned").mkdir()
-    add_chain(tmp_path / "learned", Gains(digest), ChainGain(True, 0.5, 0.1))
-    assert digest_of_start(tmp_path, ["default", "bezier"]) == digest
-    (tmp_path / "shoot.json").symlink_to(tmp_path / "missing")
-    assert digest_of_start(tmp_path, ["default"]) == ""
 
 
 def test_only_chains_that_ran_as_predicted_count() -> None:

@@ -80,11 +80,8 @@ def test_the_gate_can_be_disabled_at_runtime(host: Host, client: Client, tmp_pat
         assert refine(client, request).refined is not gate
 
 
-def test_the_failure_cost_is_the_parameter_unless_requested(
-    host: Host, client: Client, tmp_path: Path
-) -> None:
-    save_small_models(tmp_path)
-    host("refinement", models=tmp_path, deadline=20.0)
+def test_the_failure_cost_is_the_parameter_unless_requested(host: Host, client: Client, models: Path) -> None:
+    host("refinement", models=models, deadline=20.0)
     request = request_of_the_paper(yaw=3.0)
     request.objective.success = 100.0
     by_request = refine(client, request).cost_before

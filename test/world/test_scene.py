@@ -37,11 +37,6 @@ def test_the_size_of_the_description_overrides_the_domain() -> None:
     assert DELIVERY.equip(within(objects={"parcel": measured})).scene.objects == {"parcel": measured}
 
 
-def test_a_domain_without_a_ball_has_no_ball_to_stop_for() -> None:
-    with Simulation(DELIVERY.equip(ROBOT)) as simulation:
-        assert simulation.world().objects == {}
-
-
 def test_objects_are_pushed_and_roll_by_their_size() -> None:
     with Simulation(within(objects={"cup": CUP, "parcel": PARCEL})) as simulation:
         simulation.place_objects({"cup": ObjectState(0.5, 0.0), "parcel": ObjectState(0.0, 1.5, 0.8, 0.0)})
