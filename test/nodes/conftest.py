@@ -42,21 +42,14 @@ def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.Tes
     return report
 
 
-@pytest.fixture(autouse=True)
-def no_participant_is_left() -> Iterator[None]:
-    """Collect the nodes of this process that are in reference cycles, as those with action clients are.
-
-    Each is a DDS participant that keeps its number, and those from 32 on are not found by others.
-    """
-    yield
-    gc.collect()
-
-
 @pytest.fixture
 def domain() -> Iterator[int]:
     """Yield a ROS domain that no other test uses at the same time, in this run or another."""
     with free_domain() as number:
         yield number
+    # Nodes in reference cycles, as those with action clients are, are DDS participants that keep their
+    # numbers, and those from 32 on are not found by others.
+    gc.collect()
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ ROBOTS: dict[str, dict[str, dict[str, float]]] = {
         "executor": {"odom_timeout": 5.0, "refinement_timeout": 10.0},
         "refinement": {},
     },
-    "bob": {"simulation": {"real_time_factor": 2.0}, "executor": {"odom_timeout": 5.0}},
+    "bob": {"simulation": {}, "executor": {"odom_timeout": 5.0}},
 }
 POLICY = read_policy(share_folder() / "security" / "ator_ros.policy.xml")
 EVERYWHERE = {"/parameter_events", "/rosout"}

@@ -72,7 +72,9 @@ def test_a_goal_in_another_frame_is_transformed(host: Host, client: Client, base
     host("executor", **SETTINGS)
     goal = call("goToPose", Pose(0.6, 0.2, 0.5))
     goal.goal.header.frame_id = "/odom"
-    result = ChainClient(client).send([goal]).result()
+    chains = ChainClient(client)
+    chains.send([call("goToPose", base.in_map)]).result()  # it waits for the first transforms
+    result = chains.send([goal]).result()
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
     assert base.pose.distance(Pose(0.6, 0.2, 0.5)) < 0.04
     assert result.record.chain.calls[0].goal.header.frame_id == "map"
