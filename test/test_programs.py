@@ -1,14 +1,13 @@
 """Programs beside the package: figures, benchmarks, and two robots that decide who goes to the ball."""
 
-import importlib.util
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 from benchmarks import speed
+from examples import who_goes_to_the_ball
 from scripts import figures
 
 
@@ -26,27 +25,15 @@ def test_each_part_of_the_speed_is_measured(part: str, capsys: pytest.CaptureFix
     assert all(line.startswith((part, "longest tick")) for line in lines)
 
 
-FILE = Path(__file__).parents[1] / "examples" / "who_goes_to_the_ball.py"
-
-
-@pytest.fixture(scope="module")
-def example() -> ModuleType:
-    spec = importlib.util.spec_from_file_location(FILE.stem, FILE)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_both_decisions_are_compared() -> None:
-    command = [sys.executable, str(FILE), "--situations", "4"]
+    command = [sys.executable, who_goes_to_the_ball.__file__, "--situations", "4"]
     lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
     assert "of 4 situations in which both robots get to the ball" in lines[0]
     assert [line.partition(":")[0] for line in lines[1:]] == ["by distance", "by predicted time"]
 
 
-def test_the_robot_that_goes_is_kept_unless_another_is_clearly_faster(example: ModuleType) -> None:
-    assert example.who_goes([3.0, 2.9], [0.1, 0.1]) == 1
-    assert example.who_goes([3.0, 2.9], [0.1, 0.1], now=0) == 0
-    assert example.who_goes([3.0, 2.8], [0.1, 0.1], now=0) == 1
+def test_the_robot_that_goes_is_kept_unless_another_is_clearly_faster() -> None:
+    who_goes = who_goes_to_the_ball.who_goes
+    assert who_goes([3.0, 2.9], [0.1, 0.1]) == 1
+    assert who_goes([3.0, 2.9], [0.1, 0.1], now=0) == 0
+    assert who_goes([3.0, 2.8], [0.1, 0.1], now=0) == 1

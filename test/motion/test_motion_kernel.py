@@ -31,14 +31,6 @@ def test_turns_have_the_duration_of_their_rate(robot: Robot) -> None:
     assert max(rate) <= limits.w + 1e-12
 
 
-@every_robot
-def test_straight_drives_take_the_time_of_their_parts(robot: Robot) -> None:
-    limits = robot.holder_for("a test").limits
-    drives = drawn_drives(limits)
-    times = durations.drive_time(*drives.T, limits)
-    assert sum(durations.drive_parts(*drives.T, limits)[:3]) == pytest.approx(times, abs=1e-12)
-
-
 @pytest.mark.parametrize(("a", "brake"), [(0.25, 0.3), (0.8, 0.8), (0.9, 0.4)])
 def test_drives_respect_the_accelerations_and_cover_the_distance(a: float, brake: float) -> None:
     limits = Limits(v=1.2, w=1.5, a=a, brake=brake, aw=1.3)

@@ -25,12 +25,6 @@ def drive(ticks: int, *, ball: ObjectState | None = None, start: float = 0.0) ->
     ]
 
 
-def test_without_errors_the_true_state_is_observed() -> None:
-    sensors = Sensors(SensorConfig())
-    for world in drive(50, ball=ObjectState(1.0, 2.0, 0.5, -0.5)):
-        assert sensors.observe(world) == world
-
-
 def test_odometry_drifts_with_the_root_of_the_distance() -> None:
     config = SensorConfig(drift=0.02, heading_drift=0.01)
     ends = []
