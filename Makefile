@@ -25,8 +25,8 @@ run: setup
 		{ echo "EXE=$(EXE): expected one of: $$(ls $(BIN) | tr '\n' ' ')" >&2; exit 2; }
 	@$(RUN) $(BIN)/$(EXE) $(ARGS)
 
-# In the order of the files: those that start nodes come first, as they take the longest. Bytecode is kept,
-# whatever the shell says, for the processes that are started over and over.
+# Each file on one worker, in the order that test/conftest.py sets. Bytecode is kept, whatever the shell says, for
+# the processes that are started over and over.
 test: setup
 	@PYTHONDONTWRITEBYTECODE= $(RUN) python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not long' $(ARGS)
 

@@ -1,7 +1,5 @@
 """Recordings made for tests: their types, drives, and records of the executor."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -1,11 +1,12 @@
 """Configuration and fixtures of all tests."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Iterator
 
 import pytest
+
+_LONG = ("learning", "tools", "test")
+"""Folders of files that take long."""
 
 
 def pytest_configure() -> None:
@@ -16,6 +17,19 @@ def pytest_configure() -> None:
     for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, handler)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mix files with nodes, which often wait, and others, those with long tests first.
+
+    So two workers seldom start nodes at the same time, and they end at about the same time.
+    """
+    files = sorted(dict.fromkeys(item.path for item in items), key=lambda file: file.parent.name not in _LONG)
+    place = {}
+    for nodes in (True, False):
+        part = [file for file in files if (file.parent.name == "nodes") is nodes]
+        place |= {file: (at + 0.5) / len(part) for at, file in enumerate(part)}
+    items.sort(key=lambda item: place[item.path])
 
 
 @pytest.fixture(autouse=True)

@@ -1,7 +1,5 @@
 """The commands that README.md, CONTRIBUTING.md and docs/ print."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from importlib.metadata import entry_points

@@ -1,7 +1,5 @@
 """A domain as a YAML file, for tests of valid and invalid domain files."""
 
-from __future__ import annotations
-
 import copy
 from pathlib import Path
 from typing import Any
@@ -62,6 +60,17 @@ def file_of(folder: Path, data: object) -> Path:
     file = folder / "tour.yaml"
     file.write_text(data if isinstance(data, str) else yaml.dump(data, Dumper=_Plain), encoding="utf-8")
     return file
+
+
+def visiting(cart: dict[str, Any], target: str) -> dict[str, Any]:
+    """Return a domain in which the only TOP drives to the `target`, goal or cart; `cart` is its source."""
+    post = [{"variable": f"robot.{x}", "target": f"{target}.{x}", "tolerance": 0.1} for x in "xy"]
+    return {
+        "name": "errands",
+        "objects": [{"name": "cart", **cart}],
+        "tops": [{"name": "visit", "action": "goToPose", "post": post}],
+        "actions": [{"name": "goToPose", "local": {"domain": "soccer"}}],
+    }
 
 
 def changed(path: str, value: object) -> dict[str, Any]:

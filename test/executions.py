@@ -1,7 +1,5 @@
 """Chains, worlds and executions for the tests of the executor node's core."""
 
-from __future__ import annotations
-
 from ator_ros.actions.base import Goal
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import objects_of

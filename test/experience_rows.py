@@ -1,7 +1,5 @@
 """Synthetic experience for tests: durations follow a simple law, without a simulator."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping
@@ -16,6 +14,8 @@ from ator_ros.geometry import wrap_angles
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import train
 from ator_ros.robot.description import Robot
+
+_MODELS: dict[tuple[str, str], PerformanceModel] = {}
 
 
 def synthetic_experience(action: str, *, episodes: int = 300, seed: int = 1) -> pd.DataFrame:
@@ -38,7 +38,11 @@ def synthetic_experience(action: str, *, episodes: int = 300, seed: int = 1) -> 
 
 def synthetic_model(action: str, robot: Robot) -> PerformanceModel:
     """Return a model learned from synthetic experience, with the shipped candidate features."""
-    return train(action, synthetic_experience(action), robot, features=SOCCER.candidates(action))
+    key = action, robot.digest()
+    if key not in _MODELS:
+        rows = synthetic_experience(action)
+        _MODELS[key] = train(action, rows, robot, features=SOCCER.candidates(action))
+    return _MODELS[key]
 
 
 def uncertain(model: PerformanceModel) -> PerformanceModel:

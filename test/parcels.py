@@ -1,7 +1,5 @@
 """A small domain for tests: a robot transports between two objects, without ball or field."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -20,8 +18,6 @@ from ator_ros.world.state import ObjectState, RobotState, World
 
 
 class Carry(TurnDriveTurn):
-    """Turns, drives, turns."""
-
     name = "carry"
 
 
@@ -34,7 +30,6 @@ CARRY = Top(
 
 
 def place(rng: np.random.Generator) -> Pose:
-    """Draw a pose in the middle of the floor."""
     return Pose(*(float(rng.uniform(-most, most)) for most in (1.0, 1.0, math.pi)))
 
 

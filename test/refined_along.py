@@ -3,8 +3,6 @@
 An instance replaces the chain executor in `ator_ros.evaluation.chain_run.run_chain`.
 """
 
-from __future__ import annotations
-
 from executions import execution
 
 from ator_ros.actions.base import Status, Step
@@ -46,12 +44,10 @@ class RefinedAlong:
 
     @property
     def again(self) -> int:
-        """Number of answers that changed the chain after its start."""
         return self._supervisor.refining.refined_again
 
     @property
     def records(self) -> list[ActionRecord]:
-        """The actions that have ended."""
         return self._supervisor.executor.records
 
     def step(self, world: World) -> Step:
@@ -69,7 +65,6 @@ class RefinedAlong:
         return Step(command, status, run.reason)
 
     def break_off(self, world: World, ending: Ending, why: str) -> None:
-        """End the active action, if any."""
         self._supervisor.end(ending, why)
 
     def _answer(self) -> None:

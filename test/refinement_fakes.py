@@ -1,7 +1,5 @@
 """Small analytic performance models and chains for the tests of refinement and evaluation."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Mapping
@@ -65,7 +63,6 @@ SHOOT_USED = USED - {"xg", "yg", "yawg", "speedg"}
 
 
 def models(used: frozenset[str] = USED) -> dict[str, FakeModel]:
-    """Return a fake model for each action."""
     fake = {name: FakeModel(turning_time, used) for name in ("goToPose", "dribbleBall")}
     return fake | {"shoot": FakeModel(turning_time, used & SHOOT_USED)}
 

@@ -1,7 +1,5 @@
 """Robots other than the Pioneer, for tests of values derived from a description."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Any
@@ -28,7 +26,6 @@ OTHERS = (SLOW, HEAVY, QUICK, FIFTH)
 
 
 def loaded(data: dict[str, Any], folder: Path) -> Robot:
-    """Return the robot of a description file with this content."""
     file = folder / "own.yaml"
     file.write_text(yaml.safe_dump(data), encoding="utf-8")
     return load_robot(file)

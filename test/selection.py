@@ -1,7 +1,5 @@
 """Selection of test cases for the default suite."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Synthetic episodes and learning rounds for tests; durations follow a simple law."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -59,7 +57,6 @@ def episodes(
 
 
 def stored(folder: Path, *streams: Iterator[Episode], most: int = 20_000) -> RecordStore:
-    """Return a store with the episodes."""
     store = RecordStore(folder, INFO, most=most)
     for stream in streams:
         for episode in stream:

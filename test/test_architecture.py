@@ -1,7 +1,5 @@
 """The layers: imports point down, and only nodes and what uses them depend on ROS."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

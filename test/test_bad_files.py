@@ -1,7 +1,5 @@
 """Damaged or excessive files are read, or rejected with an error of this package."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math
@@ -179,9 +177,3 @@ def test_invalid_robots_are_rejected_in_one_line(text: str, message: str, tmp_pa
     assert message in str(refusal.value)
     assert len(str(refusal.value)) < 1000
     assert len(str(refusal.value).splitlines()) <= 4  # a YAML error shows where
-
-
-def test_a_description_may_state_its_format_and_version(tmp_path: Path) -> None:
-    file = tmp_path / "robot.yaml"
-    file.write_text("format: ator_ros robot\nschema_version: 1\n" + PIONEER, encoding="utf-8")
-    assert load_robot(file) == ROBOT

@@ -1,7 +1,5 @@
 """Every command in the documentation is executed by a test, or listed here with a reason."""
 
-from __future__ import annotations
-
 import functools
 import json
 import os
@@ -12,8 +10,11 @@ import subprocess
 import time
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from documentation import PAGES, ROOT, TOOLS, Printed, commands
+
+from ator_ros.experience.table import read_experience
 
 BIN = ROOT / "install" / "lib" / "ator_ros"
 SMALL = {
@@ -27,7 +28,7 @@ SMALL = {
 _VIEW = "nodes/test_view_node.py"
 _ROS = "nodes/test_documented_commands.py"
 BY_TEST = {
-    r"make demo": "test_documentation.py::test_the_demo_runs",
+    r"make demo": "nodes/test_demo_node.py::test_it_prints_the_gain",
     r"(PARTS=\w+ )?make reproduce": "test_documentation.py::test_all_results_can_be_reproduced",
     r"(ros2 run ator_ros )?calibrate( .*)?": "nodes/test_calibrate_node.py::test_a_description_is_written",
     r"(ros2 run ator_ros )?study .*": "tools/test_tools_study.py::test_a_study_reports_actions_and_ref",
@@ -38,8 +39,8 @@ BY_TEST = {
     r"make clean": "test_documentation.py::test_clean_leaves_the_sources",
     r"\. scripts/env\.sh": "test_environment.py::test_a_second_checkout_replaces_the_first",
     r"scripts/run COMMAND …": "test_environment.py::test_a_command_keeps_its_exit_code",
-    r"make bench": "test_benchmarks.py::test_each_part_of_the_speed_is_measured",
-    r"python scripts/figures\.py": "test_figures.py::test_both_figures_are_drawn",
+    r"make bench": "test_programs.py::test_each_part_of_the_speed_is_measured",
+    r"python scripts/figures\.py": "test_programs.py::test_both_figures_are_drawn",
     r"collect .*my_domain\.yaml --over-ros": "nodes/test_tour_node.py::test_drives_over_ros_take_as_long",
     r"dask .*|.*--cluster .*": "test_documentation.py::test_a_cluster_collects",
     r".*examples/call\.py|ros2 (service|action) \w+": "nodes/test_call_example.py::test_a_service_is_",
@@ -66,8 +67,8 @@ BY_TEST = {
     r"ros2 run ator_ros learning": "nodes/test_learning_node.py::test_learning_can_be_frozen_and_",
     r"scripts/run pip install .* \./my_package": "nodes/test_outside_domain.py::test_a_domain_from_another_",
     r".* examples/paper_in_one_file\.py": "test_paper_in_one_file.py::test_it_prints_",
-    r".* examples/who_goes_to_the_ball\.py .*": "test_who_goes_to_the_ball.py::test_both_decisions_are_",
-    r".* examples/plan_and_execute\.py .*": "nodes/test_plans_node.py::test_the_example_",
+    r".* examples/who_goes_to_the_ball\.py .*": "test_programs.py::test_both_decisions_are_",
+    r".* examples/plan_and_execute\.py .*": "nodes/test_client_example.py::test_the_exa",
     r".* examples/refine_and_execute\.py": "nodes/test_client_example.py::test_it_drives_the_",
     r"make run EXE=(collect|train|demo) ARGS='.*~/ws/src/shuttle/.*'": "nodes/test_own_server.py::test_own_",
     r"ros2 run ator_ros train rosbag2_.*": "nodes/test_recording_node.py::test_the_installed_train_learns_",
@@ -172,7 +173,6 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(words: list[str], cwd: Path) -> None:
-    """Run a tool; on failure report its output."""
     done = subprocess.run(
         [str(BIN / words[0]), *words[1:]], cwd=cwd, capture_output=True, text=True, check=False, timeout=900
     )
@@ -190,7 +190,6 @@ def test_a_printed_tool_runs(text: str, workshop: Path) -> None:
 
 
 def make(*words: str, cwd: Path = ROOT, **variables: str) -> subprocess.CompletedProcess[str]:
-    """Run make."""
     return subprocess.run(
         ["make", "--no-print-directory", *words],
         cwd=cwd,
@@ -199,13 +198,6 @@ def make(*words: str, cwd: Path = ROOT, **variables: str) -> subprocess.Complete
         text=True,
         check=False,
     )
-
-
-@pytest.mark.long
-def test_the_demo_runs(tmp_path: Path) -> None:
-    done = make("demo", f"ARGS=--situations 1 --out {tmp_path / 'demo.png'}")
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert (tmp_path / "demo.png").is_file()
 
 
 @pytest.mark.long
@@ -243,11 +235,13 @@ def test_a_cluster_collects(tmp_path: Path) -> None:
         started.append(subprocess.Popen(words, cwd=tmp_path))
         words = tool_words(collect.replace("tcp://host:8786", address)) or []
         run([*words, "--episodes", "1"], tmp_path)
+        run([words[0], "--jobs", "1", "--episodes", "1", "--out", "alone.parquet"], tmp_path)
     finally:
         for process in reversed(started):
             process.terminate()
             process.wait()
-    assert (tmp_path / "experience.parquet").is_file()
+    tables = (read_experience(tmp_path / f"{name}.parquet").frame for name in ("experience", "alone"))
+    pd.testing.assert_frame_equal(*tables, check_exact=True)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

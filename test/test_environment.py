@@ -1,7 +1,5 @@
 """`scripts/run`, and `. scripts/env.sh` in interactive shells: the last sourced checkout applies."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path
@@ -17,7 +15,6 @@ SHELLS = [
 
 
 def checkout(folder: Path, ros: str = "wheels") -> Path:
-    """Create the files of a checkout that env.sh uses."""
     (folder / "scripts").mkdir(parents=True)
     shutil.copy(ENV_SH, folder / "scripts")
     (folder / ".venv" / "lib" / "python3.11").mkdir(parents=True)

@@ -1,7 +1,5 @@
 """Files of this package: valid ones are read, errors are reported in one line with their location."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

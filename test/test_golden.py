@@ -1,7 +1,5 @@
 """What the product decides is as recorded in golden/; scripts/golden.py writes it."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import subprocess

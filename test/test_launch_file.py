@@ -3,8 +3,6 @@
 The file is parsed as XML, since `ros2 launch` is not available as a wheel.
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 import subprocess
@@ -38,7 +36,6 @@ PARAMETERS = {
 
 
 def command_of(value: str, **given: Path) -> list[str]:
-    """Return the words of a command of the launch file, with the given arguments."""
     command = value.removeprefix("$(command '").removesuffix("')")
     for name, path in given.items():
         command = command.replace(f"$(var {name})", str(path))

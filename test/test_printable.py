@@ -1,7 +1,5 @@
 """External text in logs, responses and diagnostics."""
 
-from __future__ import annotations
-
 from hypothesis import given
 from hypothesis import strategies as st
 

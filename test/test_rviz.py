@@ -1,7 +1,5 @@
 """The configurations of RViz and Foxglove match topics and types of the nodes."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

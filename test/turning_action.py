@@ -1,7 +1,5 @@
 """A simple action for tests: turn to the goal, drive, turn to the goal's heading; it ignores the ball."""
 
-from __future__ import annotations
-
 import math
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished

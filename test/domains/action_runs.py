@@ -1,7 +1,5 @@
 """Executions of random situations of one kind of motion, from rest to rest."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import dataclass
@@ -37,8 +35,6 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The result of one execution."""
-
     success: bool
     early: bool  # whether the ball moved before the robot arrived
     duration: float  # s
@@ -64,12 +60,10 @@ def situation_of(task: Task, robot: Robot) -> Situation:
 
 
 def execute(task: Task) -> Outcome:
-    """Execute one task in a new world."""
     return execute_situation(situation_of(task, SOCCER.robot(task.robot or None)), task)
 
 
 def execute_situation(situation: Situation, task: Task) -> Outcome:
-    """Execute `situation` with the action set of `task` in a new world."""
     robot, goal = SOCCER.robot(task.robot or None), situation.goal
     limits, worlds, excess = robot.limits, list[World](), [0.0]
 

@@ -1,7 +1,5 @@
 """The paper's action set on Bezier curves."""
 
-from __future__ import annotations
-
 import pytest
 from action_runs import KINDS, Task, execute, execute_situation
 

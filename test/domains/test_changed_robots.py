@@ -1,7 +1,5 @@
 """Actions on robots that differ from their description: slower, but without a second approach."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 
@@ -36,7 +34,6 @@ class Drive:
 
 
 def drive(robot: str, action: Action, start: World, goal: Goal) -> Drive:
-    """Execute an action of the described robot on another one."""
     plans = 0
 
     def counted(action: Action, world: World) -> Step:

@@ -1,7 +1,5 @@
 """Situations and chains that a domain file declares."""
 
-from __future__ import annotations
-
 import itertools
 import pickle
 from collections import Counter

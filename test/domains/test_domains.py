@@ -1,10 +1,7 @@
 """Domains: found by entry point name and complete, otherwise rejected with one sentence."""
 
-from __future__ import annotations
-
 import dataclasses
 from importlib.metadata import EntryPoint
-from pathlib import Path
 
 import pytest
 
@@ -12,10 +9,8 @@ from ator_ros.domains import domain as domains
 from ator_ros.domains.domain import DomainError, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import possible_actions, possible_chain, random_trial
-from ator_ros.experience.table import read_experience
 from ator_ros.performance.features import GENERAL
 from ator_ros.robot.description import ConfigError, load_robot
-from ator_ros.tools import collect
 
 
 def install(monkeypatch: pytest.MonkeyPatch, value: str) -> None:
@@ -88,14 +83,6 @@ def test_a_chain_with_an_omitted_top_is_rejected_and_others_are_drawn() -> None:
     assert actions == ["goToPose"]
     assert left_out == {"dribbleBall": LACKS, "shoot": LACKS.replace("dribbleBall", "shoot")}
     assert possible_chain(SMALL, library, "dribble", actions) == "drive"
-
-
-def test_collect_uses_the_actions_of_the_set(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    install(monkeypatch, f"{__name__}:SMALL")
-    table = tmp_path / "table.parquet"
-    words = ["--domain", "other", "--action-set", "small", "--episodes", "1", "--jobs", "1"]
-    assert collect.main([*words, "--out", str(table)]) == 0
-    assert set(read_experience(table).frame["action"]) == {"goToPose"}
 
 
 def test_unknown_features_and_reserved_names_are_rejected() -> None:

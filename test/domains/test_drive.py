@@ -1,7 +1,5 @@
 """The domain `drive`: any robot with two driven wheels, without objects."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,13 +1,11 @@
 """Robots other than the Pioneer: shipped descriptions, actions and simulation."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
-from robots import FIFTH, HEAVY, OTHERS, PIONEER, PLAIN, QUICK, SHIPPED
+from robots import FIFTH, HEAVY, PIONEER, PLAIN, QUICK, SHIPPED
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.chain_run import run_chain
@@ -18,19 +16,6 @@ from ator_ros.robot.description import ConfigError, Robot, load_robot
 from ator_ros.simulation.run import place
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.world.state import Command, RobotState, World
-
-DOCS = Path(__file__).resolve().parents[2] / "docs" / "robots.md"
-
-
-def test_the_shipped_robots_match_the_documentation() -> None:
-    text = DOCS.read_text(encoding="utf-8")
-    assert all(f"config/{file.name}" in text for file in SHIPPED)
-    lags = [robot.motor_time_constant for robot in (QUICK, PIONEER, PLAIN, HEAVY)]
-    assert lags == sorted(lags)
-    assert (lags[0], lags[-1]) == (0.02, 0.15)
-    assert 0.3 <= PLAIN.limits.v <= 0.5
-    assert [robot.holder is None for robot in (PIONEER, PLAIN, HEAVY, QUICK)] == [False, True, False, False]
-    assert len({robot.digest() for robot in (PIONEER, PLAIN, *OTHERS)}) == 6
 
 
 def test_a_robot_without_a_holder_has_a_chain_but_no_dribble() -> None:

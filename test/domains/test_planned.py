@@ -1,7 +1,5 @@
 """The default actions, executed in the simulation."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math
@@ -17,7 +15,6 @@ from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.planned.holding import DribbleBall
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
-from ator_ros.motion.manoeuvre import Manoeuvre
 from ator_ros.robot.description import load_robot
 from ator_ros.simulation.run import run_action
 from ator_ros.simulation.simulation import TICK, Simulation
@@ -140,37 +137,6 @@ def test_a_plan_does_not_wait_forever_for_a_robot_that_does_not_start() -> None:
         step = run_action(simulation, GoToPose(ROBOT), goal, step=without_command)
     assert step.status is Status.FAILED
     assert "gave up after 20 new plans" in step.message
-
-
-class OnlyFromRest(GoToPose):
-    """Finds no path in motion."""
-
-    def plan(self, world: World) -> Manoeuvre:
-        if not world.robot.is_still:
-            raise ActionError("no path in motion")
-        return super().plan(world)
-
-
-def test_a_disturbed_robot_without_a_path_in_motion_stops_and_plans_again() -> None:
-    messages = list[str]()
-
-    def disturbed(action: Action, world: World) -> Step:
-        if len(messages) == 40:
-            simulation.place_robot(world.robot.pose.compose(Pose(0.0, 0.3, 0.0)), v=0.5)
-        step = action.step(simulation.world())
-        messages.append(step.message)
-        return step
-
-    with Simulation(ROBOT) as simulation:
-        simulation.place_robot(Pose(-2.0, 0.0, 0.0))
-        step = run_action(simulation, OnlyFromRest(ROBOT), Goal(Pose(1.0, 0.5, 1.0)), step=disturbed)
-    assert step.status is Status.SUCCEEDED, step.message
-    stops, plans = (
-        [tick for tick, message in enumerate(messages) if word in message]
-        for word in ("stopping", "planned again")
-    )
-    assert stops[0] == 40
-    assert plans[0] > stops[0]
 
 
 def test_at_most_one_action_starts_per_tick() -> None:

@@ -1,7 +1,5 @@
 """The control law that behaves as Nav2, its durations against drives of Nav2, and the domain `pursuit`."""
 
-from __future__ import annotations
-
 import csv
 import math
 from pathlib import Path
@@ -78,12 +76,3 @@ def test_it_fails_if_the_robot_stays_where_it_is() -> None:
     for tick in range(202):
         command = law.step(State(0.05 * tick, 0.0, 0.0, 0.0))
     assert (law.phase, command) == (Phase.TOO_LONG, (0.0, 0.0))
-
-
-def test_a_tour_has_four_to_six_stations_of_which_the_last_is_bound() -> None:
-    rng, library = np.random.default_rng(3), DOMAIN.library(ROBOT)
-    for _ in range(50):
-        world, chain = DOMAIN.chains["tour"](ROBOT, library, rng)
-        assert 4 <= len(chain) <= 6
-        assert [bool(call.open) for call in chain.calls] == [True] * (len(chain) - 1) + [False]
-        assert not chain.violations(world, ROBOT)

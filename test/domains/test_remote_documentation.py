@@ -1,7 +1,5 @@
 """Every YAML file in docs/remote_actions.md is a valid domain; the one for Nav2 matches its types."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The control law of the example server, and the action that simulates the server."""
 
-from __future__ import annotations
-
 import math
 import re
 

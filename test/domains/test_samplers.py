@@ -1,7 +1,5 @@
 """Samplers make a bounded number of draws, and only tasks that the robot can do within the time limit."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Turns on the spot, short drives and goals at the start: sampling, execution; leaving a ball."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Trials, policies, rulers, and one executed situation."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

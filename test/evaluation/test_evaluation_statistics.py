@@ -1,7 +1,5 @@
 """Table 1, from records with known outcomes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """The oracle that searches all open headings of a chain jointly."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from types import SimpleNamespace
@@ -32,8 +30,6 @@ def turned(x: float, y: float, yaw: float, xg: float, yg: float, yawg: float) ->
 
 
 class Model:
-    """Predicts the true durations."""
-
     arrival = None
     used_variables = frozenset({"x", "y", "yaw", "xg", "yg", "yawg"})
 

@@ -1,7 +1,5 @@
 """Evaluations and reports of other domains, without soccer terms."""
 
-from __future__ import annotations
-
 import json
 import re
 from importlib.metadata import EntryPoint
@@ -34,7 +32,6 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def evaluated(models: Path, out: Path, *words: str) -> tuple[dict[str, Any], str]:
-    """Return the result and the report of two situations."""
     place = ["--models", str(models), "--out", str(out), "--jobs", "1", "--seed", "405"]
     policies = ["--policies", "naive", "face_goal", "analytic", "refined", "--situations", "2"]
     assert evaluate.main(["--domain", "parcels", *place, *policies, *words]) == 0

@@ -1,7 +1,5 @@
 """A goal whose action an external server executes, and a log of the calls of its actions."""
 
-from __future__ import annotations
-
 import itertools
 
 from executions import ROBOT, execution

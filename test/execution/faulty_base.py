@@ -1,7 +1,5 @@
 """A kinematic base that can fail on one axis, and goals driven on it as the executor node drives them."""
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Callable
@@ -76,7 +74,6 @@ class KinematicBase:
         return failure.value if failure.kind == "constant" else share[failure.kind] * value
 
     def step(self) -> None:
-        """Advance by `DT`."""
         command = self._sent(self.time)
         command = Command(
             0.0 if abs(command.v) <= self.dead_band.v else self.share * command.v,
@@ -100,12 +97,10 @@ class KinematicBase:
         self.time += DT
 
     def odometry(self) -> Command:
-        """Return the velocities in the odometry."""
         failure = self._fails(("odometry",))
         return _with(self.speeds, failure.axis, 0.0) if failure else self.speeds
 
     def state(self) -> RobotState:
-        """Return the state in the odometry."""
         shows = self.odometry()
         return RobotState(self.shown or self.pose, shows.v, shows.w)
 

@@ -1,7 +1,5 @@
 """Each started action is ended once, with the reason; external actions cause no velocity commands."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pytest
@@ -35,7 +33,6 @@ class Carried(Action):
 
 
 def library_of(action: type[Action]) -> TopLibrary:
-    """Return the top `NOTE` with this action."""
     return TopLibrary(ROBOT, "default", tops=[NOTE.top], actions={"carried": action})
 
 
@@ -145,16 +142,6 @@ def test_external_actions_cause_no_commands_and_no_base_fault() -> None:
         x += 0.05
     assert goal.execution.phase is Phase.EXECUTING
     assert goal.sent[1:] == [None]
-
-
-def test_uncommanded_motion_is_a_base_fault_for_local_actions() -> None:
-    watch, x, faults = MotionWatch(ROBOT, 0.1), 0.0, []
-    for tick in range(60):
-        moved = World(0.05 * tick, RobotState(Pose(x, 0.0, 0.0), 0.0 if tick < 5 else 1.0))
-        faults.append(watch.fault(moved.time, moved.robot, 0.05 * tick))
-        watch.sent(moved.time, STOP)
-        x += 0.05 if tick >= 5 else 0.0
-    assert any(faults)
 
 
 def test_an_action_is_set_up_once_before_its_first_start() -> None:

@@ -1,7 +1,5 @@
 """Supervisor with objects other than a ball: waiting, following and timeouts by object name."""
 
-from __future__ import annotations
-
 import pytest
 from executions import ROBOT, execution
 from turning_action import TurnDriveTurn

@@ -1,7 +1,5 @@
 """The fence: the area that the robot may drive in."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """A ball that moves during a chain: following, loss, and fetching."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The rest of a goal, including alternative plans, is refined again while the robot drives."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

@@ -1,7 +1,5 @@
 """Rolling balls: chains refined during execution, and estimation of the deceleration."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -22,7 +20,6 @@ from ator_ros.execution.rolling import Rolling
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.objects import at_rest
 from ator_ros.world.state import ObjectState, RobotState, World
 
 SOURCE = ToolsetSource()
@@ -36,19 +33,6 @@ def tools() -> Toolset:
 
 def trial(tools: Toolset, index: int) -> Trial:
     return random_trial(SOCCER, "rolling", make_library(tools.robot, SOURCE), seed=SEED, index=index)
-
-
-def test_the_plan_uses_the_start_place_and_the_ball_rests_before_the_robot_arrives(tools: Toolset) -> None:
-    for index in range(50):
-        drawn = trial(tools, index)
-        ball, goal = drawn.world.objects[BALL], drawn.chain.calls[0].goal.pose
-        assert not drawn.chain.violations(drawn.world, tools.robot)
-        assert (ball.x, ball.y) == goal[:2]
-        assert 0.5 <= ball.speed <= 2.5
-        rest = at_rest(drawn.world, tools.robot).objects[BALL]
-        there = goal._replace(x=rest.x, y=rest.y)
-        rolling = 2.0 * goal.distance(there) / ball.speed
-        assert rolling <= drawn.world.robot.pose.distance(there) / tools.robot.limits.v
 
 
 def test_questions_change_the_chain_and_disabled_ones_do_not(tools: Toolset) -> None:

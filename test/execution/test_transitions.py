@@ -1,7 +1,5 @@
 """A goal and its action end once, for any ending and phase."""
 
-from __future__ import annotations
-
 import pytest
 from carried import CALL, ActionLog, DrivenGoal
 
@@ -12,7 +10,6 @@ from ator_ros.tops.chain import TopChain
 
 
 def goal_in(phase: Phase, actions: ActionLog) -> DrivenGoal:
-    """Return a goal in this phase."""
     goal = DrivenGoal(actions, TopChain((CALL,)), refine=phase is Phase.REFINING)
     ticks = {Phase.WAITING: 0, Phase.REFINING: 1}.get(phase, 2)
     for _ in range(ticks):

@@ -1,7 +1,5 @@
 """Situations, episodes, parallel collection and the table."""
 
-from __future__ import annotations
-
 import functools
 import math
 from pathlib import Path
@@ -20,7 +18,6 @@ from ator_ros.domains.soccer.field import BALL, ball_of, field_of
 from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
 from ator_ros.experience.collect import collect
 from ator_ros.experience.episode import run_episode
-from ator_ros.experience.parallel import workers
 from ator_ros.experience.table import Experience, ExperienceError, join, read_experience, write_experience
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot, load_robot
@@ -118,15 +115,6 @@ def test_a_lost_ball_makes_an_arrival_a_failure(robot: Robot) -> None:
         episode = run_episode(simulation, TurnDriveTurn(robot), situation, top=GO_TO_BALL)
     assert not episode.success
     assert "but post-condition of goToBall: expected hold.x within 0.1 of ball.x" in episode.reason
-
-
-def test_same_seed_gives_the_same_table_for_any_workers(robot: Robot, frame: pd.DataFrame) -> None:
-    tops, objects = SOCCER.tops, SOCCER.objects
-    with workers(2):
-        parallel = join(collect([TURNING], tops, robot, objects=objects, episodes=6, seed=5))
-    pd.testing.assert_frame_equal(parallel, frame, check_exact=True)
-    other = join(collect([TURNING], tops, robot, objects=objects, episodes=1, seed=6))
-    assert other["x"].iloc[0] != frame["x"].iloc[0]
 
 
 def test_table_is_unchanged_by_a_file(frame: pd.DataFrame, tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """Experience of other domains: columns of their objects, records of their actions."""
 
-from __future__ import annotations
-
 import dataclasses
 from importlib.metadata import EntryPoint
 from pathlib import Path

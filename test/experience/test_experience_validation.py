@@ -1,7 +1,5 @@
 """Untrusted tables and recordings: names with paths, invalid values."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +22,6 @@ ELSEWHERE = ["../evil", "a b"]
 
 
 def table(folder: Path, frame: pd.DataFrame, action_set: object = "default") -> Path:
-    """Write a table of experience and return its file."""
     file = folder / "table.parquet"
     write_experience(file, Experience(frame, {"robot_digest": ROBOT.digest(), "action_set": action_set}))
     return file

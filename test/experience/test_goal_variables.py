@@ -1,7 +1,5 @@
 """Goal variables that an action declares, from the specification to experience, model and refinement."""
 
-from __future__ import annotations
-
 import dataclasses
 from importlib.metadata import EntryPoint
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The store of records: bounded, readable after a kill at any time, and a source of `train`."""
 
-from __future__ import annotations
-
 import dataclasses
 import signal
 import subprocess

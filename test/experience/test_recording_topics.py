@@ -1,7 +1,5 @@
 """Recordings of real robots: stamps, topics, types, frames and quaternions of various drivers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from bags import ODOMETRY, TWIST, Extra, Messages, Tick, write_bag
+from domain_files import file_of, visiting
 
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
@@ -147,26 +146,8 @@ def test_topics_can_be_given_and_are_listed_otherwise(
     assert read_but_too_few in capsys.readouterr().err
 
 
-ERRANDS = """
-name: errands
-objects:
-  - {{name: cart, {source}}}
-tops:
-  - name: visit
-    action: goToPose
-    post:
-      - {{variable: robot.x, target: goal.x, tolerance: 0.1}}
-      - {{variable: robot.y, target: goal.y, tolerance: 0.1}}
-actions:
-  - name: goToPose
-    local: {{domain: soccer}}
-"""
-
-
-def errands(folder: Path, source: str) -> Domain:
-    file = folder / "errands.yaml"
-    file.write_text(ERRANDS.format(source=source))
-    return find_domain(str(file))
+def errands(folder: Path, **cart: str) -> Domain:
+    return find_domain(str(file_of(folder, visiting(cart, "goal"))))
 
 
 @pytest.mark.parametrize("topic", ["tracker/cart_pose", "/tracker/cart_pose"])
@@ -174,7 +155,7 @@ def test_an_object_is_read_from_its_declared_source(tmp_path: Path, topic: str) 
     def tracked(make: Messages, tick: Tick) -> Any:
         return make.stamped(tick.time, 1.5 + 0.01 * tick.time, -0.5)
 
-    domain = errands(tmp_path, f"topic: {topic}, type: PoseStamped")
+    domain = errands(tmp_path, topic=topic, type="PoseStamped")
     bag = recorded(tmp_path, ("/tracker/cart_pose", POSES, tracked), offset=1.76e9)
     experience = read(bag, domain)
     frame = experience.frame
@@ -188,7 +169,7 @@ def test_an_object_in_tf_is_read(tmp_path: Path) -> None:
     def transforms(make: Messages, tick: Tick) -> Any:
         return make.transforms(tick.time, ("/odom", "cart_link", Pose(1.5, tick.time, 0.0)))
 
-    domain = errands(tmp_path, "type: tf, frame: /cart_link")
+    domain = errands(tmp_path, type="tf", frame="/cart_link")
     frame = read(recorded(tmp_path, ("/tf", "tf2_msgs/msg/TFMessage", transforms)), domain).frame
     later = frame[frame["episode"] > 0]
     assert set(later["cart_x"]) == {1.5}

@@ -1,7 +1,5 @@
 """Experience from recordings, written with rosbags."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

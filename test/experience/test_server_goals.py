@@ -1,7 +1,5 @@
 """Drives from recordings of an action server's goals, as of Nav2: status, plan and tf, no records."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What refined chains gained, and how the gate takes it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +8,6 @@ import pytest
 from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_ros.files import FileError
 from ator_ros.learning.gains import GAINS, ChainGain, Gains, add_chain, chain_gain, read_gains
-from ator_ros.learning.sets import digest_of_start
 from ator_ros.refinement.gate import Gate
 
 
@@ -43,14 +40,6 @@ def test_the_gate_closes_where_the_predicted_gain_does_not_materialize() -> None
 def test_ever_fewer_chains_run_as_planned() -> None:
     shares = [executed(0.5, refined=count, compared=0).comparison_share(0.1) for count in (0, 49, 199, 499)]
     assert shares == pytest.approx([0.1, 0.1, 0.05, 0.0316], abs=1e-4)
-    for measured, gain, refine in (
-        (0.6, 0.7, False),
-        (0.6, 0.1, False),
-        (-0.7, 0.7, True),
-        (-0.7, 0.1, False),
-    ):
-        gate = Gate(measured=executed(measured).measured, drawn=True)
-        assert gate.decide(gain, 0.2)[0] is refine
 
 
 def test_gains_are_kept_by_set_and_a_damaged_file_is_reported(tmp_path: Path) -> None:
@@ -62,16 +51,6 @@ def test_gains_are_kept_by_set_and_a_damaged_file_is_reported(tmp_path: Path) ->
     (tmp_path / GAINS).write_text('{"format": "ator_ros gains of refinement"', encoding="utf-8")
     with pytest.raises(FileError, match=GAINS):
         read_gains(tmp_path, "a")
-
-
-def test_the_models_of_the_start_are_known_by_their_own_files(tmp_path: Path) -> None:
-    (tmp_path / "goToPose.json").write_text("{}", encoding="utf-8")
-    digest = digest_of_start(tmp_path, ["default", "bezier"])
-    (tmp_path / "learned").mkdir()
-    add_chain(tmp_path / "learned", Gains(digest), ChainGain(True, 0.5, 0.1))
-    assert digest_of_start(tmp_path, ["default", "bezier"]) == digest
-    (tmp_path / "shoot.json").symlink_to(tmp_path / "missing")
-    assert digest_of_start(tmp_path, ["default"]) == ""
 
 
 def test_only_chains_that_ran_as_predicted_count() -> None:

@@ -1,7 +1,5 @@
 """The schedule of learning rounds, without losing records."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

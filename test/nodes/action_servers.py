@@ -1,7 +1,5 @@
 """Action servers of other packages, valid and faulty; the tests control how their goals end."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -74,5 +72,4 @@ class UnresponsiveServer(Server):
             await super()._execute_cancel_request(request_header_and_message)
 
     def publish_feedback(self) -> None:
-        """Publish feedback on the latest goal."""
         self.goals[-1].publish_feedback(ExecuteChain.Feedback())

@@ -1,7 +1,5 @@
 """The three nodes, any of which may fail, and the checks that must hold for any failure."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -130,7 +128,6 @@ class Arena:
         return stops
 
     def close(self) -> None:
-        """Stop all nodes."""
         self._leave()
         self.observer.close()
         self._processes.kill()
@@ -138,7 +135,6 @@ class Arena:
 
 @contextmanager
 def arena_with(logs: Path, settings: dict[str, dict[str, object]] | None = None) -> Iterator[Arena]:
-    """Yield an arena, without nodes, on an unused domain."""
     with free_domain() as domain:
         arena = Arena(domain, logs, settings)
         try:

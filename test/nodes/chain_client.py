@@ -1,7 +1,5 @@
 """A client of execute_chain, for tests."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -53,20 +51,16 @@ class SentGoal:
         return bool(future.result().goals_canceling)
 
     def wait_for_status(self, words: str) -> None:
-        """Wait until the feedback contains these words."""
         self._client.eventually(lambda: any(words in each.status for each in self.feedback), words)
 
     def ended(self) -> bool:
-        """Return whether the goal has ended."""
         return bool(self._future.done())
 
     def result(self, patience: float = 2 * PATIENCE) -> ExecuteChain.Result:
-        """Wait for the result."""
         self._client.eventually(self._future.done, "the goal's end", patience)
         return self._future.result().result
 
     def outcome(self) -> Outcome:
-        """Wait for the result and return its outcome."""
         return self.result().outcome
 
 
@@ -86,7 +80,6 @@ class ChainClient:
         self._known = False
 
     def wait_for_publishers(self) -> None:
-        """Wait until the executor's publishers are discovered."""
         for topic in ("performance/action", "performance/chain", "cmd_vel"):
             self.ros.eventually(lambda name=topic: self.ros.node.count_publishers(name), topic)
 
@@ -123,10 +116,8 @@ class ChainClient:
         return SentGoal(self.ros, future.result(), feedback)
 
     def standing(self) -> bool:
-        """Return whether the robot stands."""
         robot = self.ros.robot()
         return abs(robot.v) < 0.03 and abs(robot.w) < 0.06
 
     def wait_until_moving(self) -> None:
-        """Wait until the robot drives."""
         self.ros.eventually(lambda: self.ros.robot().v > 0.2, "the robot drives")

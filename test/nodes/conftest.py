@@ -1,7 +1,5 @@
 """Fixtures of the node tests: a separate ROS domain for every test, processes on it, and a client."""
 
-from __future__ import annotations
-
 import gc
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
@@ -21,9 +19,10 @@ Host = Callable[..., Hosted]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark tests that start processes."""
+    """Mark tests with nodes."""
     for item in items:
-        if "start" in getattr(item, "fixturenames", ()):
+        ours = item.path.is_relative_to(Path(__file__).parent)
+        if ours and {"domain", "shared"} & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.node)
 
 
@@ -43,21 +42,14 @@ def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.Tes
     return report
 
 
-@pytest.fixture(autouse=True)
-def no_participant_is_left() -> Iterator[None]:
-    """Collect the nodes of this process that are in reference cycles, as those with action clients are.
-
-    Each is a DDS participant that keeps its number, and those from 32 on are not found by others.
-    """
-    yield
-    gc.collect()
-
-
 @pytest.fixture
 def domain() -> Iterator[int]:
     """Yield a ROS domain that no other test uses at the same time, in this run or another."""
     with free_domain() as number:
         yield number
+    # Nodes in reference cycles, as those with action clients are, are DDS participants that keep their
+    # numbers, and those from 32 on are not found by others.
+    gc.collect()
 
 
 @pytest.fixture(scope="module")

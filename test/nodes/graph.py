@@ -1,7 +1,5 @@
 """The topics, services and actions of a node, from the ROS graph."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -20,11 +18,6 @@ class Surface:
     requests: frozenset[str]
     executes: frozenset[str]
     calls: frozenset[str]
-
-    @property
-    def names(self) -> frozenset[str]:
-        """The names of all kinds."""
-        return self.publishes | self.subscribes | self.replies | self.requests | self.executes | self.calls
 
 
 def surface(observer: Node, name: str, namespace: str = "/") -> Surface:

@@ -1,7 +1,5 @@
 """A base that a test moves, and external action servers of a domain from a file."""
 
-from __future__ import annotations
-
 import pytest
 from action_servers import Server
 from chain_client import ChainClient
@@ -60,7 +58,6 @@ class CartBase(MovingBase):
         super().__init__(client)
 
     def publish(self, state: RobotState) -> None:
-        """Publish cart and state."""
         if self.cart is not None:
             cart = PoseStamped()
             cart.header.stamp, cart.header.frame_id = stamp_of(self.time), self.frame
@@ -79,12 +76,10 @@ class Hall:
         self._server: Server | None = None
 
     def serve(self, **options: bool) -> Server:
-        """Start the server."""
         self._server = self.client.within(lambda: Server(self.client.node, **options))
         return self._server
 
     def close(self) -> None:
-        """Stop the server."""
         if self._server is not None:
             self.client.within(self._server.destroy)
 

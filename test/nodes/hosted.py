@@ -1,7 +1,5 @@
 """A node in this process, which starts ten times as fast as a separate process."""
 
-from __future__ import annotations
-
 import importlib
 import os
 from collections.abc import Callable
@@ -11,7 +9,7 @@ from process import PATIENCE
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from spin_thread import SpinThread
+from ros_client import SpinThread
 
 from ator_ros.nodes.network import stay_on_this_machine
 
@@ -49,12 +47,10 @@ class Hosted:
 
     @property
     def output(self) -> str:
-        """The output so far."""
         self._output += self._read()
         return self._output
 
     def close(self) -> None:
-        """Destroy the node."""
         self._spinning.end(PATIENCE)
         self.node.destroy_node()
         rclpy.try_shutdown()

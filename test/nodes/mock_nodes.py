@@ -1,7 +1,5 @@
 """Mock nodes for the view, in the test's process."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from nav_msgs.msg import Odometry

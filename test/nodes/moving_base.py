@@ -1,7 +1,5 @@
 """An external base for tests: it follows cmd_vel of one type and publishes odometry."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -48,7 +46,6 @@ class MovingBase:
         self.timer.timer_period_ns = round(1e9 * PERIOD / rate)
 
     def state(self) -> RobotState:
-        """Return the present state."""
         v, w = self._share * self.commanded.linear.x, self._share * self.commanded.angular.z
         return RobotState(self.pose, v, w)
 
@@ -64,5 +61,4 @@ class MovingBase:
         self.publish(self.state())
 
     def publish(self, state: RobotState) -> None:
-        """Publish the state."""
         self._odom.publish(odometry_of(self.time, state, frame=self.frame, child="base_link"))

@@ -1,7 +1,5 @@
 """The installed executables as processes on a ROS domain, for tests."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -18,44 +16,49 @@ LOGS: list[Path] = []
 """Log files of the processes of the current test or file; reported if a test fails."""
 
 
+def executable(name: str) -> str:
+    return str(Path(get_package_prefix("ator_ros"), "lib", "ator_ros", name))
+
+
+def environment(domain: int | None = None) -> dict[str, str]:
+    """Return the environment of a program on a ROS domain of this machine."""
+    chosen = {} if domain is None else {"ROS_DOMAIN_ID": str(domain)}
+    return {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "PYTHONUNBUFFERED": "1", **chosen}
+
+
+def run(*words: object, domain: int | None = None) -> subprocess.CompletedProcess[str]:
+    """Run a program to its end."""
+    command, settings = list(map(str, words)), environment(domain)
+    return subprocess.run(command, capture_output=True, text=True, timeout=240.0, env=settings, check=False)
+
+
 class Process:
     """An installed executable with its command line; `log` is the file of its output."""
 
     def __init__(self, name: str, log: Path, domain: int, arguments: Sequence[str]) -> None:
         self.name, self._log = name, log
         LOGS.append(log)
-        executable = Path(get_package_prefix("ator_ros"), "lib", "ator_ros", name)
-        environment = {
-            **os.environ,
-            "ROS_DOMAIN_ID": str(domain),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-            "PYTHONUNBUFFERED": "1",
-        }
         with log.open("w", encoding="utf-8") as output:
             self._process = subprocess.Popen(
-                [str(executable), *arguments],
+                [executable(name), *arguments],
                 stdout=output,
                 stderr=subprocess.STDOUT,
-                env=environment,
+                env=environment(domain),
             )
 
     @property
     def output(self) -> str:
-        """The output so far."""
         return self._log.read_text(encoding="utf-8")
 
     @property
     def pid(self) -> int:
-        """The process id."""
         return self._process.pid
 
     @property
     def running(self) -> bool:
-        """Whether the process is running."""
         return self._process.poll() is None
 
     def send(self, number: signal.Signals) -> None:
-        """Send a signal."""
         self._process.send_signal(number)
 
     def wait(self) -> int:
@@ -69,7 +72,6 @@ class Process:
         return self.wait()
 
     def kill(self) -> None:
-        """Kill the process, as `kill -9` does, frozen or not; no effect if it has ended."""
         self._process.kill()
         self._process.wait()
 
@@ -103,7 +105,6 @@ class Processes:
         return self._started[-1]
 
     def kill(self) -> None:
-        """Kill all of them."""
         for process in self._started:
             process.kill()
         LOGS.clear()

@@ -1,7 +1,5 @@
 """Records topics as `ros2 bag record -s mcap` does: raw messages, with the definitions of their types."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

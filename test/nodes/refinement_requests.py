@@ -1,7 +1,5 @@
 """Requests to the `refinement` node, and small models for it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -54,5 +52,4 @@ def worst_request() -> RefineSubgoal.Request:
 
 
 def refine(client: Client, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
-    """Return the node's answer."""
     return client.call(RefineSubgoal, "refine_subgoal", request)

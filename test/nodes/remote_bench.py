@@ -1,7 +1,5 @@
 """A remote action and its server, stepped in one process."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from collections.abc import Callable
@@ -53,7 +51,6 @@ class Bench:
         self._executor.add_node(self.theirs)
 
     def spin(self) -> None:
-        """Spin both nodes for a tick."""
         end = time.monotonic() + PERIOD
         while time.monotonic() < end:
             self._executor.spin_once(timeout_sec=PERIOD / 4.0)
@@ -67,14 +64,12 @@ class Bench:
         return World(self._time, RobotState(Pose(0.0, 0.0, 0.0), v))
 
     def tick(self, v: float = 0.0) -> Step:
-        """Step the action once."""
         self.spin()
         self._time += 5.0 * PERIOD
         self.steps.append(self.action.step(self.world(v)))
         return self.steps[-1]
 
     def until(self, happened: Callable[[], Any], patience: float = 5.0) -> None:
-        """Spin both nodes until a condition holds."""
         end = time.monotonic() + patience
         while not happened():
             assert time.monotonic() < end

@@ -4,8 +4,6 @@ Options and defaults are those of ros2cli 0.32 and launch_ros 0.26 (Jazzy); mess
 `examples/call.py`.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shlex
@@ -75,7 +73,6 @@ def typed(value: str, kind: str | None) -> str:
 
 
 def executable(package: str, name: str) -> str:
-    """Return the path of an executable."""
     return str(Path(get_package_prefix(package), "lib", package, name))
 
 

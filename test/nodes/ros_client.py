@@ -1,7 +1,7 @@
 """A client of the nodes for tests: it subscribes to odom and ball, publishes commands, and calls services."""
 
-from __future__ import annotations
-
+import contextlib
+import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -13,10 +13,9 @@ from nav_msgs.msg import Odometry
 from process import PATIENCE
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from spin_thread import SpinThread
 
 from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose
@@ -28,6 +27,34 @@ from ator_ros.world.state import ObjectState, RobotState
 
 RETRY = 8.0
 """Real seconds after which an unanswered request is sent again."""
+
+
+_SPIN = 0.1
+
+
+class SpinThread(threading.Thread):
+    """Spins an executor in a thread of its own.
+
+    Shutting down an rclpy executor destroys entities that a spinning thread still uses, so the thread is
+    ended first.
+    """
+
+    def __init__(self, executor: SingleThreadedExecutor) -> None:
+        super().__init__(daemon=True)
+        self._executor, self._ending = executor, threading.Event()
+
+    def run(self) -> None:
+        """Spin until `end` is called."""
+        with contextlib.suppress(ExternalShutdownException):
+            while not self._ending.is_set() and self._executor.context.ok():
+                self._executor.spin_once(timeout_sec=_SPIN)
+
+    def end(self, timeout: float | None = None) -> None:
+        """Wait until the running callback has returned, at most `timeout` real s; shut the executor down."""
+        self._ending.set()
+        if self.is_alive():
+            self.join(timeout)
+        self._executor.shutdown()
 
 
 class Client:
@@ -99,7 +126,6 @@ class Client:
         return self.robots[-1][0]
 
     def command(self, v: float = 0.0, w: float = 0.0) -> None:
-        """Send one velocity command."""
         message = Twist()
         message.linear.x, message.angular.z = v, w
         self._commands.publish(message)
@@ -111,7 +137,6 @@ class Client:
         self.eventually(lambda: len(self.robots) > count, "the next tick")
 
     def call(self, kind: type, name: str, request: Any | None = None) -> Any:
-        """Call a service and return its response."""
         if name not in self._callers:
             self._callers[name] = self.node.create_client(kind, name)
         client = self._callers[name]
@@ -141,7 +166,6 @@ class Client:
         self.call(CancelGoal, f"{action}/_action/cancel_goal", cancel_request_for_unknown_goal())
 
     def place(self, robot: Pose | None = None, ball: tuple[float, float] | None = None) -> None:
-        """Place robot and ball at rest."""
         if ball is not None:  # the robot may be placed at the ball's position
             assert self.call(PlaceObject, "place_ball", PlaceObject.Request(remove=True)).success
         if robot is not None:
@@ -159,7 +183,6 @@ class Client:
         return self.eventually(task.done, "a task") and task.result()
 
     def close(self) -> None:
-        """Destroy the node."""
         self._spinning.end(PATIENCE)
         self.node.destroy_node()
         self._context.try_shutdown()

@@ -1,7 +1,5 @@
 """The stages of a chain, in each of which a failure may occur."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Invalid input of the nodes' topics: reported clearly, without motion or crash."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from operator import attrgetter
@@ -50,7 +48,6 @@ class Sensors:
 
 @pytest.fixture(scope="module")
 def hosted() -> Iterator[tuple[Hosted, ChainClient, Sensors]]:
-    """Run the executor in this process."""
     with pytest.MonkeyPatch.context() as patch, free_domain() as domain:
         patch.setenv(PROFILES, "")
         client, other = Client(domain), Client(domain, "other")

@@ -1,7 +1,5 @@
 """Bases that subscribe to Twist or TwistStamped, and reports of bases that cannot receive commands."""
 
-from __future__ import annotations
-
 import pytest
 from chain_client import ChainClient, call
 from conftest import Host
@@ -14,8 +12,6 @@ from ros_client import Client
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
 from ator_ros.nodes.qos import RESULTS
-
-pytestmark = pytest.mark.node
 
 CLIENT = {"silent": True}
 NEAR = [call("goToPose", Pose(0.5, 0.0, 0.0))]

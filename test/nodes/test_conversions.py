@@ -1,7 +1,5 @@
 """Conversions between messages and core types; invalid messages raise only MessageError."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,8 +1,5 @@
 """The installed demo of `make demo`, complete and interrupted."""
 
-from __future__ import annotations
-
-import os
 import re
 import signal
 import subprocess
@@ -10,11 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from ament_index_python.packages import get_package_prefix
+from process import environment, executable, run
 
 pytestmark = pytest.mark.node
 
-DEMO = Path(get_package_prefix("ator_ros"), "lib", "ator_ros", "demo")
+DEMO = executable("demo")
 INTERRUPTED = 130
 # As fast as possible, a simulation without commands uses a whole core.
 QUICKLY = ("--real-time-factor", "10")
@@ -24,9 +21,8 @@ PATIENCE = 120.0
 @pytest.fixture
 def demo(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     """Start the demo of two situations; all nodes end with the test."""
-    words = [str(DEMO), "--situations", "2", *QUICKLY, "--out", str(tmp_path / "demo.png")]
-    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment)
+    words = [DEMO, "--situations", "2", *QUICKLY, "--out", str(tmp_path / "demo.png")]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment())
     yield process
     process.send_signal(signal.SIGINT)
     process.wait(timeout=PATIENCE)
@@ -35,8 +31,7 @@ def demo(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
 
 @pytest.mark.long
 def test_it_prints_the_gain_and_draws_the_paths(tmp_path: Path) -> None:
-    words = [str(DEMO), "--situations", "1", *QUICKLY, "--out", str(tmp_path / "demo.png")]
-    ended = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    ended = run(DEMO, "--situations", "1", *QUICKLY, "--out", tmp_path / "demo.png")
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert "1 of 1 situations succeeded both ways; refinement saved" in ended.stdout
     assert "chain shoot: goToBall, dribbleBall, shoot\nopen, for refinement to choose: " in ended.stdout

@@ -1,7 +1,5 @@
 """The printed commands that use ROS, verbatim; without `ros2`, ros2cli_subset.py replaces it."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -61,7 +59,6 @@ class Shell:
         return log
 
     def run(self, text: str, cwd: Path | None = None) -> str:
-        """Run a command; assert that it succeeds; return its output."""
         log = self.start(text, cwd)
         code = self._started[-1].wait(timeout=PATIENCE)
         output = log.read_text(encoding="utf-8")

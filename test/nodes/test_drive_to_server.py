@@ -1,7 +1,5 @@
 """The example servers: status and result of their goals."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -4,8 +4,6 @@ The simulation runs at real time, so that the ball is moved while the robot driv
 machine. With late ticks the robot may lose the ball once more than planned, and may fetch it again.
 """
 
-from __future__ import annotations
-
 import pytest
 from chain_client import ChainClient, SentGoal, call, chain_of_the_paper
 from process import Processes
@@ -15,8 +13,6 @@ from ator_interfaces.msg import Outcome, TopChain
 from ator_ros.geometry import Pose
 from ator_ros.world.messages import pose_from
 
-pytestmark = pytest.mark.node
-
 START = Pose(-2.0, 0.0, 0.0)
 LONG = 120.0
 """Real seconds that a chain may take on a loaded machine."""
@@ -24,7 +20,6 @@ LONG = 120.0
 
 @pytest.fixture(scope="module")
 def chains(shared: tuple[Processes, Client]) -> ChainClient:
-    """Return a client of an executor with a simulation at real time."""
     processes, client = shared
     processes.start("simulation")
     processes.start("refinement", gate=False, deadline=5.0)
@@ -36,7 +31,6 @@ def chains(shared: tuple[Processes, Client]) -> ChainClient:
 
 @pytest.fixture(autouse=True)
 def placed(chains: ChainClient) -> None:
-    """Place robot and ball at rest before every test."""
     chains.place(START)
 
 
@@ -69,21 +63,6 @@ def test_a_lost_ball_is_fetched_again_if_the_goal_allows_it(chains: ChainClient)
     assert pose_from(fetch, "goal").yaw == pytest.approx(pose_from(planned, "goal").yaw)
     ball = chains.ros.ball()
     assert (ball.x, ball.y) == pytest.approx((2.4, 0.3), abs=0.15)
-
-
-@pytest.mark.long
-def test_a_ball_displaced_during_the_approach_is_followed(chains: ChainClient) -> None:
-    sent = chains.send([call("goToBall", Pose(0.0, 0.0, 0.5))])
-    until(chains, sent, "goToBall")
-    chains.ros.place(ball=(0.3, 0.5))
-    result = sent.result(LONG)
-    assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
-    first, *_, last = steps(sent)
-    assert (first, last) == ((0, Outcome.PREEMPTED), (0, Outcome.SUCCEEDED))
-    second = result.record.actions[1]
-    assert second.start.v > 0.1
-    position = second.call.goal.pose.position
-    assert (position.x, position.y) == pytest.approx((0.3, 0.5), abs=0.02)
 
 
 @pytest.mark.long

@@ -1,7 +1,5 @@
 """The `executor` node over its ROS interfaces; all tests share one set of processes."""
 
-from __future__ import annotations
-
 import math
 import signal
 import time
@@ -20,8 +18,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
 from ator_ros.nodes.qos import LATCHED, RESULTS
-
-pytestmark = pytest.mark.node
 
 SETTINGS = {
     # Long, since the machine may be busy with other tests.
@@ -43,7 +39,6 @@ def chains(shared: tuple[Processes, Client], simulation: Process) -> ChainClient
 
 @pytest.fixture(autouse=True)
 def placed(chains: ChainClient) -> None:
-    """Place robot and ball at rest at the start of the chains before every test."""
     chains.place(Pose(-2.0, 0.0, 0.0))
 
 
@@ -72,7 +67,7 @@ def test_a_chain_runs_to_its_end_and_is_recorded(chains: ChainClient) -> None:
     assert all(message.status for message in sent.feedback)
 
 
-def test_a_goal_has_the_status_that_clients_expect(chains: ChainClient) -> None:
+def test_cancel_stops_the_robot_and_goals_have_the_status_that_clients_expect(chains: ChainClient) -> None:
     arrays = chains.ros.listen(
         GoalStatusArray, "execute_chain/_action/status", qos_profile_action_status_default
     )
@@ -87,7 +82,12 @@ def test_a_goal_has_the_status_that_clients_expect(chains: ChainClient) -> None:
     chains.wait_until_moving()
     chains.ros.eventually(lambda: last(driving) == GoalStatus.STATUS_EXECUTING, "executing")
     assert driving.cancel()
+    assert driving.outcome().code == Outcome.CANCELED
     chains.ros.eventually(lambda: last(driving) == GoalStatus.STATUS_CANCELED, "canceled")
+    chains.ros.eventually(chains.standing, "the robot stands")
+    pose, time = chains.ros.robot().pose, chains.ros.time()
+    chains.ros.eventually(lambda: chains.ros.time() > time + 2.0, "two seconds pass")
+    assert chains.ros.robot().pose.distance(pose) < 0.03
     arrived = chains.send([call("goToPose", chains.ros.robot().pose)])
     chains.ros.eventually(lambda: last(arrived) == GoalStatus.STATUS_SUCCEEDED, "succeeded")
 
@@ -111,18 +111,6 @@ def test_status_and_markers_are_latched_for_late_subscribers(chains: ChainClient
     sent.outcome()
     chains.ros.eventually(lambda: not paths[-1].poses, "no path without a goal")
     chains.ros.eventually(lambda: len(drawn["chain"][-1].markers) == 1, "no chain without a goal")
-
-
-def test_cancel_stops_the_robot(chains: ChainClient) -> None:
-    sent = chains.send(PATROL)
-    chains.wait_until_moving()
-    assert sent.cancel()
-    assert sent.outcome().code == Outcome.CANCELED
-    chains.ros.eventually(chains.standing, "the robot stands")
-    pose = chains.ros.robot().pose
-    time = chains.ros.time()
-    chains.ros.eventually(lambda: chains.ros.time() > time + 2.0, "two seconds pass")
-    assert chains.ros.robot().pose.distance(pose) < 0.03
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """The executor with a domain file whose actions are on external servers."""
 
-from __future__ import annotations
-
 import time
 
 import pytest

@@ -1,16 +1,15 @@
 """The `executor` node started before its inputs: a goal waits for the first odometry and ball."""
 
-from __future__ import annotations
-
 import math
+import signal
 
 import pytest
-from chain_client import ChainClient, call, chain_of_the_paper
+from chain_client import PATROL, ChainClient, call, chain_of_the_paper
 from conftest import Host, Start
 from ros_client import Client
+from selection import few
 
 from ator_interfaces.msg import Outcome
-from ator_interfaces.srv import PlaceObject
 from ator_ros.geometry import Pose
 
 LONG = 60.0
@@ -38,15 +37,20 @@ def test_a_goal_before_the_simulation_can_be_canceled_and_the_next_is_executed(
     assert outcome.code == Outcome.SUCCEEDED, outcome.reason
 
 
-def test_a_goal_waits_for_the_ball_at_rest(start: Start, host: Host, client: Client) -> None:
-    start("simulation", real_time_factor=2.0)
-    client.ball()
-    assert client.call(PlaceObject, "place_ball", PlaceObject.Request(remove=True)).success
-    host("executor", **GENEROUS)
+@pytest.mark.parametrize("number", few([signal.SIGTERM, signal.SIGINT], signal.SIGTERM))
+def test_shutdown_stops_the_robot_and_ends_cleanly(start: Start, host: Host, client: Client, number) -> None:
+    host("simulation", real_time_factor=10.0, command_wait=0.5)
+    executor = start("executor", odom_timeout=5.0, start_timeout=60.0)
     chains = ChainClient(client)
-    sent = chains.send(chain_of_the_paper()[:1])
-    client.eventually(lambda: len(chains.commands) > 5, "commands")
-    assert all(command.linear.x == command.angular.z == 0.0 for command in chains.commands)
-    client.place(ball=(0.0, 0.0))
-    outcome = sent.result(LONG).outcome
-    assert outcome.code == Outcome.SUCCEEDED, outcome.reason
+    client.robot()
+    sent = chains.send(PATROL)
+    chains.wait_until_moving()
+    assert executor.stop(number) == 0
+    assert "Traceback" not in executor.output
+    # A client that is not discovered before the node ends may miss one of the two.
+    client.eventually(lambda: sent.ended() or chains.chains, "news of the end")
+    record = sent.result().record if sent.ended() else chains.chains[-1]
+    assert record.outcome.code == Outcome.SHUTDOWN
+    assert math.isnan(record.actual.success)
+    client.eventually(lambda: chains.commands[-1].linear.x == 0.0, "a stop")
+    client.eventually(chains.standing, "the robot stands")

@@ -1,7 +1,5 @@
 """The robot stops if inputs stop, nodes freeze, die or restart, or goals end, at any time."""
 
-from __future__ import annotations
-
 import itertools
 import random
 import signal
@@ -121,7 +119,6 @@ def test_the_executor_freezes(arena: Arena, stage: Stage) -> None:
 
 
 def recovers(arena: Arena, name: str) -> None:
-    """Restart a node and assert that a new goal succeeds."""
     arena.nodes["refinement"].send(signal.SIGCONT)
     arena.start(name)
     arena.new_client().succeed()

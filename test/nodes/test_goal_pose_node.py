@@ -1,7 +1,5 @@
 """The `goal_pose` node with simulation and executor: RViz's 2D Goal Pose drives the robot."""
 
-from __future__ import annotations
-
 import time
 
 import pytest
@@ -15,7 +13,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import RESULTS
 
-pytestmark = [pytest.mark.node, pytest.mark.long]
+pytestmark = pytest.mark.long
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """The nodes with delayed states, over ROS."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

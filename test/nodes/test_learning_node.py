@@ -1,7 +1,5 @@
 """The `learning` node: it stores records, and publishes better model sets."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil
@@ -37,7 +35,6 @@ def models(tmp_path: Path) -> Path:
 
 
 def record_of(episode: Episode, code: int = Outcome.SUCCEEDED) -> ActionPerformance:
-    """Return the executor's record of an episode."""
     message = ActionPerformance(action=episode.situation.action, action_set="default")
     message.start.robot = pose_of(episode.situation.robot.pose)
     message.start.objects = [ObjectState(name=name) for name in episode.objects]
@@ -71,23 +68,6 @@ def values_of(client: Client) -> dict[str, str]:
     return {value.key: value.value for value in status_of(client, "learning").values}
 
 
-@pytest.mark.long
-def test_a_changed_robot_gets_a_new_set(
-    host: Host, client: Client, publish_records: Callable[..., None], tmp_path: Path, models: Path
-) -> None:
-    folder = tmp_path / "learned"
-    node = host("learning", learned=folder, models=models, batch=40)
-    publish_records(*map(record_of, episodes(45, slower=1.3)))
-    place = client.eventually(lambda: current_set(folder), "a set", patience=90.0)
-    client.eventually(lambda: "default/goToPose: " in node.output, "word of it")
-    manifest = read_manifest(place)
-    values = values_of(client)
-    assert values["set"] == manifest.digest
-    assert values["last switch"] == manifest.time
-    assert values["default/goToPose: switched"] == manifest.reasons["default/goToPose"]
-    assert "error from" in values["default/goToPose: switched"]
-
-
 def test_impossible_records_and_aborted_actions_are_omitted(
     host: Host, client: Client, publish_records: Callable[..., None], tmp_path: Path
 ) -> None:
@@ -116,7 +96,7 @@ def test_learning_can_be_frozen_and_requested(
     host: Host, client: Client, publish_records: Callable[..., None], tmp_path: Path, models: Path
 ) -> None:
     folder = tmp_path / "learned"
-    host("learning", learned=folder, models=models, batch=40)
+    node = host("learning", learned=folder, models=models, batch=40)
     assert client.call(SetBool, "learning/freeze", SetBool.Request(data=True)).success
     publish_records(*map(record_of, episodes(45, slower=1.3)))
     client.eventually(lambda: stored_in(folder) == 45, "records")
@@ -128,7 +108,12 @@ def test_learning_can_be_frozen_and_requested(
     assert current_set(folder) is None
     assert client.call(SetBool, "learning/freeze", SetBool.Request(data=False)).success
     assert client.call(Trigger, "learning/learn_now", Trigger.Request()).success
-    client.eventually(lambda: current_set(folder), "a set", patience=90.0)
+    place = client.eventually(lambda: current_set(folder), "a set", patience=90.0)
+    client.eventually(lambda: "default/goToPose: " in node.output, "word of it")
+    manifest, values = read_manifest(place), values_of(client)
+    assert (values["set"], values["last switch"]) == (manifest.digest, manifest.time)
+    assert values["default/goToPose: switched"] == manifest.reasons["default/goToPose"]
+    assert "error from" in values["default/goToPose: switched"]
 
 
 @pytest.mark.long
@@ -148,23 +133,39 @@ def test_it_resumes_after_a_kill(
     assert stored_in(folder) == 45
 
 
-def test_the_executor_loads_a_set(host: Host, client: Client, tmp_path: Path, models: Path) -> None:
-    folder = tmp_path / "learned"
-    node = host("executor", models=models, learned=folder)
-    stored(folder / RECORDS, episodes(60, slower=2.0))
+@pytest.fixture(scope="module")
+def slower(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Return a folder of small models, and a set learned from drives that took twice as long."""
+    models, folder = (tmp_path_factory.mktemp(name) for name in ("models", "learned"))
+    save_small_models(models)
+    stored(folder / RECORDS, episodes(60, slower=2.0)).close()
     round_of(folder, models)
-    digest = digest_of(current_set(folder))
+    return models, current_set(folder)
+
+
+def published(place: Path, folder: Path) -> Path:
+    copy = folder / "sets" / place.name
+    shutil.copytree(place, copy)
+    point_to(folder, copy)
+    return copy
+
+
+def test_the_executor_loads_a_set(
+    host: Host, client: Client, tmp_path: Path, slower: tuple[Path, Path]
+) -> None:
+    models, learned = slower
+    node = host("executor", models=models, learned=tmp_path)
+    digest = digest_of(published(learned, tmp_path))
     client.eventually(lambda: f"switched to the learned set {digest}" in node.output, "the switch")
 
 
-def test_the_refinement_node_loads_a_set(host: Host, client: Client, tmp_path: Path, models: Path) -> None:
-    folder = tmp_path / "learned"
-    save_small_models(models)
-    node = host("refinement", models=models, learned=folder, gate=False)
+def test_the_refinement_node_loads_a_set(
+    host: Host, client: Client, tmp_path: Path, slower: tuple[Path, Path]
+) -> None:
+    models, learned = slower
+    node = host("refinement", models=models, learned=tmp_path, gate=False)
     before = refine(client, request_of_the_paper())
-    stored(folder / RECORDS, episodes(60, slower=2.0))
-    round_of(folder, models)
-    place = current_set(folder)
+    place = published(learned, tmp_path)
     digest = digest_of(place)
     client.eventually(lambda: f"switched to the learned set {digest}" in node.output, "the switch")
     after = refine(client, request_of_the_paper())
@@ -175,19 +176,18 @@ def test_the_refinement_node_loads_a_set(host: Host, client: Client, tmp_path: P
     expected = f"{digest} of 2026-01-01T00:00:00Z from episodes: 60 of default/goToPose"
     assert values["learned set"] == expected
     # An incomplete set is not loaded.
-    broken = folder / "sets" / "000009-broken"
+    broken = tmp_path / "sets" / "000009-broken"
     shutil.copytree(place, broken)
     (broken / "goToPose.json").write_text(json.dumps({}))
-    point_to(folder, broken)
+    point_to(tmp_path, broken)
     client.eventually(lambda: "000009-broken is not used: " in node.output, "a warning")
     assert refine(client, request_of_the_paper()).before.duration == after.before.duration
 
 
 def test_some_executed_chains_run_as_planned_to_compare(
-    host: Host, client: Client, tmp_path: Path, models: Path
+    host: Host, client: Client, tmp_path: Path, slower: tuple[Path, Path]
 ) -> None:
-    save_small_models(models)
-    host("refinement", models=models, learned=tmp_path / "learned", deadline=20.0)
+    host("refinement", models=slower[0], learned=tmp_path / "learned", deadline=20.0)
     request = request_of_the_paper(yaw=3.0)
     request.measure = True
     answers = (refine(client, request) for _ in range(200))  # a tenth of them compares

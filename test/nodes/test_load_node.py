@@ -1,7 +1,5 @@
 """The nodes under overload: every request and goal is answered or rejected."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -17,8 +15,6 @@ from ator_interfaces.msg import Outcome
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.refinement import PARAMETERS
-
-pytestmark = pytest.mark.node
 
 DEADLINE = next(parameter.default for parameter in PARAMETERS if parameter.name == "deadline")
 

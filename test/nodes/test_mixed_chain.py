@@ -1,7 +1,5 @@
 """A chain of a remote action and a local action, in the simulation."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

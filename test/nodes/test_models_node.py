@@ -1,19 +1,14 @@
 """Reports of the nodes about the robot's description and the performance models."""
 
-from __future__ import annotations
-
-import dataclasses
 from pathlib import Path
 
 import pytest
-import yaml
 from conftest import Host
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from ros_client import Client
 
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import load_robot
 
 BOTH = pytest.mark.parametrize("name", ["executor", "refinement"])
 
@@ -74,7 +69,6 @@ def test_a_missing_folder_of_models_is_a_warning(host: Host, tmp_path: Path, nam
 
 @pytest.fixture
 def slow_robot(tmp_path: Path) -> Path:
-    """Return the file of a robot that differs from the shipped one in its maximum speed."""
     text = Path(resource_path("config", "pioneer.yaml")).read_text(encoding="utf-8")
     assert text.count("v: 1.2 ") == 1
     file = tmp_path / "slow.yaml"
@@ -89,24 +83,6 @@ def test_a_given_robot_file_is_used(host: Host, client: Client, slow_robot: Path
     assert status.level == DiagnosticStatus.WARN
     assert "dribbleBall was learned with ANOTHER ROBOT" in status.message
     assert "ANOTHER ROBOT" in node.output
-
-
-@pytest.mark.parametrize(
-    ("name", "expected"), [("executor", "ready for chains"), ("refinement", "refining chains")]
-)
-def test_a_robot_without_a_holder_has_the_other_actions(
-    host: Host, models: Path, tmp_path: Path, name: str, expected: str
-) -> None:
-    robot = dataclasses.replace(load_robot(), name="plain", holder=None)
-    file = tmp_path / "plain.yaml"
-    file.write_text(yaml.safe_dump(robot.sections()), encoding="utf-8")
-    for action in ("dribbleBall", "shoot"):  # without models for such a robot
-        (models / f"{action}.json").unlink()
-    output = host(name, domain="soccer", robot=file, models=models).output
-    assert expected in output
-    assert ("dribbleBall needs a holder; robot plain has none" in output) is (name == "executor")
-    assert "goToPose needs" not in output
-    assert "none of" not in output
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,4 @@
-"""Two robots on one domain, each with its three nodes in a separate namespace."""
-
-from __future__ import annotations
+"""Two robots in separate namespaces of one domain; nodes use exactly the names that the policy allows."""
 
 from collections.abc import Iterator
 
@@ -11,38 +9,32 @@ from graph import surface
 from process import Processes
 from rclpy.node import NodeNameNonExistentError
 from ros_client import Client
+from sros2_policy import allowed, read_policy
 
 from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_ros.geometry import Pose
 from ator_ros.nodes.qos import LATCHED, SENSOR_DATA
+from ator_ros.resources import share_folder
 
-pytestmark = pytest.mark.node
-
-ROBOTS = {
-    "ann": {"real_time_factor": 5.0, "command_wait": 1.0, "publish_clock": True},
-    "bob": {"real_time_factor": 2.0},
+ROBOTS: dict[str, dict[str, dict[str, float]]] = {
+    "ann": {
+        "simulation": {"real_time_factor": 5.0, "command_wait": 1.0, "publish_clock": True},
+        "executor": {"odom_timeout": 5.0, "refinement_timeout": 10.0},
+        "refinement": {},
+    },
+    "bob": {"simulation": {}, "executor": {"odom_timeout": 5.0}},
 }
-NODES: dict[str, dict[str, float]] = {
-    "simulation": {},
-    "executor": {"odom_timeout": 5.0, "refinement_timeout": 10.0},
-    "refinement": {},
-}
-GLOBAL = {
-    "/diagnostics",  # shared by all robots; each status has the full node name
-    "/parameter_events",  # absolute in every ROS node
-    "/rosout",  # likewise
-    "/clock",  # the topic of simulated time; off by default
-}
+POLICY = read_policy(share_folder() / "security" / "ator_ros.policy.xml")
+EVERYWHERE = {"/parameter_events", "/rosout"}
 
 
 @pytest.fixture(scope="module")
 def robots(shared: tuple[Processes, Client]) -> Iterator[dict[str, Client]]:
-    """Start all nodes of both robots; yield a client for each, and one ("") without a namespace."""
+    """Start the nodes of both robots; yield a client for each, and one ("") without a namespace."""
     processes, unnamed = shared
-    for robot, world in ROBOTS.items():
-        for name, parameters in NODES.items():
-            settings = world if name == "simulation" else parameters
-            processes.start(name, namespace=robot, **settings)
+    for robot, nodes in ROBOTS.items():
+        for name, parameters in nodes.items():
+            processes.start(name, namespace=robot, **parameters)
     clients = {robot: Client(unnamed.domain, robot) for robot in ROBOTS}
     yield {"": unnamed, **clients}
     for client in clients.values():
@@ -70,16 +62,28 @@ def test_a_chain_moves_one_robot_only(robots: dict[str, Client]) -> None:
     assert not robots[""].robots
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-@pytest.mark.parametrize("name", NODES)
-def test_names_of_a_node_are_in_its_namespace(robots: dict[str, Client], robot: str, name: str) -> None:
-    observer = robots[""]
+@pytest.mark.parametrize("node", ROBOTS["ann"])
+def test_a_node_uses_exactly_what_its_profile_allows(robots: dict[str, Client], node: str) -> None:
+    observer, profile = robots[""], allowed(POLICY, node, "/ann")
 
-    def opened() -> frozenset[str]:
+    def opened() -> object:
         try:
-            return surface(observer.node, name, f"/{robot}").names
+            return surface(observer.node, node, "/ann")
         except NodeNameNonExistentError:
-            return frozenset()
+            return None
 
-    observer.eventually(lambda: len(opened()) > len(GLOBAL), f"the node /{robot}/{name}")
-    assert {full for full in opened() if not full.startswith(f"/{robot}/")} <= GLOBAL
+    try:
+        observer.eventually(lambda: opened() == profile, "the node's whole profile")
+    except AssertionError:
+        assert opened() == profile  # a failing comparison shows the difference
+
+
+def test_a_client_uses_the_nodes_interfaces_without_cmd_vel() -> None:
+    client, nodes = allowed(POLICY, "client"), [allowed(POLICY, node) for node in ROBOTS["ann"]]
+    offered = frozenset.union(*(node.replies for node in nodes))
+    assert client.requests == {name for name in offered if "/set_parameters" not in name}
+    assert client.subscribes == frozenset.union(*(node.publishes for node in nodes))
+    assert client.calls == frozenset.union(*(node.executes for node in nodes))
+    assert client.publishes == EVERYWHERE
+    assert not client.executes
+    assert all(name.startswith("/client/") for name in client.replies)

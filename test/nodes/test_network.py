@@ -1,7 +1,5 @@
 """Nodes communicate only on this machine, unless the user configures otherwise."""
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import struct
@@ -27,10 +25,14 @@ NODES = {"simulation": "simulating", "executor": "ready for chains", "refinement
 
 
 @pytest.mark.parametrize("node", few(NODES, "simulation"))
-def test_a_node_listens_to_this_machine_only(start: Start, client: Client, domain: int, node: str) -> None:
+def test_a_node_listens_to_this_machine_only_and_ends_cleanly(
+    start: Start, client: Client, domain: int, node: str
+) -> None:
     process = start(node)
     client.eventually(lambda: NODES[node] in process.output, "the node is ready")
     assert listens_at(process, domain) == {LOOPBACK}
+    assert process.stop() == 0
+    assert "Traceback" not in process.output
 
 
 def listens_at(process: Process, domain: int) -> set[str]:

@@ -1,7 +1,5 @@
 """Objects from each kind of source."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

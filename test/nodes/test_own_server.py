@@ -1,7 +1,5 @@
 """The commands of docs/remote_actions.md: a package with an action server, models and demo."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -9,10 +7,9 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from ament_index_python.packages import get_package_prefix
 from documentation import ROOT
+from process import executable
 
-BIN = Path(get_package_prefix("ator_ros"), "lib", "ator_ros")
 PAGE = (ROOT / "docs" / "remote_actions.md").read_text(encoding="utf-8")
 
 
@@ -38,9 +35,8 @@ def test_own_server_is_built_driven_learned_and_refined(tmp_path: Path) -> None:
     run("python -m colcon build")
     printed = dict(re.findall(r"make run EXE=(\w+) ARGS='(.*~/ws/src/shuttle/my_domain.yaml.*)'", PAGE))
     small = {"collect": "--episodes 42 --seed 3", "train": "", "demo": "--situations 1 --out demo.png"}
-    outputs = {
-        tool: run(f"{BIN / tool} {printed[tool].replace('~/ws/', '')} {more}") for tool, more in small.items()
-    }
+    commands = {tool: printed[tool].replace("~/ws/", "") for tool in small}
+    outputs = {tool: run(f"{executable(tool)} {commands[tool]} {more}") for tool, more in small.items()}
     assert "s by cross-validation on 4" in outputs["train"]
     assert "three nodes and server start" in outputs["demo"]
     assert "1 of 1 situations succeeded both ways" in outputs["demo"]

@@ -1,7 +1,5 @@
 """Parameter defaults are defined in the nodes; files and documentation agree with them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The README's requests are valid as printed, and its answer is that of the shipped models."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path

@@ -1,18 +1,14 @@
 """`train` learns from a recording of the nodes."""
 
-from __future__ import annotations
-
 import random
-import subprocess
 from pathlib import Path
 
 import pandas as pd
 import pytest
-from ament_index_python.packages import get_package_prefix
 from chain_client import ChainClient, call, chain_of_the_paper
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
-from process import Processes
+from process import Processes, executable, run
 from recorder import Recorder
 from ros_client import Client
 
@@ -104,11 +100,8 @@ def test_records_of_the_executor_are_the_episodes(recording: Recording, tmp_path
 
 def test_the_installed_train_learns_from_the_recording(recording: Recording, tmp_path: Path) -> None:
     folder = recording[0].write(tmp_path / "bag", *TOPICS)
-    train = Path(get_package_prefix("ator_ros"), "lib", "ator_ros", "train")
     models = tmp_path / "models"
-    ended = subprocess.run(
-        [str(train), str(folder), "--models", str(models)], capture_output=True, text=True, check=False
-    )
+    ended = run(executable("train"), folder, "--models", models)
     assert ended.returncode == 0, ended.stderr
     assert "dribbleBall: expected at least 20 episodes" in ended.stderr
     model = load_model(models / "goToPose.json", load_robot(), SOCCER.known_features)

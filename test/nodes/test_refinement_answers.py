@@ -1,7 +1,5 @@
 """Answers about steps without a model and invalid chains (in process)."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -61,22 +59,6 @@ def test_openings_are_returned_unchanged() -> None:
     assert sorted(answer.chain.calls[0].open) == sorted(answer.original.calls[0].open) == ["*", "yaw"]
 
 
-@pytest.mark.parametrize(
-    ("calls", "reason"),
-    [
-        ([call("goToBall", Pose(1.0, 0.0, 0.0))], "no valid plan: pre-condition of step 1 (goToBall) now: "),
-        (
-            [call("goToPose", Pose(1.0, 0.0, 0.0)), call("shoot", Pose(4.0, 0.0, 0.0))],
-            "no valid plan: pre-condition of step 2 (shoot) after step 1 (goToPose): ",
-        ),
-    ],
-)
-def test_an_invalid_plan_is_rejected(calls: list[TopCall], reason: str) -> None:
-    with pytest.raises(RefinementError) as caught:
-        answered(request(*calls))
-    assert str(caught.value).startswith(reason)
-
-
 class TestAlternatives:
     """Several chains for the same goal: a detour, a straight one, and a shot from an invalid position."""
 
@@ -133,10 +115,3 @@ class TestAlternatives:
     def test_a_single_chain_has_no_list(self) -> None:
         answer = answered(self.request_for(self.far))
         assert (len(answer.alternatives), answer.chosen) == (0, 0)
-
-    def test_a_free_place_has_bounds(self) -> None:
-        carry = call("dribbleBall", Pose(2.2, 1.5, 0.0), opened=("x", "y", "yaw", "speed"))
-        answer = answered(self.request_for((self.far[0], carry, self.far[2])))
-        [x] = [each for each in answer.free if (each.subgoal, each.name) == (1, "x")]
-        assert 1.2 < x.low < x.after < x.high < 4.0
-        assert "pre-condition of step 3 (shoot): distance from ball to goal 0.74 to 2.66 m" in x.limits

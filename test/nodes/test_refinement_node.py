@@ -1,10 +1,10 @@
 """The `refinement` node over its ROS interfaces."""
 
-from __future__ import annotations
-
+import math
 from pathlib import Path
 
 import pytest
+from chain_client import call
 from conftest import Host
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from experience_rows import uncertain
@@ -13,14 +13,15 @@ from refinement_requests import refine, request_of_the_paper, save_small_models
 from ros_client import Client
 from visualization_msgs.msg import MarkerArray
 
+from ator_interfaces.msg import GoalTerm, PlanGoal, Situation, TopCall
+from ator_interfaces.srv import PlanChains, PredictDurations
+from ator_ros.geometry import Pose
+from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import LATCHED, RESULTS
-
-pytestmark = pytest.mark.node
 
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with small performance models."""
     folder = tmp_path_factory.mktemp("models")
     save_small_models(folder)
     return folder
@@ -79,11 +80,8 @@ def test_the_gate_can_be_disabled_at_runtime(host: Host, client: Client, tmp_pat
         assert refine(client, request).refined is not gate
 
 
-def test_the_failure_cost_is_the_parameter_unless_requested(
-    host: Host, client: Client, tmp_path: Path
-) -> None:
-    save_small_models(tmp_path)
-    host("refinement", models=tmp_path, deadline=20.0)
+def test_the_failure_cost_is_the_parameter_unless_requested(host: Host, client: Client, models: Path) -> None:
+    host("refinement", models=models, deadline=20.0)
     request = request_of_the_paper(yaw=3.0)
     request.objective.success = 100.0
     by_request = refine(client, request).cost_before
@@ -93,21 +91,13 @@ def test_the_failure_cost_is_the_parameter_unless_requested(
     assert refine(client, request).cost_before == pytest.approx(by_request)
 
 
-def test_diagnostics_list_the_models(service_client: Client) -> None:
-    health = service_client.listen(DiagnosticArray, "/diagnostics", RESULTS)
-    service_client.eventually(lambda: health, "diagnostics")
-    values = {value.key: value.value for value in health[-1].status[0].values}
-    assert values["models of default"] == "dribbleBall, goToPose, shoot"
-
-
-def test_without_models_it_warns_and_continues(start, client: Client, tmp_path: Path) -> None:
+def test_without_models_it_warns_and_continues(host: Host, client: Client, tmp_path: Path) -> None:
     health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
-    node = start("refinement", models=tmp_path)
+    host("refinement", models=tmp_path)
     response = refine(client, request_of_the_paper())
     assert not response.accepted
     assert str(tmp_path) in response.reason
     client.eventually(lambda: health and health[-1].status[0].level == DiagnosticStatus.ERROR, "an error")
-    assert node.stop() == 0
 
 
 def test_markers_of_the_last_search_are_latched(service_client: Client) -> None:
@@ -117,3 +107,52 @@ def test_markers_of_the_last_search_are_latched(service_client: Client) -> None:
     markers = received[0].markers
     assert any(len(marker.points) == len(marker.colors) >= 48 for marker in markers)
     assert all(marker.header.frame_id == "odom" for marker in markers)
+
+
+def test_steps_are_predicted_from_several_situations(service_client: Client) -> None:
+    starts = [Situation(robot=pose_of(Pose(x, 0.0, 0.0))) for x in (-2.0, 1.0)]
+
+    def answered(calls: list[TopCall]) -> PredictDurations.Response:
+        request = PredictDurations.Request(situations=starts, calls=calls)
+        return service_client.call(PredictDurations, "predict_durations", request)
+
+    found = answered([call("goToPose", Pose(x, 0.0, 0.0)) for x in (-1.0, 0.0, 2.0)])
+    assert found.accepted, found.reason
+    first, second = found.durations[:3], found.durations[3:]
+    assert first[0] < first[1] < first[2]
+    assert second[2] == min(second)
+    assert len(found.spreads) == len(found.success) == 6
+    assert all(map(math.isfinite, (*found.spreads, *found.success)))
+    for calls, reason in (
+        ([], "calls: expected 1 to 100 items, got 0"),
+        ([call("fly", Pose(0.0, 0.0, 0.0))], "calls[0].top"),
+    ):
+        refused = answered(calls)
+        assert not refused.accepted
+        assert reason in refused.reason
+
+
+def test_a_goal_is_planned_and_an_impossible_goal_is_rejected(service_client: Client) -> None:
+    def answered(goal: PlanGoal) -> PlanChains.Response:
+        request = PlanChains.Request(goal=goal, situation=request_of_the_paper().situation)
+        return service_client.call(PlanChains, "plan_chains", request)
+
+    planned = answered(PlanGoal(name="ball_in_goal"))
+    assert planned.accepted, planned.reason
+    steps = [[step.top for step in chain.calls] for chain in planned.chains]
+    assert steps == [["goToBall", "dribbleBall", "shoot"]]
+    assert list(planned.chains[0].calls[0].open) == ["speed", "yaw"]
+    assert planned.chains[0].calls[0].goal.header.frame_id == "odom"
+    assert answered(PlanGoal(terms=[GoalTerm(variable="ball.x", low=-1.0, high=1.0)])).holds
+    for goal, reason in (
+        (PlanGoal(name="ball_in_basket"), "goal.name: expected one of ['ball_held', 'ball_in_goal']"),
+        (PlanGoal(), "goal.terms: expected 1 to 8 items, got 0"),
+        (PlanGoal(terms=[GoalTerm(variable="ball.x")] * 9), "goal.terms: expected 1 to 8 items, got 9"),
+        (PlanGoal(terms=[GoalTerm(variable="cup.x")]), "goal.terms[0].variable: expected one of"),
+        (PlanGoal(terms=[GoalTerm(variable="ball.vx", value=1.0, high=0.1)]), "no TOP achieves ball.vx"),
+        (PlanGoal(terms=[GoalTerm(variable="ball.x", low=1.0)]), "expected low <= high"),
+        (PlanGoal(terms=[GoalTerm(variable="ball.x", value=float("nan"))]), "expected a finite number"),
+    ):  # fmt: skip
+        answer = answered(goal)
+        assert not answer.accepted
+        assert reason in answer.reason

@@ -1,7 +1,5 @@
 """Actions on external servers: valid servers, and each fault that ends an action."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from typing import Any

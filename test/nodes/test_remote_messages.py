@@ -1,7 +1,5 @@
 """Goals and results of action types by field path, without a node."""
 
-from __future__ import annotations
-
 import sys
 from types import ModuleType, SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """Shapes of chains, rings and surroundings for the page and RViz."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Several robots and a ball in one simulation."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest
@@ -24,7 +22,6 @@ EACH_LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 @pytest.fixture
 def pair(domain: int) -> Iterator[dict[str, Client]]:
-    """Yield a client for each robot."""
     clients = {name: Client(domain, name, frame=f"{name}/odom") for name in NAMES}
     yield clients
     for client in clients.values():

@@ -1,7 +1,5 @@
 """The simulated world of several robots, without a node."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,11 +1,8 @@
 """The `simulation` node over its ROS interfaces."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math
-import signal
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -14,7 +11,6 @@ from process import Process, Processes
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_client import Client
 from rosgraph_msgs.msg import Clock
-from selection import few
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
@@ -25,8 +21,6 @@ from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SENSOR_DATA
 from ator_ros.world.messages import OdometryReader
-
-pytestmark = pytest.mark.node
 
 START = Pose(-2.0, 0.0, 0.0)
 
@@ -197,11 +191,3 @@ def test_topics_for_rviz_and_robot_state_publisher(world: Client) -> None:
     assert list(joints[-1].name) == ["left_wheel_joint", "right_wheel_joint"]
     before = joints[-1].position[0]
     client.eventually(lambda: client.command(v=0.3) or joints[-1].position[0] != before, "the wheels turn")
-
-
-@pytest.mark.parametrize("number", few([signal.SIGINT, signal.SIGTERM], signal.SIGINT))
-def test_it_ends_cleanly(start, client: Client, number: signal.Signals) -> None:
-    node = start("simulation")
-    client.robot()
-    assert node.stop(number) == 0
-    assert "Traceback" not in node.output

@@ -1,14 +1,12 @@
 """Command line, parameters and parameter files of a node, valid and invalid."""
 
-from __future__ import annotations
-
 import importlib
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from conftest import Start
+from conftest import Host, Start
 from ros_client import Client
 
 from ator_ros.nodes.network import PROFILES
@@ -125,8 +123,8 @@ def test_an_unreadable_robot_file_ends_a_node_with_one_line(ended: Ended, tmp_pa
     assert "\n" not in output
 
 
-def test_an_unknown_parameter_is_reported(start: Start, client: Client) -> None:
-    node = start("simulation", real_time_factr=5.0)
+def test_an_unknown_parameter_is_reported(host: Host, client: Client) -> None:
+    node = host("simulation", real_time_factr=5.0)
     expected = "ignored: parameters real_time_factr: expected some of "
     client.eventually(lambda: expected in node.output, expected)
     assert "real_time_factor" in node.output.partition(expected)[2]

@@ -1,40 +1,21 @@
 """The executor with robot and object from tf: a base that publishes map, odom, base_link."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
 import pytest
 from chain_client import ChainClient, call
 from conftest import Host
+from domain_files import file_of, visiting
 from moving_base import MovingBase
 from ros_client import Client
 from tf2_msgs.msg import TFMessage
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
-from ator_ros.nodes.inputs import Subscriptions
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.simulation import transform_of
-from ator_ros.robot.description import load_robot
-from ator_ros.world.messages import ObjectSource
 from ator_ros.world.state import RobotState
-
-DOMAIN = """
-name: errands
-objects:
-  - {name: cart, type: tf, frame: seen/cart-1}
-tops:
-  - name: visit
-    action: goToPose
-    post:
-      - {variable: robot.x, target: cart.x, tolerance: 0.1}
-      - {variable: robot.y, target: cart.y, tolerance: 0.1}
-actions:
-  - name: goToPose
-    local: {domain: soccer}
-"""
 
 
 class TfBase(MovingBase):
@@ -54,11 +35,9 @@ class TfBase(MovingBase):
 
     @property
     def in_map(self) -> Pose:
-        """The pose in the map."""
         return self.origin.compose(self.pose)
 
     def publish(self, state: RobotState) -> None:
-        """Publish the transforms of the state."""
         edges = [("map", "odom", self.origin), ("odom", "base_link", state.pose)]
         if self.cart is not None:
             camera = self.in_map.compose(Pose(0.2, 0.0, 0.0))
@@ -93,7 +72,9 @@ def test_a_goal_in_another_frame_is_transformed(host: Host, client: Client, base
     host("executor", **SETTINGS)
     goal = call("goToPose", Pose(0.6, 0.2, 0.5))
     goal.goal.header.frame_id = "/odom"
-    result = ChainClient(client).send([goal]).result()
+    chains = ChainClient(client)
+    chains.send([call("goToPose", base.in_map)]).result()  # it waits for the first transforms
+    result = chains.send([goal]).result()
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
     assert base.pose.distance(Pose(0.6, 0.2, 0.5)) < 0.04
     assert result.record.chain.calls[0].goal.header.frame_id == "map"
@@ -102,8 +83,7 @@ def test_a_goal_in_another_frame_is_transformed(host: Host, client: Client, base
 def test_an_object_is_found_through_the_robots_camera(
     host: Host, client: Client, base: TfBase, tmp_path: Path
 ) -> None:
-    file = tmp_path / "errands.yaml"
-    file.write_text(DOMAIN, encoding="utf-8")
+    file = file_of(tmp_path, visiting({"type": "tf", "frame": "seen/cart-1"}, "cart"))
     host("executor", **SETTINGS, domain=file)
     chains, goal = ChainClient(client), base.in_map.ahead(0.5)
     outcome = chains.send([call("visit", goal)]).outcome()
@@ -115,29 +95,6 @@ def test_an_object_is_found_through_the_robots_camera(
     (cart,) = result.record.actions[0].end.objects
     assert (cart.position.x, cart.position.y) == pytest.approx(base.cart[:2], abs=0.02)
     assert math.hypot(cart.velocity.x, cart.velocity.y) < 0.1
-
-
-def test_two_objects_can_have_the_same_frame(client: Client) -> None:
-    taken: set[str] = set()
-    client.within(
-        lambda: Subscriptions(
-            client.node,
-            {"frame": "map", "robot_frame": "base_link", "robot_from": "odom"},
-            load_robot(),
-            [ObjectSource(name, type="tf", frame="cart_link") for name in ("cart", "load")],
-            take_robot=lambda *_: None,
-            take_object=lambda name, *_: taken.add(name),
-            warn=pytest.fail,
-        )
-    )
-    publisher = client.node.create_publisher(TFMessage, "/tf", RESULTS)
-    message = TFMessage(transforms=[transform_of(1.0, Pose(0.5, 0.0, 0.0), frame="map", child="cart_link")])
-
-    def observed() -> bool:
-        publisher.publish(message)
-        return taken == {"cart", "load"}
-
-    client.eventually(observed, "both objects")
 
 
 def test_invalid_transforms_are_reported_and_not_used(host: Host, client: Client, base: TfBase) -> None:

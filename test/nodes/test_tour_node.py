@@ -1,13 +1,10 @@
 """The `tour` domain over ROS: drives on its server take as long as without ROS."""
 
-from __future__ import annotations
-
-import subprocess
 from pathlib import Path
 
 import pandas as pd
 import pytest
-from ament_index_python.packages import get_package_prefix
+from process import executable, run
 
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.collect import collect
@@ -16,15 +13,8 @@ from ator_ros.experience.table import join, library_versions, read_experience
 from ator_ros.resources import resource_path
 from ator_ros.tools import collect as collect_tool
 
-BIN = Path(get_package_prefix("ator_ros"), "lib", "ator_ros")
 TOUR = find_domain("tour")
-PATIENCE = 240.0
 SEED = 7
-
-
-def run(*words: object, patience: float = PATIENCE) -> subprocess.CompletedProcess[str]:
-    command = list(map(str, words))
-    return subprocess.run(command, capture_output=True, text=True, timeout=patience, check=False)
 
 
 @pytest.mark.node
@@ -32,7 +22,7 @@ def run(*words: object, patience: float = PATIENCE) -> subprocess.CompletedProce
 def test_drives_over_ros_take_as_long_as_those_without(tmp_path: Path) -> None:
     file, drives = tmp_path / "drives.parquet", 3
     ended = run(
-        *(BIN / "collect", "--domain", "tour", "--over-ros", "--episodes", drives),
+        *(executable("collect"), "--domain", "tour", "--over-ros", "--episodes", drives),
         *("--seed", SEED, "--out", file),
     )
     assert ended.returncode == 0, ended.stdout + ended.stderr
@@ -53,7 +43,7 @@ def test_drives_over_ros_take_as_long_as_those_without(tmp_path: Path) -> None:
 @pytest.mark.node
 @pytest.mark.long
 def test_the_demo_executes_a_tour(tmp_path: Path) -> None:
-    ended = run(BIN / "demo", "--domain", "tour", "--situations", 1, "--out", tmp_path / "tour.png")
+    ended = run(executable("demo"), "--domain", "tour", "--situations", 1, "--out", tmp_path / "tour.png")
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert "three nodes and drive_to_server start on ROS domain" in ended.stdout
     assert "1 of 1 situations succeeded both ways; refinement saved" in ended.stdout

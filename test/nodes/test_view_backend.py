@@ -1,7 +1,5 @@
 """The view's backend with mock nodes and real nodes."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -23,7 +21,6 @@ from ator_ros.view.editor import NAIVE, REFINED, Editor
 from ator_ros.view.runs import Run
 from ator_ros.world.state import ObjectState, RobotState, World
 
-pytestmark = pytest.mark.node
 ROBOT = SOCCER.robot()
 TRIAL = random_trial(SOCCER, "dribble", SOCCER.library(ROBOT), seed=0, index=0)
 DRAFT = Draft(TRIAL.world, TRIAL.chain, "default")

@@ -1,29 +1,24 @@
 """The command `view`, with the nodes that it starts and a client of its page."""
 
-from __future__ import annotations
-
 import re
 import signal
 import subprocess
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 pytest.importorskip("viser", reason="needs viser: docs/install.md")
 
-from ament_index_python.packages import get_package_prefix
-from free_port import free_port
-from view.viser_client import ViserClient
+from process import executable
+from view.viser_client import ViserClient, free_port
 
 pytestmark = [pytest.mark.node, pytest.mark.long]
 
 
 @pytest.fixture
 def page() -> Iterator[ViserClient]:
-    """Yield a client of the page of a view."""
     port = free_port()
-    command = [str(Path(get_package_prefix("ator_ros"), "lib", "ator_ros", "view")), "--port", str(port)]
+    command = [executable("view"), "--port", str(port)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         process.stdout.readline()

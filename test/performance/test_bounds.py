@@ -1,6 +1,4 @@
-"""No input makes compiled code access memory beyond its arrays."""
-
-from __future__ import annotations
+"""Compiled code accesses no memory beyond its arrays, and runs without a cache folder."""
 
 import os
 import subprocess
@@ -18,7 +16,7 @@ from ator_ros.robot.description import load_robot
 
 EDGES = [0.0, 1e-300, 1e-9, 0.01, 0.5, 1.0, 3.14159265358979, 7.0, 100.0, 1e4, 1e6]
 """Numbers that files, messages and command lines may contain, up to their checked bounds."""
-CHECKED = ("performance", "test_compiled.py", "refinement/test_refinement_search.py", "domains/test_shoot.py")
+CHECKED = ("performance", "refinement/test_refinement_search.py", "domains/test_shoot.py")
 """Tests that run compiled code."""
 
 
@@ -57,3 +55,15 @@ def test_compiled_code_stays_within_its_arrays() -> None:
         check=False,
     )
     assert done.returncode == 0, done.stdout[-5000:]
+
+
+WRAP = "from ator_ros.performance.derived import wrapped; print(wrapped(7.0))"
+
+
+@pytest.mark.long
+def test_functions_run_without_a_writable_cache_folder(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    nowhere = str(tmp_path / "file" / "folder")
+    environment = {**os.environ, "NUMBA_CACHE_DIR": nowhere, "HOME": nowhere, "XDG_CACHE_HOME": nowhere}
+    done = subprocess.run([sys.executable, "-c", WRAP], env=environment, capture_output=True, check=True)
+    assert float(done.stdout) == pytest.approx(7.0 - 2.0 * np.pi)

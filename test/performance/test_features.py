@@ -1,7 +1,5 @@
 """Features: their values, variables and invariances."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -25,7 +23,6 @@ Direct = dict[str, FloatArray]
 
 
 def feature_table(direct: Mapping[str, Any], robot: Robot, names: Sequence[str]) -> FloatArray:
-    """Compute features by name."""
     return table_of_features(direct, robot, [FEATURES[name] for name in names])
 
 

@@ -1,7 +1,5 @@
 """Model files: stored content and rejected files."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import warnings

@@ -1,10 +1,9 @@
 """The model tree learner: accuracy, invalid parameters, and scikit-learn compatibility."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from selection import few
 from sklearn.tree import DecisionTreeRegressor
 from sklearn.utils.estimator_checks import check_estimator
 
@@ -28,7 +27,7 @@ def rmse(actual: Array, predicted: Array) -> float:
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.SkipTestWarning")
-@pytest.mark.parametrize("least", [15, 3])
+@pytest.mark.parametrize("least", few([15, 3], 15))
 def test_is_a_scikit_learn_estimator(least):
     check_estimator(ModelTreeRegressor(min_samples_leaf=least))
 

@@ -1,7 +1,5 @@
 """Times of paths: what the paths are, what is read off odometry for them, and what a model keeps."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from pathlib import Path

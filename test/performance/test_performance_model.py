@@ -1,7 +1,5 @@
 """Training, prediction, accuracy and explanation of performance models."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from experience_rows import synthetic_experience

@@ -1,7 +1,5 @@
 """Durations with a dead zone: thresholds in the rules, and chains that are refined by them."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

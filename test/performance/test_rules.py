@@ -1,7 +1,5 @@
 """The rules of a model tree agree with its predictions."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

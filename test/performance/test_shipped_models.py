@@ -1,7 +1,5 @@
 """The shipped models: complete, tested on separate episodes, and documented."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

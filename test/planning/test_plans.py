@@ -1,7 +1,5 @@
 """Plans from goals: valid chains, or the reasons why there is none."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

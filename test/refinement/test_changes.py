@@ -1,7 +1,5 @@
 """Changes that the executor accepts from a refinement server: only open variables of the plan."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,8 +1,7 @@
 """The gate: it compares a predicted gain with what the models err by."""
 
-from __future__ import annotations
-
 import dataclasses
+import functools
 import math
 from typing import Any
 
@@ -29,6 +28,7 @@ VISIT = TOUR.library(ROBOT)["visit"]
 TOO_LOW = MeasuredGain(20, 5, 0.7, 0.1, 0.0, 0.2)
 
 
+@functools.cache
 def learned(count: int = 100) -> PerformanceModel:
     return train("drive_to", dead_zone_drives(count, seed=1), ROBOT)
 

@@ -1,7 +1,5 @@
 """Objective and refiner: the refined chain is optimal, and bound variables are unchanged."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from types import SimpleNamespace
@@ -9,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from refinement_fakes import (
-    ANGLE,
     BOTH,
     ROBOT,
     USED,
@@ -23,13 +20,11 @@ from refinement_fakes import (
 )
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.objective import Objective, expected_time
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
 from ator_ros.tops.chain import TopChain
-from ator_ros.tops.ranges import USUAL_RANGES, declared_ranges
 
 
 @pytest.mark.parametrize("chain", [two_steps(), two_steps(BOTH), three_steps(), three_steps(BOTH)])
@@ -124,15 +119,3 @@ class TestFromOutside:
         first, last = two_steps().calls
         chain = TopChain((first, dataclasses.replace(last, top=top)))
         assert Refiner(ROBOT, pushing).refine(world(), chain).refined
-
-    def test_new_free_variable(self) -> None:
-        def spinning(direct: dict[str, float]) -> object:
-            return turning_time(direct) + (direct["sping"] - 0.3) ** 2
-
-        ranges = {**USUAL_RANGES, **declared_ranges([GoalVariable("spin", "rad/s", -1.0, 1.0)])}
-        learned = models() | {"goToPose": FakeModel(spinning, USED | {"sping"})}  # type: ignore[arg-type]
-        chain = two_steps(ANGLE | {"spin"}).with_goal(0, SPUN)
-        result = Refiner(ROBOT, learned, ranges=ranges).refine(world(), chain)
-        assert [variable.name for variable in result.free] == ["yaw", "spin"]
-        assert result.chain.calls[0].goal.values["spin"] == pytest.approx(0.3, abs=0.05)
-        assert SPUN.values == {"spin": 0.0}

@@ -1,7 +1,5 @@
 """The deadline of a refinement: once it has passed, the answer is the best chain found."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """Free variables: opened by the plan, not bound by a condition, and used by a performance model."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -79,32 +77,12 @@ def test_an_unknown_goal_variable_is_reported() -> None:
     assert not_free.reason == "no goal variable, expected one of x, y, yaw, speed"
 
 
-class TestWithoutAModel:
-    """A step without a model does not prevent the refinement of other steps."""
-
-    def chain(self) -> TopChain:
-        """Return four steps, of which the third has no model; all intermediate headings are open."""
-        top = dataclasses.replace(call("dribbleBall", 0.0, 0.0, 0.0).top, name="pushBall", action="push")
-        first, last = two_steps(yaw=2.0).calls
-        between = dataclasses.replace(last, open=ANGLE)
-        pushed = dataclasses.replace(call("dribbleBall", 1.0, 1.0, 0.3, ANGLE), top=top)
-        return TopChain((first, between, pushed, call("dribbleBall", 2.0, 0.0, 0.0, ANGLE)))
-
-    def test_the_others_are_refined(self) -> None:
-        chain = self.chain()
-        result = Refiner(ROBOT, models()).refine(world(), chain)
-        assert result.refined
-        assert [(each.subgoal, each.name) for each in result.free] == [(0, "yaw"), (3, "yaw")]
-        assert result.chain.calls[1:3] == chain.calls[1:3]
-        assert result.without_model == (2,)
-        assert "no performance model for step 3 (push): neither predicted nor counted" in result.reason
-
-    def test_no_model_at_all_changes_nothing(self) -> None:
-        result = Refiner(ROBOT, {}).refine(world(), two_steps())
-        assert not result.refined
-        assert result.without_model == (0, 1)
-        assert result.reason.startswith("nothing is free: yaw of step 1 (goToBall) is of unknown effect: ")
-        assert result.before.cost == 0.0
+def test_no_model_at_all_changes_nothing() -> None:
+    result = Refiner(ROBOT, {}).refine(world(), two_steps())
+    assert not result.refined
+    assert result.without_model == (0, 1)
+    assert result.reason.startswith("nothing is free: yaw of step 1 (goToBall) is of unknown effect: ")
+    assert result.before.cost == 0.0
 
 
 def test_ranges_are_of_robot_and_scene_unless_a_domain_sets_them() -> None:

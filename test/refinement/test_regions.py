@@ -1,7 +1,5 @@
 """Regions of conditions: relations between places as data, and the free variables they leave."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Delayed states, extrapolated to the time at which their command moves the base."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

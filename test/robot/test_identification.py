@@ -1,7 +1,5 @@
 """Identification of a base's latency, lag, limits and dead zone from a probe drive of 30 s."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections import deque
 from collections.abc import Sequence

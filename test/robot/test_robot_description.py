@@ -1,7 +1,5 @@
 """Descriptions of robots and scenes: file content, digests, robots without a holder."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

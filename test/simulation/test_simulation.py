@@ -1,7 +1,5 @@
 """The core of the simulator."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 
@@ -102,13 +100,3 @@ def test_robots_of_one_world_move_independently_and_share_the_ball() -> None:
         assert (first.pose.y, second.pose.x) == pytest.approx((0.0, 0.0), abs=0.01)
         assert 0.3 < 1.0 - second.pose.y < 0.6
         assert world.world().objects == world.world(number=1).objects
-
-
-def test_wheels_roll_with_the_base() -> None:
-    with Simulation(ROBOT) as simulation:
-        simulation.place_robot(Pose(0.0, 0.0, 0.0))
-        for _ in range(20):
-            simulation.command(Command(0.3, 0.0))
-            simulation.tick()
-        moved = simulation.world().robot.pose.x
-        assert simulation.wheel_angles() == pytest.approx([moved / ROBOT.wheel_radius] * 2, rel=0.02)

@@ -1,18 +1,20 @@
-"""Invalid command lines end with a one-line error that states what was expected."""
-
-from __future__ import annotations
+"""Command lines end with a one-line error that states what was expected, also after signals."""
 
 import copy
 import importlib
 import io
+import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 from domain_files import CHAIN, PLACE, TOUR, file_of
 
 from ator_ros.tools import study, train
+from ator_ros.tools.command_line import INTERRUPTED, guarded
 
 BARE = """
 name: bare
@@ -173,3 +175,27 @@ def test_a_damaged_file_ends_a_command_with_a_short_message(
         assert 1 <= len([each for each in error.splitlines() if not each.startswith(("usage: ", " "))]) <= 3
         assert "Traceback" not in error
         assert [path for path in tmp_path.rglob("*") if path.is_file()] == [file]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_signals_stop_a_command_like_ctrl_c(
+    number: signal.Signals, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = signal.getsignal(number)
+
+    def work() -> int:
+        os.kill(os.getpid(), number)
+        time.sleep(5.0)
+        return 0
+
+    assert guarded("tool", work, interrupted="what was done is kept") == INTERRUPTED
+    assert capsys.readouterr().err == "tool: interrupted; what was done is kept\n"
+    assert signal.getsignal(number) is before
+
+
+def test_an_error_of_several_lines_is_reported_in_one(capsys: pytest.CaptureFixture[str]) -> None:
+    def work() -> int:
+        raise OSError("expected a file\n  got none\n\n  start again")
+
+    assert guarded("tool", work) == 1
+    assert capsys.readouterr().err == "tool: expected a file; got none; start again\n"

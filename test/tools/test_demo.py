@@ -1,7 +1,5 @@
 """The demo's table and picture, its situations, and its processes, without ROS."""
 
-from __future__ import annotations
-
 import math
 import time
 from pathlib import Path

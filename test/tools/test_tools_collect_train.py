@@ -1,7 +1,5 @@
 """The command lines of collect and train, from experience to rules."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import math
@@ -20,7 +18,7 @@ import pytest
 from experience_rows import synthetic_experience
 from selection import few
 
-from ator_ros.experience.parallel import run_tasks, workers
+from ator_ros.experience.parallel import BackendError, run_tasks, workers
 from ator_ros.experience.table import Experience, read_experience, write_experience
 from ator_ros.robot.description import load_robot
 from ator_ros.tools import collect, evaluate, train
@@ -58,6 +56,12 @@ def test_collect_writes_the_same_table_for_any_number_of_workers(tmp_path: Path)
     assert one.frame.groupby("action")["episode"].nunique().to_dict() == {"dribbleBall": 2, "goToPose": 2}
 
 
+def test_an_invalid_cluster_is_rejected() -> None:
+    expected = "cluster: expected a dask scheduler as in tcp://host:8786, got 'nowhere'"
+    with pytest.raises(BackendError, match=expected), workers(2, "nowhere"):
+        pass
+
+
 def test_collect_keeps_finished_episodes_if_a_worker_is_killed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -83,9 +87,9 @@ def test_collect_continues_after_a_signal_with_the_same_table(
     tmp_path: Path, number: signal.Signals, capsys: pytest.CaptureFixture[str]
 ) -> None:
     whole, file = tmp_path / "whole.parquet", tmp_path / "killed.parquet"
-    words = ["--actions", "goToPose", "dribbleBall", "--episodes", "3", "--seed", "9", "--jobs", "2", "--out"]
+    words = ["--actions", "goToPose", "dribbleBall", "--episodes", "3", "--seed", "9", "--out"]
     with subprocess.Popen(
-        [sys.executable, "-c", WATCHED, *words, str(file)],
+        [sys.executable, "-c", WATCHED, *words, str(file), "--jobs", "2"],
         start_new_session=True, stdout=subprocess.PIPE, text=True,
     ) as process:  # fmt: skip
         while "4 episodes" not in process.stdout.readline():
@@ -96,10 +100,10 @@ def test_collect_continues_after_a_signal_with_the_same_table(
     (kept,) = tmp_path.iterdir()
     lines = kept.read_bytes()
     kept.write_bytes(lines + lines[-200:-1])  # as if it was killed while writing
-    assert collect.main([*words, str(file)]) == 0
+    assert collect.main([*words, str(file), "--jobs", "1"]) == 0
     assert re.search("collect: [45] episodes of an earlier call are there", capsys.readouterr().err)
     assert list(tmp_path.iterdir()) == [file]
-    assert collect.main([*words, str(whole)]) == 0
+    assert collect.main([*words, str(whole), "--jobs", "1"]) == 0
     one, two = map(read_experience, (whole, file))
     pd.testing.assert_frame_equal(one.frame, two.frame, check_exact=True)
 

@@ -1,7 +1,5 @@
 """The command line `evaluate`, from small synthetic models to report and result."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

@@ -1,7 +1,5 @@
 """The command line `study`, from experience to a page; its advice on open variables; studies in docs."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path
@@ -24,7 +22,6 @@ PIONEER = resource_path("config", "pioneer.yaml").read_text(encoding="utf-8")
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the description of a robot other than the shipped one."""
     file = tmp_path_factory.mktemp("robot") / "slower.yaml"
     file.write_text(PIONEER.replace("v: 1.2", "v: 0.9", 1), encoding="utf-8")
     return file

@@ -1,7 +1,5 @@
 """Bindings: variables that the conditions of a chain bind."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import pytest

@@ -1,7 +1,5 @@
 """The roles of objects in TOPs with more objects than a ball."""
 
-from __future__ import annotations
-
 from ator_ros.actions.base import Goal
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot

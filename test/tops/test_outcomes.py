@@ -1,7 +1,5 @@
 """The outcome of a TOP is decided by its post-condition, in the simulator and in the executor."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """A view's backend without ROS: it refines with the shipped models and executes chains in one step."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -77,7 +75,6 @@ class InProcessBackend:
         return editor
 
     def observe(self, time: float, pose: Pose, ball: tuple[float, float]) -> None:
-        """Set the observed pose of the robot and place of the ball (m) at `time` s."""
         self.state = World(time, RobotState(pose), {"ball": ObjectState(*ball)})
         if self.external is not None:
             self.external.record_pose(time, pose)

@@ -1,7 +1,5 @@
 """The editor of the view: edits, executions, running robots, and chains of other clients."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pytest

@@ -1,7 +1,5 @@
 """The history of the view: executed chains, the models' error, and the gain of refinement."""
 
-from __future__ import annotations
-
 import math
 
 from view.in_process import record_of

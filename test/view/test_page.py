@@ -1,17 +1,14 @@
 """The page, with clients that speak its protocol."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Iterator
 
 import pytest
-from free_port import free_port
 
 pytest.importorskip("viser", reason="needs viser: docs/install.md")
 
 from view.in_process import InProcessBackend, record_of
-from view.viser_client import ViserClient
+from view.viser_client import ViserClient, free_port
 
 from ator_interfaces.msg import Outcome
 from ator_ros.domains.soccer.domain import SOCCER
@@ -48,7 +45,6 @@ class Shown:
         return ViserClient(self.page.server.get_port())
 
     def move_ball(self, x: float, y: float) -> None:
-        """Move the ball, as a drag does."""
         self.page.commands.put(lambda: self.editor.move_object("ball", Pose(x, y, 0.0)))
         self.step()
 

@@ -1,7 +1,5 @@
 """A client of a page without a browser: it receives viser's messages and stores the nodes' positions."""
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import threading
@@ -20,6 +18,13 @@ _HEADER = 16
 _PATIENCE = 20.0
 _HEIGHT = 1000.0
 """Distance of the camera in m: so far that picking does not depend on the height of objects."""
+
+
+def free_port() -> int:
+    """Return a TCP port that is not in use."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
 
 
 class ViserClient:
@@ -71,13 +76,11 @@ class ViserClient:
             self._texts[field] = properties["_markdown"]
 
     def text(self) -> str:
-        """Return all texts of the panel."""
         return "\n".join(tuple(self._texts.values()))
 
     # Messages of a browser
 
     def send(self, kind: str, **fields: Any) -> None:
-        """Send a message."""
         self._socket.send(msgspec.msgpack.encode({"type": kind, **fields}))
 
     def look(self) -> None:
@@ -99,12 +102,10 @@ class ViserClient:
         )  # fmt: skip
 
     def press(self, label: str) -> None:
-        """Press the button with this label."""
         self.look()
         self.send("GuiUpdateMessage", uuid=self._fields[label], updates={"value": True})
 
     def until(self, happened: Callable[[], Any], what: str) -> None:
-        """Wait until a condition holds."""
         end = time.monotonic() + self.patience
         while not happened():
             assert time.monotonic() < end, f"expected {what} within {self.patience:g} s"
@@ -116,5 +117,4 @@ class ViserClient:
         self._socket.socket.close()
 
     def close(self) -> None:
-        """Disconnect, like a closed browser tab."""
         self._socket.close()

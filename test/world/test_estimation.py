@@ -1,7 +1,5 @@
 """State estimation of objects and robots from noisy, incomplete or contradictory messages."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 
@@ -9,7 +7,7 @@ import numpy as np
 import pytest
 
 from ator_ros.geometry import Pose
-from ator_ros.world.estimation import ObjectTracker, RobotVelocity, VelocityCheck, VelocityEstimate
+from ator_ros.world.estimation import ObjectTracker, RobotVelocity, VelocityCheck
 from ator_ros.world.state import ObjectState
 
 TICK = 0.05
@@ -81,15 +79,6 @@ def test_a_false_velocity_of_a_resting_ball_is_ignored(reported: float, noise: f
 def test_a_false_velocity_of_a_rolling_ball_is_replaced(reported: float) -> None:
     estimated, _ = checked(lambda t: 2.0 * t, lambda _: reported)
     assert estimated[10:] == pytest.approx([2.0] * 30)
-
-
-def test_straight_motion_has_the_true_velocity() -> None:
-    estimate = VelocityEstimate()
-    for tick in range(20):
-        x, y = 0.016 * tick, -0.006 * tick
-        state = estimate.state(0.02 * tick, x, y)
-        assert (state.x, state.y) == (x, y)
-    assert (state.vx, state.vy) == pytest.approx((0.8, -0.3))
 
 
 LIMITS = (1.2, 2.4)

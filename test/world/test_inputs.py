@@ -1,7 +1,5 @@
 """The executor node's inputs without ROS: odometry and ball, synchronized by stamp."""
 
-from __future__ import annotations
-
 import pytest
 
 from ator_ros.domains.soccer.field import BALL, ball_of

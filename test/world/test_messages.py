@@ -1,7 +1,5 @@
 """Odometry, objects and transforms read by their fields: checks, repairs and reports."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 from typing import Any

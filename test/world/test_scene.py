@@ -1,7 +1,5 @@
 """Scenes: objects of domains, and their simulation."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -19,7 +17,6 @@ CUP = RoundObject(radius=0.05, mass=0.2, rolling_deceleration=1.0, restitution=0
 
 
 def within(**changes: object) -> Robot:
-    """Return the shipped robot in a changed scene."""
     return dataclasses.replace(ROBOT, scene=dataclasses.replace(ROBOT.scene, **changes))  # type: ignore[arg-type]
 
 
@@ -38,11 +35,6 @@ def test_another_domain_has_its_own_objects_and_no_goals() -> None:
 def test_the_size_of_the_description_overrides_the_domain() -> None:
     measured = dataclasses.replace(PARCEL, radius=0.3)
     assert DELIVERY.equip(within(objects={"parcel": measured})).scene.objects == {"parcel": measured}
-
-
-def test_a_domain_without_a_ball_has_no_ball_to_stop_for() -> None:
-    with Simulation(DELIVERY.equip(ROBOT)) as simulation:
-        assert simulation.world().objects == {}
 
 
 def test_objects_are_pushed_and_roll_by_their_size() -> None:

@@ -1,7 +1,5 @@
 """Transforms of tf: chains of frames, interpolation, clock resets."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,0 +1,39 @@
+"""Programs beside the package: figures, benchmarks, and two robots that decide who goes to the ball."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks import speed
+from examples import who_goes_to_the_ball
+from scripts import figures
+
+
+def test_both_figures_are_drawn(tmp_path: Path) -> None:
+    assert figures.main(["--action-set", "bezier", "--out", str(tmp_path)]) == 0
+    assert "angle_at_dest (degree)" in (tmp_path / "figure4_bezier.svg").read_text()
+    assert "together" in (tmp_path / "figure6_bezier.svg").read_text()
+
+
+@pytest.mark.parametrize("part", speed.PARTS)
+def test_each_part_of_the_speed_is_measured(part: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert speed.main([part, "--requests", "1"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) >= 2
+    assert all(line.startswith((part, "longest tick")) for line in lines)
+
+
+def test_both_decisions_are_compared() -> None:
+    command = [sys.executable, who_goes_to_the_ball.__file__, "--situations", "4"]
+    lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    assert "of 4 situations in which both robots get to the ball" in lines[0]
+    assert [line.partition(":")[0] for line in lines[1:]] == ["by distance", "by predicted time"]
+
+
+def test_the_robot_that_goes_is_kept_unless_another_is_clearly_faster() -> None:
+    who_goes = who_goes_to_the_ball.who_goes
+    assert who_goes([3.0, 2.9], [0.1, 0.1]) == 1
+    assert who_goes([3.0, 2.9], [0.1, 0.1], now=0) == 0
+    assert who_goes([3.0, 2.8], [0.1, 0.1], now=0) == 1
