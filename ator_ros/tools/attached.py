@@ -74,10 +74,10 @@ class Destinations:
         self._robot, self._routes = robot, domain.routes
         self._places: tuple[DeclaredPlace, ...] = ()
         self._area = Fence(*robot.scene.area.lines)
-        self._text = "in the area" if self._routes is None else f"in the free space of {self._routes.grid}"
+        self._text = "of its domain" if self._routes is None else f"in free space of {self._routes.grid}"
         if file is None:
             return
-        self._text = f"in {file}"
+        self._text = f"of {file}"
         try:
             self._places = structured(read_yaml(file, largest=_LARGEST_FILE), Places)
         except SchemaError as error:
