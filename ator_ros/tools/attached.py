@@ -6,7 +6,6 @@ import os
 import sys
 from collections.abc import Generator, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,6 +27,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.network import NodesError, stay_on_this_machine
 from ator_ros.robot.description import Robot
 from ator_ros.schema import SchemaError, structured
+from ator_ros.tools.collect import Attachment
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.objects import objects_in
 from ator_ros.view.backend import Backend
@@ -41,25 +41,6 @@ _MOST_REFUSED = 20  # goals in a row, as outside the executor's fence
 _MOST_FAILED = 5  # drives in a row: the robot is stuck, or the server cannot drive
 _PERIOD = 0.1  # s
 _TAKEN_OVER = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN)
-
-
-@dataclass(frozen=True)
-class Attachment:
-    """How to drive with running nodes.
-
-    Attributes
-    ----------
-    places : Path or None
-        YAML file with a list of places, as in the `drives` of a domain.
-    confirmed : bool
-        Whether the user is not asked before the first drive.
-    arguments : sequence of str
-        ROS arguments, such as the namespace of the robot's nodes.
-    """
-
-    places: Path | None = None
-    confirmed: bool = False
-    arguments: Sequence[str] = ()
 
 
 class Destinations:
@@ -145,31 +126,49 @@ def drives(
 ) -> Generator[pd.DataFrame, None, None]:
     """Drive with the running executor; yield the row of each of its records.
 
-    `missing` are the action and the number of each drive. When the generator is closed, the robot is stopped.
+    `missing` are the action and the number of each drive. An interruption stops the robot.
 
     Raises
     ------
     ExperienceError
-        The user does not confirm, others use the robot, or too many drives fail one after another.
+        The user does not confirm, others use the robot, or too many goals in a row are not reached.
     NodesError
         The executor or the robot's state is missing.
     """
+    if attachment.map is not None:
+        domain = domain.on_map(attachment.map, robot)
     destinations = Destinations(domain, robot, attachment.places)
     if not missing:
         return
     if not attachment.confirmed:
         _ask(f"collect: {len(missing)} drives of {robot.name} to places {destinations}")
     stay_on_this_machine(os.environ)
+    tops, failed, reason = driven_tops(domain, robot), 0, ""
     with closing(Backend(domain, robot, frame="", arguments=attachment.arguments)) as backend:
         backend.ready(simulated=False, refinement=False)
         backend.until(backend.world, "the robot's state, on odom or tf as in the executor")
-        try:
-            yield from _drives(backend, domain, robot, missing, action_set, seed, destinations)
-        finally:
-            try:
-                backend.stop()
-            except NodesError as error:
-                print(f"collect: the robot may still drive: {error}", file=sys.stderr)
+        for action, number in missing:
+            spec, top = domain.actions(action_set)[action], tops[action]
+            rng, refused, frame = episode_generator(action, seed, number), 0, None
+            while frame is None:
+                if failed >= _MOST_FAILED or refused >= _MOST_REFUSED:
+                    count = max(failed, refused)
+                    raise ExperienceError(f"{action}: {count} goals in a row were not reached: {reason}")
+                world = backend.world()
+                assert world is not None
+                goal = destinations.goal(spec, top, world.robot.pose, rng)
+                record = _driven(backend, Draft(world, TopChain((TopCall(top, goal),)), action_set))
+                ending, reason = Ending(record.outcome.code), record.outcome.reason
+                if ending in _TAKEN_OVER:
+                    raise ExperienceError(f"{action}: {reason}; the same command resumes from here")
+                if ending.value in ENDED:
+                    try:
+                        frame = episode_frame(number, episode_of(record, domain, robot), domain.objects)
+                    except MessageError as error:
+                        reason = str(error)
+                refused += frame is None
+                failed = 0 if ending is Ending.SUCCEEDED else failed + (ending is not Ending.REFUSED)
+            yield frame
 
 
 def _ask(question: str) -> None:
@@ -180,52 +179,19 @@ def _ask(question: str) -> None:
         raise ExperienceError("expected the answer y, or --yes: the robot was not moved")
 
 
-def _drives(
-    backend: Backend,
-    domain: Domain,
-    robot: Robot,
-    missing: Sequence[tuple[str, int]],
-    action_set: str,
-    seed: int,
-    destinations: Destinations,
-) -> Generator[pd.DataFrame, None, None]:
-    tops, failed, reason = driven_tops(domain, robot), 0, ""
-    for action, number in missing:
-        spec, top, rng = (
-            domain.actions(action_set)[action],
-            tops[action],
-            episode_generator(action, seed, number),
-        )
-        refused, frame = 0, None
-        while frame is None:
-            if failed >= _MOST_FAILED or refused >= _MOST_REFUSED:
-                count = max(failed, refused)
-                raise ExperienceError(
-                    f"{action}: {count} goals in a row were not reached, the last: {reason}"
-                )
-            world = backend.world()
-            assert world is not None
-            goal = destinations.goal(spec, top, world.robot.pose, rng)
-            record = _driven(backend, Draft(world, TopChain((TopCall(top, goal),)), action_set))
-            ending, reason = Ending(record.outcome.code), record.outcome.reason
-            if ending in _TAKEN_OVER:
-                raise ExperienceError(f"{action}: {reason}; the same command resumes from here")
-            if ending.value in ENDED:
-                try:
-                    frame = episode_frame(number, episode_of(record, domain, robot), domain.objects)
-                except MessageError as error:
-                    reason = str(error)
-            refused += frame is None
-            failed = 0 if ending is Ending.SUCCEEDED else failed + (ending is not Ending.REFUSED)
-        yield frame
-
-
 def _driven(backend: Backend, draft: Draft) -> Any:
     """Drive and return the executor's record of the step, or of the chain if the step never started."""
     run = Run("collect")
-    backend.execute(run, draft, refine=False)
-    while not run.ended:
-        backend.spin(_PERIOD)
+    try:
+        backend.execute(run, draft, refine=False)
+        while not run.ended:
+            backend.spin(_PERIOD)
+    finally:
+        if not run.ended:
+            try:
+                backend.stop()
+            except NodesError as error:
+                print(f"collect: the robot may still drive: {error}", file=sys.stderr)
     if run.problem:
         raise NodesError(run.problem)
     return [run.record, *run.record.actions][-1]

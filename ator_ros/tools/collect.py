@@ -9,13 +9,12 @@ import argparse
 import contextlib
 import sys
 from collections.abc import Sequence
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from ator_ros.domains.domain import Domain, find_domain
+from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import possible_actions
 from ator_ros.experience import collect as simulated
@@ -34,11 +33,28 @@ from ator_ros.tools.command_line import (
     without_ros_arguments,
 )
 
-if TYPE_CHECKING:
-    from ator_ros.tools.attached import Attachment
-
 EPISODES = "episodes of the same seed, robot, domain, action set and versions"
 """What a file of partial results holds."""
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """How to drive with nodes that are running already.
+
+    Attributes
+    ----------
+    map, places : Path or None
+        The map_server file in whose free space goals are, and a YAML file with a list of places.
+    confirmed : bool
+        Whether the user is not asked before the first drive.
+    arguments : sequence of str
+        ROS arguments, such as the namespace of the robot's nodes.
+    """
+
+    map: Path | None = None
+    places: Path | None = None
+    confirmed: bool = False
+    arguments: Sequence[str] = ()
 
 
 def collect(
@@ -51,13 +67,12 @@ def collect(
     seed: int = 101,
     over_ros: float | None = None,
     attachment: Attachment | None = None,
-    map_file: Path | None = None,
 ) -> None:
     """Execute `episodes` of each action and write their table; episodes of an interrupted call are kept.
 
     Actions that the robot cannot execute are left out with a message. `command` is the command line, for the
-    table. With `over_ros`, a real-time factor, actions are executed over ROS, with an `attachment` by the
-    executor that is running, on the map of `map_file`, else in the simulator alone.
+    table. With `over_ros`, a real-time factor, actions are executed over ROS, and with an `attachment` by the
+    executor that is running; else in the simulator alone.
     """
     import pyarrow.parquet  # noqa: F401 (if it is missing, that is reported before anything is executed)
 
@@ -67,7 +82,6 @@ def collect(
     else:
         from ator_ros.tools import attached  # needs ROS
 
-        domain = domain.on_map(map_file, robot) if map_file else domain
         lacking = "expected a TOP that drives to its goal and needs no object"
         tops = attached.driven_tops(domain, robot)
         left_out = {name: f"{name}: {lacking}" for name in actions if name not in tops}
@@ -82,9 +96,9 @@ def collect(
     versions = {"versions": library_versions()}
     identity = {**settings, **versions, "robot": robot.sections(), "over_ros": over_ros is not None}
     identity |= {} if attachment is None else {"attached": True}
-    kept = PartialResults(out.with_suffix(".episodes.jsonl"), identity, EPISODES)
-    with kept:
-        frames = map(pd.DataFrame, kept.results)
+    partial = PartialResults(out.with_suffix(".episodes.jsonl"), identity, EPISODES)
+    with partial:
+        frames = map(pd.DataFrame, partial.results)
         there = {(frame["action"].iloc[0], int(frame["episode"].iloc[0])): frame for frame in frames}
         keys = [key for key in wanted if key not in there]
         if attachment is not None:
@@ -117,14 +131,14 @@ def collect(
         try:
             with contextlib.closing(missing):  # which ends workers and nodes, and stops the robot
                 for frame in progress(missing, done=done, total=len(wanted), unit="episode"):
-                    kept.append(frame.to_dict("list"))
+                    partial.append(frame.to_dict("list"))
                     there[frame["action"].iloc[0], int(frame["episode"].iloc[0])] = frame
         except BaseException:
             if attachment is not None and there:  # a robot's drives can be used at once
                 write()
             raise
         write()
-    kept.path.unlink()
+    partial.path.unlink()
 
 
 def _report(frame: pd.DataFrame, file: Path) -> None:
@@ -181,12 +195,7 @@ def _table(text: str) -> Path:
     return path
 
 
-def _run(options: argparse.Namespace, _: Domain, command: str, ros: Sequence[str]) -> None:
-    attachment = None
-    if options.attach:
-        from ator_ros.tools.attached import Attachment  # needs ROS
-
-        attachment = Attachment(options.places, options.yes, ros)
+def _run(options: argparse.Namespace, command: str, ros: Sequence[str]) -> None:
     collect(
         options.actions,
         source_of(options),
@@ -195,8 +204,7 @@ def _run(options: argparse.Namespace, _: Domain, command: str, ros: Sequence[str
         episodes=options.episodes or (100 if options.attach else 1000),
         seed=options.seed,
         over_ros=options.real_time_factor if options.over_ros else None,
-        attachment=attachment,
-        map_file=options.map,
+        attachment=Attachment(options.map, options.places, options.yes, ros) if options.attach else None,
     )
 
 
@@ -211,7 +219,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error("--map, --places, --yes, --ros-args: expected --attach, too")
     return run_tool(
         parser,
-        partial(_run, ros=ros),
+        lambda options, _, command: _run(options, command, ros),
         own,
         interrupted=RESUMES,
         actions=lambda domain: domain.actions(options.action_set),  # which need not have those of the others

@@ -13,12 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from chain_client import SentGoal, call
 from conftest import Start
 from hall import Hall
 from maps import hall as cells
 from maps import write_map
 
-from ator_interfaces.msg import ChainPerformance
+from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.table import read_experience
 from ator_ros.geometry import Pose
@@ -70,6 +71,29 @@ def test_drives_are_kept_on_interruption_and_the_same_command_goes_on(
     assert frame["success"].all()
     assert set(zip(frame["xg"], frame["yg"], strict=True)) <= set(points)
     assert len(list(tmp_path.glob("drives.*"))) == 1
+
+
+@pytest.mark.node
+def test_a_goal_of_another_client_ends_the_drives(
+    hall: Hall, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(hall.client.domain))
+    server, sent, place = hall.serve(), list[SentGoal](), Pose(1.0, 0.5, 0.3)
+
+    def take_over() -> None:
+        hall.client.eventually(lambda: server.goals, "a drive")
+        sent.append(hall.chains.send([call("visit", place)]))
+        hall.client.eventually(lambda: server.canceled, "its cancellation")
+        hall.client.within(lambda: server.finish("canceled"))
+
+    waiting = threading.Thread(target=take_over)
+    waiting.start()
+    words = ["--domain", str(tmp_path / "errands.yaml"), "--actions", "navigate", *ATTACHED, "--yes"]
+    assert main([*words, "--out", str(tmp_path / "drives.parquet")]) == 1
+    waiting.join()
+    assert "a newer goal took over; the same command resumes from here" in capfd.readouterr().err
+    hall.reach(server, 2, place)
+    assert sent[0].outcome().code == Outcome.SUCCEEDED
 
 
 def test_the_robot_is_not_moved_without_a_yes(
