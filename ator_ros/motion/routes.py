@@ -146,6 +146,11 @@ class Routes:
             wanted = f"reach of x {start[0]:.2f} m, y {start[1]:.2f} m"
         return f"expected a place in {wanted}, on the map {self.grid}, got x {x:.2f} m, y {y:.2f} m"
 
+    def clearance(self, x: float, y: float) -> float:
+        """Return the distance in m of a place from the nearest obstacle; 0 beyond the map."""
+        (cell,) = self._cells(self._places(np.array([x]), np.array([y])))
+        return 0.0 if cell < 0 else float(self._room.ravel()[cell]) * self._cell
+
     def _routes(self, starts: Places, goals: Places) -> FloatArray:
         """Return the routes between places in cells, as `_look_up` writes them."""
         here, there = self._cells(starts), self._cells(goals)

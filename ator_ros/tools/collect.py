@@ -9,11 +9,12 @@ import argparse
 import contextlib
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
 
-from ator_ros.domains.domain import Domain, find_domain
+from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import possible_actions
 from ator_ros.experience import collect as simulated
@@ -29,10 +30,31 @@ from ator_ros.tools.command_line import (
     run_tool,
     source_of,
     whole,
+    without_ros_arguments,
 )
 
 EPISODES = "episodes of the same seed, robot, domain, action set and versions"
 """What a file of partial results holds."""
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """How to drive with nodes that are running already.
+
+    Attributes
+    ----------
+    map, places : Path or None
+        The map_server file in whose free space goals are, and a YAML file with a list of places.
+    confirmed : bool
+        Whether the user is not asked before the first drive.
+    arguments : sequence of str
+        ROS arguments, such as the namespace of the robot's nodes.
+    """
+
+    map: Path | None = None
+    places: Path | None = None
+    confirmed: bool = False
+    arguments: Sequence[str] = ()
 
 
 def collect(
@@ -44,16 +66,25 @@ def collect(
     episodes: int = 1000,
     seed: int = 101,
     over_ros: float | None = None,
+    attachment: Attachment | None = None,
 ) -> None:
     """Execute `episodes` of each action and write their table; episodes of an interrupted call are kept.
 
     Actions that the robot cannot execute are left out with a message. `command` is the command line, for the
-    table. With `over_ros`, a real-time factor, actions are executed over ROS, else in the simulator alone.
+    table. With `over_ros`, a real-time factor, actions are executed over ROS, and with an `attachment` by the
+    executor that is running; else in the simulator alone.
     """
     import pyarrow.parquet  # noqa: F401 (if it is missing, that is reported before anything is executed)
 
     domain, robot = find_domain(source.domain), source.described()
-    _, left_out = possible_actions(domain, source.action_set, robot, over_ros=over_ros is not None)
+    if attachment is None:
+        _, left_out = possible_actions(domain, source.action_set, robot, over_ros=over_ros is not None)
+    else:
+        from ator_ros.tools import attached  # needs ROS
+
+        lacking = "expected a TOP that drives to its goal and needs no object"
+        tops = attached.driven_tops(domain, robot)
+        left_out = {name: f"{name}: {lacking}" for name in actions if name not in tops}
     possible = [name for name in actions if name not in left_out]
     without = {name: left_out[name] for name in actions if name in left_out}
     if not possible:
@@ -64,11 +95,15 @@ def collect(
     settings = {"seed": seed, "domain": domain.name, "action_set": source.action_set}
     versions = {"versions": library_versions()}
     identity = {**settings, **versions, "robot": robot.sections(), "over_ros": over_ros is not None}
+    identity |= {} if attachment is None else {"attached": True}
     partial = PartialResults(out.with_suffix(".episodes.jsonl"), identity, EPISODES)
     with partial:
         frames = map(pd.DataFrame, partial.results)
         there = {(frame["action"].iloc[0], int(frame["episode"].iloc[0])): frame for frame in frames}
-        if over_ros is None:
+        keys = [key for key in wanted if key not in there]
+        if attachment is not None:
+            missing = attached.drives(domain, robot, keys, source.action_set, seed, attachment)
+        elif over_ros is None:
             missing = simulated.collect(
                 [domain.actions(source.action_set)[name] for name in possible],
                 domain.tops_for(robot),
@@ -82,20 +117,28 @@ def collect(
         else:
             from ator_ros.tools.own_nodes import drives  # needs ROS
 
-            keys = [key for key in wanted if key not in there]
             missing = drives(domain, robot, keys, source, seed, over_ros)
         done = sum(key in there for key in wanted)
         if done:
             print(f"collect: {done} episodes of an earlier call are there", file=sys.stderr)
-        with contextlib.closing(missing):  # which ends workers and nodes
-            for frame in progress(missing, done=done, total=len(wanted), unit="episode"):
-                partial.append(frame.to_dict("list"))
-                there[frame["action"].iloc[0], int(frame["episode"].iloc[0])] = frame
-        table = join(there[key] for key in wanted)
-        metadata = {**settings, **versions, "robot_digest": robot.digest(), "command": command}
-        write_experience(out, Experience(table, metadata))
+
+        def write() -> None:
+            table = join(there[key] for key in wanted if key in there)
+            metadata = {**settings, **versions, "robot_digest": robot.digest(), "command": command}
+            write_experience(out, Experience(table, metadata))
+            _report(table, out)
+
+        try:
+            with contextlib.closing(missing):  # which ends workers and nodes, and stops the robot
+                for frame in progress(missing, done=done, total=len(wanted), unit="episode"):
+                    partial.append(frame.to_dict("list"))
+                    there[frame["action"].iloc[0], int(frame["episode"].iloc[0])] = frame
+        except BaseException:
+            if attachment is not None and there:  # a robot's drives can be used at once
+                write()
+            raise
+        write()
     partial.path.unlink()
-    _report(table, out)
 
 
 def _report(frame: pd.DataFrame, file: Path) -> None:
@@ -115,7 +158,7 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="collect", description=__doc__)
     add_setting(parser)
     parser.add_argument("--actions", nargs="+", metavar="NAME", help="default: all of the domain")
-    parser.add_argument("--episodes", type=whole(1), default=1000, help="per action (default: %(default)s)")
+    parser.add_argument("--episodes", type=whole(1), help="per action (default: 1000; with --attach 100)")
     parser.add_argument("--seed", type=whole(), default=101, help="the same seed gives the same table")
     add_parallel_options(parser)
     parser.add_argument(
@@ -123,6 +166,20 @@ def arguments() -> argparse.ArgumentParser:
         help="drive over ROS, with the domain's action servers, and learn from the executor's records; one "
         "drive at a time, whatever --jobs says",
     )  # fmt: skip
+    parser.add_argument(
+        "--attach", action="store_true",
+        help="with --over-ros: start nothing, drive with the executor that is running; the table is "
+        "also written after Ctrl-C",
+    )  # fmt: skip
+    parser.add_argument(
+        "--map", type=Path, metavar="FILE",
+        help="with --attach: map_server file of the building, in whose free space goals are drawn",
+    )  # fmt: skip
+    parser.add_argument(
+        "--places", type=Path, metavar="FILE",
+        help="with --attach: YAML file with a list of places to drive to, such as [{x: [1.0], y: [2.0]}]",
+    )  # fmt: skip
+    parser.add_argument("--yes", action="store_true", help="with --attach: do not ask before the first drive")
     add_factor(parser, 0.0)
     parser.add_argument(
         "--out", type=_table, default=Path("experience.parquet"), metavar="FILE.parquet",
@@ -138,21 +195,32 @@ def _table(text: str) -> Path:
     return path
 
 
-def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
+def _run(options: argparse.Namespace, command: str, ros: Sequence[str]) -> None:
     collect(
         options.actions,
         source_of(options),
         options.out,
         command=command,
-        episodes=options.episodes,
+        episodes=options.episodes or (100 if options.attach else 1000),
         seed=options.seed,
         over_ros=options.real_time_factor if options.over_ros else None,
+        attachment=Attachment(options.map, options.places, options.yes, ros) if options.attach else None,
     )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    action_set = arguments().parse_args(argv).action_set  # which need not have the actions of the others
+    own, ros = without_ros_arguments(sys.argv[1:] if argv is None else argv)
+    parser = arguments()
+    options = parser.parse_args(own)
+    if options.attach and not options.over_ros:
+        parser.error("--attach: expected --over-ros, too")
+    if not options.attach and (options.map or options.places or options.yes or ros):
+        parser.error("--map, --places, --yes, --ros-args: expected --attach, too")
     return run_tool(
-        arguments(), _run, argv, interrupted=RESUMES, actions=lambda domain: domain.actions(action_set)
+        parser,
+        lambda options, _, command: _run(options, command, ros),
+        own,
+        interrupted=RESUMES,
+        actions=lambda domain: domain.actions(options.action_set),  # which need not have those of the others
     )

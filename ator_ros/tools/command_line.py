@@ -210,6 +210,12 @@ def run_tool(
     return guarded(parser.prog, run, interrupted=interrupted)
 
 
+def without_ros_arguments(words: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return a command line's own words, and the rest from `--ros-args` on."""
+    own = list(words[: words.index("--ros-args")] if "--ros-args" in words else words)
+    return own, list(words[len(own) :])
+
+
 def source_of(options: argparse.Namespace) -> ToolsetSource:
     """Return the source of robot, actions and models that the options of `add_setting` name."""
     given = vars(options)

@@ -19,7 +19,15 @@ from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_models
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.urdf import robot_urdf
-from ator_ros.tools.command_line import add_factor, add_models, add_setting, guarded, namespace, whole
+from ator_ros.tools.command_line import (
+    add_factor,
+    add_models,
+    add_setting,
+    guarded,
+    namespace,
+    whole,
+    without_ros_arguments,
+)
 from ator_ros.tools.own_nodes import NodeProcesses, all_nodes
 from ator_ros.view.backend import Backend
 from ator_ros.view.editor import Editor
@@ -130,8 +138,7 @@ def arguments() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line until Ctrl-C or SIGTERM; return the exit code."""
-    words = list(sys.argv[1:] if argv is None else argv)
-    own = words[: words.index("--ros-args")] if "--ros-args" in words else words
+    own, ros = without_ros_arguments(sys.argv[1:] if argv is None else argv)
     parser = arguments()
     options = parser.parse_args(own)
     if options.robots and not options.attach:
@@ -139,6 +146,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def run() -> None:
         with contextlib.suppress(KeyboardInterrupt):  # its usual end
-            serve(options, words[len(own) :])
+            serve(options, ros)
 
     return guarded("view", run)

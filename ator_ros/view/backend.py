@@ -49,7 +49,8 @@ _PLACED = 0.1  # real s after which all nodes have received what the simulation 
 _GONE = 5.0  # real s without an executor after which its chain counts as lost
 _OBJECT_TIMEOUT = 1.0  # s by the stamps after which an object that is not observed is no longer shown
 _WARNING_PERIOD = 2.0
-_ROBOT_FROM = {STATE.name: "odom", "robot_frame": "base_link"}  # unless the executor names others
+_ROBOT_FROM = {STATE.name: "odom", "robot_frame": "base_link", "frame": "odom"}
+"""Parameters of the executor, unless it has others."""
 _LONGEST_REASON = 300
 
 
@@ -61,7 +62,7 @@ class Backend:
     Parameters
     ----------
     frame : str
-        Frame of odometry, in which all poses are.
+        Frame of odometry, in which all poses are; empty: that of the executor.
     ros_domain : int, optional
         By default that of the environment.
     arguments : sequence of str
@@ -143,13 +144,15 @@ class Backend:
         self._server = ActionClient(node, ExecuteChain, "execute_chain")
         self._cancel = node.create_client(CancelGoal, "execute_chain/_action/cancel_goal")
 
-    def ready(self, *, simulated: bool) -> None:
-        """Wait for refinement and executor, and if `simulated` for the simulation."""
+    def ready(self, *, simulated: bool, refinement: bool = True) -> None:
+        """Wait for the executor, for `refinement`, and if `simulated` for the simulation."""
         if simulated:
             self.until(self._simulation_is_there, "the simulation's services")
-        self.until(self._refine.service_is_ready, f"the service {self._refine.srv_name}")
+        if refinement:
+            self.until(self._refine.service_is_ready, f"the service {self._refine.srv_name}")
         self.until(self._server.server_is_ready, "the action execute_chain")
-        settings = {**self._robot_settings(), "frame": self._frame}
+        settings = self._robot_settings()
+        self._frame = settings["frame"] = self._frame or settings["frame"]
         try:
             Subscriptions(
                 self.node, settings, self._robot, map(self.domain.source, self.domain.objects),

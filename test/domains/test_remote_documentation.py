@@ -1,4 +1,4 @@
-"""Every YAML file in docs/remote_actions.md is a valid domain; the one for Nav2 matches its types."""
+"""Every domain in docs/nav2.md and docs/remote_actions.md is valid; the one for Nav2 matches its types."""
 
 import re
 import sys
@@ -6,16 +6,20 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import yaml
 from documentation import ROOT
 
+from ator_interfaces.action import ExecuteChain
 from ator_ros.actions.base import Goal
 from ator_ros.actions.remote import failure_in
 from ator_ros.domains.domain import Domain, find_domain
+from ator_ros.examples.call import filled
 from ator_ros.geometry import Pose
+from ator_ros.nodes.messages import chain_from
 from ator_ros.nodes.remote_messages import RemoteInterface
 
-PAGE = (ROOT / "docs" / "remote_actions.md").read_text(encoding="utf-8")
-FILES = re.findall(r"^```yaml\n(.*?)^```$", PAGE, flags=re.MULTILINE | re.DOTALL)
+PAGES = "".join((ROOT / "docs" / f"{name}.md").read_text("utf-8") for name in ("nav2", "remote_actions"))
+FILES = re.findall(r"^```yaml\n(name: .*?)^```$", PAGES, flags=re.MULTILINE | re.DOTALL)
 SUCCEEDED = 4
 
 
@@ -49,6 +53,14 @@ def test_the_example_is_declared_as_printed() -> None:
 def test_each_file_is_a_domain(tmp_path: Path, text: str) -> None:
     domain = domain_in(tmp_path, text)
     assert {top.action for top in domain.tops} <= set(domain.actions())
+
+
+def test_the_tour_for_nav2_is_a_chain_of_its_domain(tmp_path: Path) -> None:
+    domain = domain_in(tmp_path, FILES[0])
+    (text,) = re.findall(r"^    ros2 action send_goal -f .*ExecuteChain \"(.*)\"$", PAGES, flags=re.MULTILINE)
+    goal = filled(ExecuteChain.Goal, yaml.safe_load(text))
+    calls = chain_from(goal.chain, domain.library(domain.robot()), frame="map").calls
+    assert [sorted(call.open) for call in calls] == [["yaw"], ["yaw"], []]
 
 
 def test_the_file_for_nav2_matches_its_types(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -39,6 +39,7 @@ class MockNodes:
         node = self._own.node
         node.declare_parameter("robot_from", "tf" if from_tf else "odom")
         node.declare_parameter("robot_frame", "base")
+        node.declare_parameter("frame", "odom")
         for kind, name, answer in (
             (PlaceRobot, "place_robot", self._place_robot),
             (PlaceObject, "place_ball", self._place_ball),

@@ -1,0 +1,197 @@
+"""Drive with an executor that is already running, on the user's robot, to gather experience."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Generator, Sequence
+from contextlib import closing, suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ator_ros.actions.base import Goal
+from ator_ros.actions.situation import SHORT, ActionSpec, drawn_until, short_goal
+from ator_ros.domains.declared import DeclaredPlace, Places
+from ator_ros.domains.domain import Domain, DomainError
+from ator_ros.execution.chain_executor import Ending
+from ator_ros.execution.fence import Fence
+from ator_ros.experience.collect import episode_generator
+from ator_ros.experience.records import ENDED, episode_of
+from ator_ros.experience.table import ExperienceError, episode_frame
+from ator_ros.files import FileError, read_yaml
+from ator_ros.geometry import Pose
+from ator_ros.nodes.network import NodesError, stay_on_this_machine
+from ator_ros.robot.description import Robot
+from ator_ros.schema import SchemaError, structured
+from ator_ros.tools.collect import Attachment
+from ator_ros.tops.chain import Top, TopCall, TopChain
+from ator_ros.tops.objects import objects_in
+from ator_ros.view.backend import Backend
+from ator_ros.view.draft import Draft
+from ator_ros.view.runs import Run
+from ator_ros.world.messages import MessageError
+
+_LARGEST_FILE = 200_000  # bytes
+_ROOM = 0.1  # m from obstacles at random goals, besides the robot's half width: localization errs
+_MOST_REFUSED = 20  # goals in a row, as outside the executor's fence
+_MOST_FAILED = 5  # drives in a row: the robot is stuck, or the server cannot drive
+_PERIOD = 0.1  # s
+_TAKEN_OVER = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN)
+
+
+class Destinations:
+    """Draws goals: in the places of a file, else in the free space of the domain's map.
+
+    Without both they are those that the domain draws for the action, or anywhere in the area.
+
+    Raises FileError if the file cannot be used, and NoPlaceError if no route leads to one of its places.
+    """
+
+    def __init__(self, domain: Domain, robot: Robot, file: Path | None) -> None:
+        self._robot, self._routes = robot, domain.routes
+        self._places: tuple[DeclaredPlace, ...] = ()
+        self._area = Fence(*robot.scene.area.lines)
+        self._text = "of its domain" if self._routes is None else f"in free space of {self._routes.grid}"
+        if file is None:
+            return
+        self._text = f"of {file}"
+        try:
+            self._places = structured(read_yaml(file, largest=_LARGEST_FILE), Places)
+        except SchemaError as error:
+            raise FileError(f"{file}: expected a list of places: {error}") from error
+        rng = np.random.default_rng(0)
+        for number, place in enumerate(self._places):
+            expected = f"{file}: [{number}]: expected a place in free space of the map"
+            drawn_until(partial(place.drawn, rng), self._is_free, partial(str, expected), most=100)
+
+    def __str__(self) -> str:
+        """Return where they are."""
+        return self._text
+
+    def goal(self, spec: ActionSpec, top: Top, start: Pose, rng: np.random.Generator) -> Goal:
+        """Draw a goal for a drive from `start`; raises NoPlaceError.
+
+        Random places are near the start in one of seven cases, and all others at least `SHORT` from it.
+        """
+        if not self._places and self._routes is None:
+            with suppress(DomainError):
+                return spec.sample(self._robot, rng).goal
+        pose = None if self._places else short_goal(start, rng)
+        if pose is None or not self._is_free(pose, start):
+            pose = drawn_until(
+                partial(self._pose, rng),
+                lambda pose: pose.distance(start) >= SHORT and self._is_free(pose, start),
+                lambda: f"expected places {self}, {SHORT:g} m from the robot and within its reach",
+            )
+        values = {item.name: float(rng.uniform(item.low, item.high)) for item in spec.goal_variables}
+        return Goal(pose, 0.0, top.point, values)
+
+    def _pose(self, rng: np.random.Generator) -> Pose:
+        if self._places:
+            return self._places[int(rng.integers(len(self._places)))].drawn(rng)
+        yaw = float(rng.uniform(-np.pi, np.pi))
+        if self._routes is None:
+            low, high = np.split(np.array(self._robot.scene.area.lines), 2)
+            x, y = rng.uniform(low, high).tolist()
+            return Pose(x, y, yaw)
+        grid = self._routes.grid
+        along, across = (rng.random(2) * grid.free.shape[::-1] * grid.resolution).tolist()
+        return grid.origin.compose(Pose(along, across, yaw))
+
+    def _is_free(self, pose: Pose, start: Pose | None = None) -> bool:
+        if self._routes is None:
+            return bool(self._places) or self._area.outside(pose.x, pose.y) == 0.0
+        room = 0.0 if self._places else self._routes.radius + _ROOM
+        reached = self._routes.fault(pose.x, pose.y, None if start is None else (start.x, start.y)) is None
+        return reached and self._routes.clearance(pose.x, pose.y) >= room
+
+
+def driven_tops(domain: Domain, robot: Robot) -> dict[str, Top]:
+    """Return the TOPs that drive to a goal and need no object, by their actions: the first of each."""
+    tops = reversed(domain.tops_for(robot))
+    return {top.action: top for top in tops if top.arrives and not objects_in(top)}
+
+
+def drives(
+    domain: Domain,
+    robot: Robot,
+    missing: Sequence[tuple[str, int]],
+    action_set: str,
+    seed: int,
+    attachment: Attachment,
+) -> Generator[pd.DataFrame, None, None]:
+    """Drive with the running executor; yield the row of each of its records.
+
+    `missing` are the action and the number of each drive. An interruption stops the robot.
+
+    Raises
+    ------
+    ExperienceError
+        The user does not confirm, others use the robot, or too many goals in a row are not reached.
+    NodesError
+        The executor or the robot's state is missing.
+    """
+    if attachment.map is not None:
+        domain = domain.on_map(attachment.map, robot)
+    destinations = Destinations(domain, robot, attachment.places)
+    if not missing:
+        return
+    if not attachment.confirmed:
+        _ask(f"collect: {len(missing)} drives of {robot.name} to places {destinations}")
+    stay_on_this_machine(os.environ)
+    tops, failed, reason = driven_tops(domain, robot), 0, ""
+    with closing(Backend(domain, robot, frame="", arguments=attachment.arguments)) as backend:
+        backend.ready(simulated=False, refinement=False)
+        backend.until(backend.world, "the robot's state, on odom or tf as in the executor")
+        for action, number in missing:
+            spec, top = domain.actions(action_set)[action], tops[action]
+            rng, refused, frame = episode_generator(action, seed, number), 0, None
+            while frame is None:
+                if failed >= _MOST_FAILED or refused >= _MOST_REFUSED:
+                    count = max(failed, refused)
+                    raise ExperienceError(f"{action}: {count} goals in a row were not reached: {reason}")
+                world = backend.world()
+                assert world is not None
+                goal = destinations.goal(spec, top, world.robot.pose, rng)
+                record = _driven(backend, Draft(world, TopChain((TopCall(top, goal),)), action_set))
+                ending, reason = Ending(record.outcome.code), record.outcome.reason
+                if ending in _TAKEN_OVER:
+                    raise ExperienceError(f"{action}: {reason}; the same command resumes from here")
+                if ending.value in ENDED:
+                    try:
+                        frame = episode_frame(number, episode_of(record, domain, robot), domain.objects)
+                    except MessageError as error:
+                        reason = str(error)
+                refused += frame is None
+                failed = 0 if ending is Ending.SUCCEEDED else failed + (ending is not Ending.REFUSED)
+            yield frame
+
+
+def _ask(question: str) -> None:
+    where = f"ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
+    print(f"{question}, by the executor on {where}. The robot moves. Go on? [y/N] ", end="", file=sys.stderr)
+    sys.stderr.flush()
+    if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+        raise ExperienceError("expected the answer y, or --yes: the robot was not moved")
+
+
+def _driven(backend: Backend, draft: Draft) -> Any:
+    """Drive and return the executor's record of the step, or of the chain if the step never started."""
+    run = Run("collect")
+    try:
+        backend.execute(run, draft, refine=False)
+        while not run.ended:
+            backend.spin(_PERIOD)
+    finally:
+        if not run.ended:
+            try:
+                backend.stop()
+            except NodesError as error:
+                print(f"collect: the robot may still drive: {error}", file=sys.stderr)
+    if run.problem:
+        raise NodesError(run.problem)
+    return [run.record, *run.record.actions][-1]
