@@ -36,16 +36,15 @@ from ator_ros.nodes.parameters import (
     Parameter,
     SetupError,
     declare_parameters,
-    domain_of,
+    domain_and_robot,
     fence_of,
-    robot_of,
 )
 from ator_ros.nodes.remote_messages import action_type
 from ator_ros.nodes.running import run_node, spin_out
 from ator_ros.printable import printable, quoted
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import driving_top
-from ator_ros.world.messages import FrameError, MessageError, frame, plain_frame, pose_from
+from ator_ros.world.messages import FrameError, MessageError, expect_frame, plain_frame, pose_from
 from ator_ros.world.state import RobotState
 
 _MOST_STEPS = 8  # of a chain; refinement's deadline ends its search in longer ones, whose gain is then less
@@ -253,7 +252,7 @@ class WaypointsNode(Node):
         super().__init__("waypoints", automatically_declare_parameters_from_overrides=True)
         self._settings = settings = declare_parameters(self, PARAMETERS)
         kinds = [action_type(f"nav2_msgs/action/{name}") for name in ACTIONS]
-        self._robot, domain = robot_of(settings), domain_of(settings)
+        domain, self._robot = domain_and_robot(settings)
         self._library, self._fence = domain.library(self._robot), fence_of(settings, self._robot, domain)
         top = driving_top(self._library)
         if top is None:
@@ -353,7 +352,7 @@ class WaypointsNode(Node):
         if (origin := self._tf.base(self._frame, other)) is not None:
             pose = origin.compose(pose)
         else:
-            frame(other, f"{where}.header.frame_id", expected=self._frame)
+            expect_frame(other, f"{where}.header.frame_id", expected=self._frame)
         violation = self._fence.violation(TopChain((self._call(pose),)), self._robot, where)
         if violation is not None:
             raise MessageError(violation)

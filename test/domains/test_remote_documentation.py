@@ -7,13 +7,13 @@ from types import SimpleNamespace
 
 import pytest
 import yaml
+from ator_ros.examples.call import filled
 from documentation import ROOT
 
 from ator_interfaces.action import ExecuteChain
 from ator_ros.actions.base import Goal
 from ator_ros.actions.remote import failure_in
 from ator_ros.domains.domain import Domain, find_domain
-from ator_ros.examples.call import filled
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import chain_from
 from ator_ros.nodes.remote_messages import RemoteInterface

@@ -12,9 +12,9 @@ from ros_client import Client
 from test_readme import README, ROOT, answered, printed
 
 from ator_interfaces.srv import RefineSubgoal
+from ator_ros.geometry import Pose
 from examples.call import filled
 from examples.refine_and_execute import request
-from ator_ros.geometry import Pose
 
 
 def test_its_request_has_the_answer_of_the_readme() -> None:
