@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import pytest
 import yaml
-from ator_ros.examples.call import filled
 from documentation import ROOT
 
 from ator_interfaces.action import ExecuteChain
@@ -17,6 +16,7 @@ from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import chain_from
 from ator_ros.nodes.remote_messages import RemoteInterface
+from examples.call import filled
 
 PAGES = "".join((ROOT / "docs" / f"{name}.md").read_text("utf-8") for name in ("nav2", "remote_actions"))
 FILES = re.findall(r"^```yaml\n(name: .*?)^```$", PAGES, flags=re.MULTILINE | re.DOTALL)
