@@ -160,7 +160,7 @@ class ExecutorNode(Node):
             warm_up_actions(self._libraries[name], predictor)
         self._inputs = inputs_of(self._settings, domain.objects)
         self._motion = MotionWatch(robot, self._settings["latency"])
-        self._fence = fence_of(self._settings, robot, domain)
+        self._fence = fence_of(self._settings, robot)
         noises = (self._settings[f"{name}_velocity_noise"] for name in domain.objects)
         self._rolling = Rolling(robot, slowest=3.0 * max(noises, default=0.0))
         self._world: World | None = None

@@ -153,8 +153,8 @@ class LearningNode(Node):
 
     def _health(self) -> Health:
         values = self._learner.diagnostics()
-        if self._domain.routes is not None:
-            values["map"] = str(self._domain.routes.grid)
+        if self._domain.grid is not None:
+            values["map"] = str(self._domain.grid)
         return Health(self._learner.problem, values=values)
 
     def stop(self) -> None:

@@ -173,8 +173,8 @@ class LearnedSets:
             f"models of {name}": ", ".join(read.models) or read.problem or "no models"
             for name, read in self.present.items()
         }
-        if self._domain.routes is not None:
-            values["map"] = str(self._domain.routes.grid)
+        if self._domain.grid is not None:
+            values["map"] = str(self._domain.grid)
         if self._folder is not None:
             values["learned set"] = "none yet" if self._manifest is None else _described(self._manifest)
             values |= self.gains.diagnostics()

@@ -107,7 +107,7 @@ class RefinementNode(Node):
         self._settings = declare_parameters(self, PARAMETERS)
         self._robot = robot = robot_of(self._settings)
         self._domain = domain = domain_of(self._settings)
-        self._fence = fence_of(self._settings, robot, domain)
+        self._fence = fence_of(self._settings, robot)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         self._ranges = self._fence.narrowed(domain.ranges, robot)  # places are searched inside the fence
         self._sets = LearnedSets(self, domain, self._libraries, self._settings, self._warm_up)
@@ -206,8 +206,8 @@ class RefinementNode(Node):
         )
         gain = messages.gain_of(found, gains.measured, gains.models)
         answer = messages.answer_of(choice, request, gain, action_set=action_set, frame=frame)
-        if self._domain.routes is not None:
-            answer.reason += f"; map {self._domain.routes.grid}"
+        if self._domain.grid is not None:
+            answer.reason += f"; map {self._domain.grid}"
         return answer
 
     def _plan(self, request: PlanChains.Request) -> PlanChains.Response:

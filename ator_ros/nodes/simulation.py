@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import TransformStamped, Twist
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import OccupancyGrid, Odometry
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -23,10 +23,11 @@ from ator_ros.domains.domain import domain_for
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Ticks
-from ator_ros.nodes.messages import object_odometry_of, odometry_of, stamp_of
+from ator_ros.nodes.messages import object_odometry_of, occupancy_grid_of, odometry_of, stamp_of
 from ator_ros.nodes.parameters import (
     DOMAIN,
     FRAME,
+    MAP,
     OBJECT,
     ROBOT,
     ROBOT_FRAME,
@@ -57,6 +58,7 @@ _COMMON = (
     ROBOT_FRAME,
     DOMAIN,
     ROBOT,
+    MAP,
     Parameter("robots", [""], "names of the robots, namespaces of their topics and frames; '': none"),
     # The maximum is faster than any computer.
     Parameter(
@@ -108,6 +110,7 @@ class SimulationNode(Node):
         joint_states (sensor_msgs/JointState), and tf (tf2_msgs/TFMessage) from the frame of odometry to the
         robot's own, where there are subscribers; robot_description (std_msgs/String, transient local): URDF.
         tf_static (tf2_msgs/TFMessage, transient local), of robots with names: from `world` to odometry.
+        map (nav_msgs/OccupancyGrid, transient local), if it has one: the walls that are simulated.
         /clock (rosgraph_msgs/Clock), when `publish_clock`: every tick.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Services
@@ -371,6 +374,9 @@ class RobotTopics:
             self._fixed.publish(TFMessage(transforms=[origin]))
         self._description = node.create_publisher(String, self.resolved("robot_description"), LATCHED)
         self._description.publish(String(data=robot_urdf(description)))
+        if description.grid is not None:
+            self._map = node.create_publisher(OccupancyGrid, self.resolved("map"), LATCHED)
+            self._map.publish(occupancy_grid_of(description.grid, frame=self.frame))
 
     def resolved(self, name: str) -> str:
         """Return the name of a topic, a service or a frame of this robot."""

@@ -17,6 +17,7 @@ import numpy as np
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import direct_name, goal_values
 from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.motion.routes import arrival_heading
 from ator_ros.performance.direct import DIRECT_VARIABLES, SPEEDG, XG, YAW, YAWG, YG, DirectTable, V, X, Y
 from ator_ros.performance.model import Arrival
 from ator_ros.refinement.objective import Objective
@@ -165,7 +166,7 @@ def step_rows(
             previous, before = call.goal, names[index]
             model = models.get(call.top.action)
             arrival = model.arrival if model is not None and previous.point is Point.AXLE else None
-            bearing = math.atan2(previous.pose.y - start[1], previous.pose.x - start[0])
+            bearing = arrival_heading(start[:2], previous.pose, robot)
             start = tuple(columns_after(goal_values(previous), previous.point, robot).values())
         else:
             previous, before, arrival = None, (), None

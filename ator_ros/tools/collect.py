@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from ator_ros.domains.domain import Domain, find_domain
+from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import possible_actions
 from ator_ros.experience import collect as simulated
@@ -52,7 +52,7 @@ def collect(
     """
     import pyarrow.parquet  # noqa: F401 (if it is missing, that is reported before anything is executed)
 
-    domain, robot = find_domain(source.domain), source.described()
+    domain, robot = source.in_domain(), source.described()
     _, left_out = possible_actions(domain, source.action_set, robot, over_ros=over_ros is not None)
     possible = [name for name in actions if name not in left_out]
     without = {name: left_out[name] for name in actions if name in left_out}
@@ -62,6 +62,8 @@ def collect(
         print(f"collect: without {name}: {reason}", file=sys.stderr)
     wanted = [(action, number) for action in possible for number in range(episodes)]
     settings = {"seed": seed, "domain": domain.name, "action_set": source.action_set}
+    if domain.grid is not None:
+        settings["map"] = str(domain.grid)
     versions = {"versions": library_versions()}
     identity = {**settings, **versions, "robot": robot.sections(), "over_ros": over_ros is not None}
     partial = PartialResults(out.with_suffix(".episodes.jsonl"), identity, EPISODES)

@@ -15,7 +15,7 @@ from typing import Any
 
 import pandas as pd
 
-from ator_ros.domains.domain import Domain, find_domain
+from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.running import KIND as EVALUATION
 from ator_ros.evaluation.running import RESULT
 from ator_ros.evaluation.situation import Settings
@@ -66,7 +66,7 @@ def study(
     oracle : int
         Number of headings of the first subgoal that the oracle executes.
     """
-    of_domain, described, action_set = find_domain(source.domain), source.described(), source.action_set
+    of_domain, described, action_set = source.in_domain(), source.described(), source.action_set
     actions, left_out = possible_actions(of_domain, action_set, described)
     if not actions:
         raise EvaluationError("; ".join(dict.fromkeys(left_out.values())) or f"{of_domain.name}: no actions")
@@ -154,7 +154,7 @@ def _begin(out: Path, source: ToolsetSource, sizes: Mapping[str, Any]) -> None:
 
 def _measured(ends: pd.DataFrame, model: Path, source: ToolsetSource) -> dict[str, Any]:
     """Return the performance of an action over its episodes' last rows, and the accuracy of its model."""
-    done, features = ends[ends["success"]], find_domain(source.domain).known_features
+    done, features = ends[ends["success"]], source.in_domain().known_features
     failures = ends.loc[~ends["success"], "reason"].value_counts()
     learned = model.exists()
     return {

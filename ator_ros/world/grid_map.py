@@ -6,6 +6,7 @@ import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -41,7 +42,7 @@ class _MapFile:
 
 @dataclass(frozen=True, eq=False)
 class GridMap:
-    """A grid of cells that are free, or occupied or unknown.
+    """A grid of cells that are free, or occupied or unknown; equal if name and content are.
 
     Attributes
     ----------
@@ -70,16 +71,45 @@ class GridMap:
         if not self.free.any():
             raise FileError(f"{self.name}: expected free cells, got none: check negate and free_thresh")
 
-    def __str__(self) -> str:
-        """Return name and content in short."""
+    @cached_property
+    def _text(self) -> str:
         numbers = np.array([*self.free.shape, self.resolution, *self.origin])
         return f"{self.name} ({hashlib.sha256(numbers.tobytes() + self.free.tobytes()).hexdigest()[:8]})"
+
+    def __str__(self) -> str:
+        """Return the name and a digest of the content."""
+        return self._text
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, GridMap) and self._text == other._text
+
+    def __hash__(self) -> int:
+        return hash(self._text)
 
     def cells(self, x: Any, y: Any) -> tuple[FloatArray, FloatArray]:
         """Return places in m in units of cells from the origin, along its row and across, elementwise."""
         cos, sin = math.cos(self.origin.yaw), math.sin(self.origin.yaw)
         dx, dy = np.asarray(x) - self.origin.x, np.asarray(y) - self.origin.y
         return (cos * dx + sin * dy) / self.resolution, (cos * dy - sin * dx) / self.resolution
+
+    @cached_property
+    def walls(self) -> list[tuple[Pose, float, float]]:
+        """Rectangles that cover all obstacles next to free cells: middle, length and width in m."""
+        from scipy import ndimage  # only those who have a map need it
+
+        free = np.pad(self.free, 2)
+        edges = np.diff((ndimage.binary_dilation(free, np.ones((3, 3))) & ~free).astype(np.int8))
+        found, begun = [], dict[tuple[int, int], int]()
+        for row, steps in enumerate(edges):
+            runs = list(zip(*(np.flatnonzero(steps == sign).tolist() for sign in (1, -1)), strict=True))
+            ended = [run for run in begun if run not in runs]
+            found += [(*run, begun.pop(run), row) for run in ended]
+            begun |= {run: row for run in runs if run not in begun}
+        side, walls = self.resolution, []
+        for left, right, low, high in found:
+            middle = Pose(0.5 * side * (left + right - 2), 0.5 * side * (low + high - 4), 0.0)
+            walls.append((self.origin.compose(middle), side * (right - left), side * (high - low)))
+        return walls
 
 
 def map_of_grid(
