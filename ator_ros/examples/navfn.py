@@ -48,6 +48,7 @@ class NavFn:
         self._cost = _NEUTRAL + _FACTOR * np.where(away < _INFLATION, inflated, 0.0)
         self._cost[away <= radius] = math.inf
         self._kept: OrderedDict[tuple[int, int], Grid] = OrderedDict()
+        _descend(_potential(np.ones((2, 2)), 0, 0), 1 + 1j, 0j)  # loads compiled code
 
     def path(self, start: tuple[float, float], goal: tuple[float, float]) -> Grid | None:
         """Return the points in m of a path, shape (n, 2), half a cell apart; None if there is none."""

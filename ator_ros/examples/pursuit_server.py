@@ -39,6 +39,7 @@ class PursuitServer(DriveToServer):
         place = info.origin.position
         origin = place.x, place.y, yaw_of(info.origin.orientation)
         self._planner = NavFn((values >= 0) & (values <= _FREE), info.resolution, origin, self._radius)
+        self.get_logger().info(f"planning on a map of {info.width} x {info.height} cells")
 
     def _consider(self, request: Any) -> GoalResponse:
         if self._planner is None and self.count_publishers("map"):

@@ -94,7 +94,7 @@ DOMAIN = Parameter(
 FRAME = Parameter("frame", "odom", "frame of odometry, objects and goals; an empty frame_id means it")
 ROBOT_FRAME = Parameter("robot_frame", "base_link", "the robot's own frame, in the middle of its axle")
 MODELS = Parameter("models", "", "folder of the performance models; empty: the shipped ones")
-MAP = Parameter("map", "", "map_server file of the building, in the frame `frame`; empty: the domain's")
+MAP = Parameter("map", "", "map of the building: a file (.yaml), or a topic; empty: the domain's")
 FENCE = Parameter(
     "fence", [0.0] * 4, "m: x and y from, x and y to, of the robot's axle; all 0: area and margin"
 )
@@ -116,11 +116,17 @@ def domain_of(settings: Mapping[str, Any]) -> Domain:
     try:
         domain = domain_for(settings[DOMAIN.name], settings[ROBOT.name])
         path = settings.get(MAP.name)
-        return domain.on_map(Path(path).expanduser() if path else "")
+        return domain.on_map(Path(path).expanduser() if path and not map_topic(settings) else "")
     except DomainError as error:
         raise SetupError(str(error)) from error
     except FileError as error:
         raise SetupError(f"parameter map: {error}") from error
+
+
+def map_topic(settings: Mapping[str, Any]) -> str:
+    """Return the topic that `MAP` names; empty if it names a file, or nothing."""
+    name = str(settings.get(MAP.name, ""))
+    return "" if name.endswith((".yaml", ".yml")) else name
 
 
 def robot_of(settings: Mapping[str, Any]) -> Robot:

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+import yaml
 
-from ator_ros.files import FileError, read_yaml
+from ator_ros.files import FileError, atomic_write, read_yaml, write_text
 from ator_ros.geometry import BoolArray, FloatArray, Pose
 from ator_ros.printable import printable
 from ator_ros.schema import SchemaError, Within, require, structured
@@ -73,7 +74,8 @@ class GridMap:
 
     @cached_property
     def _text(self) -> str:
-        numbers = np.array([*self.free.shape, self.resolution, *self.origin])
+        # Origins in messages are rounded: their yaw is that of a quaternion.
+        numbers = np.round([*self.free.shape, self.resolution, *self.origin], 6) + 0.0
         return f"{self.name} ({hashlib.sha256(numbers.tobytes() + self.free.tobytes()).hexdigest()[:8]})"
 
     def __str__(self) -> str:
@@ -126,7 +128,8 @@ def map_of_grid(
     if values.size != width * height or not 0 < values.size <= _MOST_CELLS:
         raise FileError(f"{name}: expected {width} x {height} cells, at most 1e8, got {values.size}")
     free = (values >= 0) & (values <= _FREE)
-    return GridMap(name, free.reshape(height, width), float(resolution), origin)
+    side = float(str(np.float32(resolution)))  # as in the file that the message is of
+    return GridMap(name, free.reshape(height, width), side, origin)
 
 
 def load_map(path: Path | str) -> GridMap:
@@ -148,6 +151,18 @@ def load_map(path: Path | str) -> GridMap:
     shade = _image(file.parent / read.image)
     occupied = shade if read.negate else 1.0 - shade
     return GridMap(file.name, (occupied < read.free_thresh)[::-1], read.resolution, Pose(*read.origin))
+
+
+def save_map(grid: GridMap, folder: Path) -> Path:
+    """Write a map as the files map.yaml and map.pgm of map_server; return the former."""
+    rows, columns = grid.free.shape
+    shades = np.where(grid.free, 254, 0).astype(np.uint8)[::-1]
+    with atomic_write(folder / "map.pgm") as temporary:
+        temporary.write_bytes(f"P5 {columns} {rows} 255\n".encode() + shades.tobytes())
+    fields = {"image": "map.pgm", "resolution": grid.resolution, "origin": list(grid.origin), "negate": 0}
+    content = {**fields, "occupied_thresh": 0.65, "free_thresh": 0.25}
+    write_text(folder / "map.yaml", yaml.safe_dump(content))
+    return folder / "map.yaml"
 
 
 def _image(file: Path) -> FloatArray:
