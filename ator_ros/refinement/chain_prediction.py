@@ -17,7 +17,7 @@ import numpy as np
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import direct_name, goal_values
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.motion.routes import arrival_heading
+from ator_ros.motion.routes import arrival_heading, routes_of
 from ator_ros.performance.direct import DIRECT_VARIABLES, SPEEDG, XG, YAW, YAWG, YG, DirectTable, V, X, Y
 from ator_ros.performance.model import Arrival
 from ator_ros.refinement.objective import Objective
@@ -239,6 +239,7 @@ class ChainModel:
         objective: Objective,
     ) -> None:
         self.names = names
+        self._robot, self._routes = robot, routes_of(robot)
         self._rows = step_rows(world, chain, robot, self.names, models)
         self._actions = [call.top.action for call in chain.calls]
         self._models = [models.get(action) for action in self._actions]
@@ -260,7 +261,11 @@ class ChainModel:
             return np.zeros(1)
         direct = self.situations(index, before, after)
         with np.errstate(all="ignore"):
-            return self._cost(model.predict(direct, self.objective.needs, None))
+            cost = self._cost(model.predict(direct, self.objective.needs, None))
+        if self._routes is not None and {"x", "y"} & set(self.names[index]):  # free places are searched
+            has_room = self._routes.room(direct["xg"], direct["yg"]) >= self._robot.reach
+            cost = np.where(has_room, cost, np.inf)
+        return cost
 
     def predict(self, *chains: Sequence[FloatArray]) -> list[ChainPrediction]:
         """Return the predictions for chains whose subgoals have these free values, each of shape (k,).
