@@ -164,9 +164,7 @@ def test_a_free_place_is_searched_where_the_robot_has_room_on_its_map() -> None:
     start, places = World(0.0, RobotState(Pose(-5.0, 0.0, 0.0))), []
     for where in (robot, dataclasses.replace(robot, grid=None)):
         refiner = Refiner(where, {"drive_to": near}, ranges=USUAL_RANGES)
-        places.append(
-            refiner.refine(World(0.0, RobotState(Pose(-5.0, 0.0, 0.0))), chain).chain.calls[0].goal.pose
-        )
+        places.append(refiner.refine(start, chain).chain.calls[0].goal.pose)
     routes = routes_of(robot)
     assert routes is not None
     x, y = (np.array([place[axis] for place in places]) for axis in (0, 1))
