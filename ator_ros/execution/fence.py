@@ -8,6 +8,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ator_ros.actions.base import Goal, Point
 from ator_ros.geometry import Pose
 from ator_ros.motion.routes import routes_of
@@ -129,14 +131,21 @@ class Fence:
         routes = routes_of(robot)
         if routes is None:
             return None
+        numbers, ends = [], []
         for number, call in enumerate(chain.calls):
-            x, y, _ = call.goal.robot_pose(robot)
+            goal = call.goal.robot_pose(robot)[:2]
             given = call.top.arrives and not (call.opens("x") or call.opens("y"))
-            fault = (routes.fault(x, y) or routes.fault(x, y, start)) if given else None
-            if fault is not None:
-                return f"{where}.calls[{number}].goal ({call.top.name}): {fault}"
-            start = (x, y) if given else None
-        return None
+            if given:
+                numbers.append(number)
+                ends.append((*(start or goal), *goal))
+            start = goal if given else None
+        led = routes.lead(np.array(ends).reshape(-1, 4).T)
+        if led.all():
+            return None
+        number = numbers[first := int(np.argmin(led))]
+        from_x, from_y, x, y = ends[first]
+        fault = routes.fault(x, y) or routes.fault(x, y, (from_x, from_y))
+        return f"{where}.calls[{number}].goal ({chain.calls[number].top.name}): {fault}"
 
     def leads_out(self, call: TopCall, robot: Robot) -> bool:
         """Return whether the goal of a step puts the robot, or the object that it holds, out of the area.

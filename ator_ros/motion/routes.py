@@ -138,11 +138,15 @@ class Routes:
         found[3:5] = wrap_angles(found[3:5] + self.grid.origin.yaw)
         return found
 
+    def lead(self, ends: FloatArray) -> BoolArray:
+        """Return whether routes lead from x, y to to_x, to_y in m, shape (4, n)."""
+        here, there = (self._cells(self._places(*pair)) for pair in (ends[:2], ends[2:]))
+        return self._levels(here, there) >= 0
+
     def fault(self, x: float, y: float, start: tuple[float, float] | None = None) -> str | None:
         """Return why no route leads to a place in m, from `start` or from anywhere; None if one does."""
-        place = self._places(np.array([x]), np.array([y]))
-        origin = place if start is None else self._places(*map(np.atleast_1d, start))
-        if self._levels(self._cells(origin), self._cells(place))[0] >= 0:
+        origin = (x, y) if start is None else start
+        if self.lead(np.array([[*origin, x, y]]).T)[0]:
             return None
         wanted = f"free space, {self.radius:.2f} m from obstacles"
         if start is not None:
