@@ -34,6 +34,7 @@ from ator_ros.nodes.parameters import (
     Parameter,
     SetupError,
     declare_with_domain,
+    map_topic,
     robot_of,
 )
 from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SENSOR_DATA, SERVICES
@@ -305,6 +306,10 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
 def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
     """Return the world at its start; what its robots observe errs independently. Raises SetupError."""
     robot, names = robot_of(settings), settings["robots"]
+    if topic := map_topic(settings):
+        raise SetupError(
+            f"parameter map: expected a file (.yaml), as walls do not change, got {quoted(topic)}"
+        )
     if len(set(names)) < len(names) or not all(is_name(name) for name in names if name or len(names) > 1):
         raise SetupError(
             f"parameter robots: expected different names of letters, digits and _, got {quoted(list(names))}"
