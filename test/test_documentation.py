@@ -62,6 +62,8 @@ BY_TEST = {
     r"(scripts/run python -m )?colcon build": f"{_ROS}::test_a_checkout_is_built_by_hand",
     r"export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET": "nodes/test_network.py::test_user_settings_are_kept",
     r"ros2 run ator_ros \w+ .*domain:=stat.*": "nodes/test_executor_remote_node.py::test_a_",
+    r"collect .* --map building\.yaml .*": "domains/test_building.py::test_drives_on_a_given_map_",
+    r"ros2 run .* domain:=building": "nodes/test_map_node.py::test_a_tour_of_the_",
     r"ros2 run ator_ros learning": "nodes/test_learning_node.py::test_learning_can_be_frozen_and_",
     r"scripts/run pip install .* \./my_package": "nodes/test_outside_domain.py::test_a_domain_from_another_",
     r".* examples/paper_in_one_file\.py": "test_paper_in_one_file.py::test_it_prints_",

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import itertools
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+from maps import hall, write_map
 
 from ator_ros.actions.base import Goal, Status
 from ator_ros.domains.domain import find_domain
@@ -16,10 +18,12 @@ from ator_ros.examples.navfn import NavFn
 from ator_ros.examples.pursuit import Pursuit
 from ator_ros.examples.rotate_drive_rotate import Phase, State
 from ator_ros.experience.collect import episode_generator
+from ator_ros.experience.table import read_experience
 from ator_ros.geometry import Pose
 from ator_ros.motion.routes import routes_of
 from ator_ros.simulation.run import place, run_action
 from ator_ros.simulation.simulation import Simulation
+from ator_ros.tools import collect
 from ator_ros.world.state import Command, RobotState, World
 
 DOMAIN = find_domain("building")
@@ -80,3 +84,26 @@ def test_in_free_space_its_path_is_hardly_longer_than_the_line_and_none_leads_in
     law = Pursuit((-2.15, 2.0, 0.0), PLANNER)
     assert law.step(State(0.0, -3.5, 2.0, 0.0)) == (0.0, 0.0)
     assert law.phase is Phase.MISSED
+
+
+def test_drives_on_a_given_map_are_collected(tmp_path: Path) -> None:
+    table = tmp_path / "table.parquet"
+    words = [
+        "--domain",
+        "pursuit",
+        "--map",
+        str(write_map(tmp_path, hall())),
+        "--episodes",
+        "6",
+        "--jobs",
+        "1",
+    ]
+    assert collect.main([*words, "--jobs", "1", "--seed", "3", "--out", str(table)]) == 0
+    read = read_experience(table)
+    assert read.metadata["map"].startswith("hall.yaml (")
+    assert read.frame["success"].all()
+    starts = read.frame[read.frame["t"] == 0.0]
+    around = starts[starts["x"] * starts["xg"] < 0.0]
+    assert len(around)
+    straight = np.hypot(around["x"] - around["xg"], around["y"] - around["yg"]) / 0.6
+    assert (around["duration"] > straight).all()
