@@ -12,6 +12,7 @@ EXECUTABLES = {
     "tools": ("collect", "train", "evaluate", "calibrate", "study", "demo", "view", "plan"),
 }
 DOMAINS = {
+    "building": f"{PACKAGE}.domains.building:BUILDING",
     "drive": f"{PACKAGE}.domains.drive:DRIVE",
     "pursuit": f"{PACKAGE}.domains.tour:PURSUIT",
     "soccer": f"{PACKAGE}.domains.soccer.domain:SOCCER",

@@ -13,6 +13,7 @@ from ator_ros.actions.base import Action, Goal
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.remote import RemoteCall, UnreachableAction
 from ator_ros.geometry import Pose
+from ator_ros.motion.routes import reachable
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.world.state import ObjectState, RobotState
 
@@ -134,6 +135,20 @@ class ActionSpec:
     features: tuple[str, ...] = ()
     remote: RemoteCall | None = None
     goal_variables: tuple[GoalVariable, ...] = ()
+
+    def situation(self, robot: Robot, rng: np.random.Generator) -> Situation:
+        """Draw a situation to learn in; on a map, one whose places are free, with a route to the goal.
+
+        Raises
+        ------
+        NoPlaceError
+            There is none.
+        """
+        return drawn_until(
+            lambda: self.sample(robot, rng),
+            lambda found: reachable([found.robot.pose, found.goal.robot_pose(robot)], robot),
+            lambda: f"drives of {self.name}: expected free places with a route between them on the map",
+        )
 
     @property
     def over_ros_only(self) -> str | None:

@@ -384,6 +384,7 @@ class DeclaredDomain:
     variables: tuple[DeclaredVariable, ...] | None = None
     chains: tuple[DeclaredChain, ...] = ()
     robot: str | None = None
+    map: str | None = None
     bays: bool = False
     servers: tuple[DeclaredServer, ...] = ()
     time_limit: Duration = TIME_LIMIT

@@ -23,8 +23,7 @@ from ator_ros.actions.situation import ActionFactory, ActionSpec, Sampler, Situa
 from ator_ros.domains import DEFAULT, DRIVE
 from ator_ros.domains.declared import DeclaredAction, DeclaredDomain, DeclaredServer
 from ator_ros.files import FileError, content_with_optional_header, read_yaml
-from ator_ros.motion.routes import Routes
-from ator_ros.performance.features import CANDIDATES, GENERAL, Feature, goal_feature, route_features
+from ator_ros.performance.features import CANDIDATES, GENERAL, ROUTE_FEATURES, Feature, goal_feature
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot, load_robot
@@ -34,7 +33,7 @@ from ator_ros.tops.conditions import Condition, state_variables
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import objects_in
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges, declared_ranges
-from ator_ros.world.grid_map import load_map
+from ator_ros.world.grid_map import GridMap, load_map
 from ator_ros.world.messages import ObjectSource
 from ator_ros.world.scene import Bay, RoundObject, Scene
 from ator_ros.world.state import World
@@ -98,8 +97,8 @@ class Domain:
         targets are numbers or state variables. By default none.
     fitted : callable, optional
         Returns the same TOPs with the tolerances and regions of a robot and its scene; by default `tops`.
-    routes : Routes or None
-        Those on the map of the building; see `on_map`.
+    grid : GridMap or None
+        The map of the building; see `on_map`.
 
     Raises
     ------
@@ -125,7 +124,7 @@ class Domain:
     time_limit: float = TIME_LIMIT
     goals: Callable[[Robot], Mapping[str, Condition]] = lambda _: {}
     fitted: Callable[[Robot], tuple[Top, ...]] | None = None
-    routes: Routes | None = None
+    grid: GridMap | None = None
 
     def __post_init__(self) -> None:
         """Check that the parts agree."""
@@ -193,19 +192,24 @@ class Domain:
     @cached_property
     def known_features(self) -> Mapping[str, Feature]:
         """All features that model files may name: the general ones, the domain's own, its goal variables."""
-        own = (*self.features, *map(goal_feature, self.goal_variables.values()), *self._route_features)
+        own = (*self.features, *map(goal_feature, self.goal_variables.values()), *self._of_map)
         return {**GENERAL, **{feature.name: feature for feature in own}}
 
     @cached_property
-    def _route_features(self) -> tuple[Feature, ...]:
-        return () if self.routes is None else route_features(self.routes)
+    def _of_map(self) -> tuple[Feature, ...]:
+        return () if self.grid is None else ROUTE_FEATURES
 
-    def on_map(self, path: Path | str, robot: Robot) -> Domain:
-        """Return this domain in the building of a map_server file; raises FileError.
+    def on_map(self, grid: GridMap | Path | str) -> Domain:
+        """Return this domain in the building of a map or of a map_server file; "": itself.
 
-        Routes keep half of the robot's width from obstacles: no robot drives where its sides touch.
+        Raises
+        ------
+        FileError
+            The file cannot be used.
         """
-        return dataclasses.replace(self, routes=Routes(load_map(path), robot.half_width))
+        if not grid:
+            return self
+        return dataclasses.replace(self, grid=grid if isinstance(grid, GridMap) else load_map(grid))
 
     @property
     def shipped_models(self) -> Path:
@@ -229,14 +233,14 @@ class Domain:
             raise ConfigError(f"{path or 'the shipped robot'}: domain {self.name}: {error}") from error
 
     def equip(self, robot: Robot) -> Robot:
-        """Return `robot` in this domain's scene.
+        """Return `robot` in this domain's scene, and on its map.
 
         The area is the description's, and so are objects that it describes; the bays are the domain's.
         """
         known = {**self.bodies, **robot.scene.objects}
         objects = {name: known[name] for name in self.objects if name in known}
         scene = dataclasses.replace(robot.scene, objects=objects, bays=self.bays(robot.scene))
-        return dataclasses.replace(robot, scene=scene)
+        return dataclasses.replace(robot, scene=scene, grid=self.grid)
 
     def actions(self, action_set: str = DEFAULT_SET) -> dict[str, ActionSpec]:
         """Return the specifications of a set by the names of the actions.
@@ -264,10 +268,10 @@ class Domain:
         """
         spec = {spec.name: spec for spec in self.action_sets.get(action_set, ())}.get(action)
         if spec is None:
-            return (*CANDIDATES, *self._route_features)
+            return (*CANDIDATES, *self._of_map)
         named = tuple(self.known_features[name] for name in spec.features) or CANDIDATES
         own = (self.known_features[direct_name(variable.name)] for variable in spec.goal_variables)
-        return (*named, *(feature for feature in own if feature not in named), *self._route_features)
+        return (*named, *(feature for feature in own if feature not in named), *self._of_map)
 
     def source(self, name: str) -> ObjectSource:
         """Return where the state of an object comes from."""
@@ -415,6 +419,7 @@ def _made(declared: DeclaredDomain, path: Path) -> Domain:
         description=None if declared.robot is None else path.parent / declared.robot,
         servers=tuple(server.beside(path) for server in declared.servers),
         time_limit=declared.time_limit,
+        grid=None if declared.map is None else load_map(path.parent / declared.map),
     )
 
 

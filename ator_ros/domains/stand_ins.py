@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from functools import lru_cache
 
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
+from ator_ros.examples.navfn import NavFn
 from ator_ros.examples.pursuit import Law, Pursuit
 from ator_ros.examples.rotate_drive_rotate import Phase, RotateDriveRotate, State
 from ator_ros.robot.description import Robot
+from ator_ros.world.grid_map import GridMap
 from ator_ros.world.state import STOP, Command, World
 
 
@@ -19,7 +21,6 @@ class DriveToStandIn(Action):
     """
 
     name = "drive_to_stand_in"
-    law: ClassVar[type[Law]] = RotateDriveRotate
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
@@ -30,6 +31,10 @@ class DriveToStandIn(Action):
         """Commit to `goal`."""
         pose = goal.robot_pose(self.robot)
         self._law = self.law((pose.x, pose.y, pose.yaw))
+
+    def law(self, goal: tuple[float, float, float]) -> Law:
+        """Return the server's law for a goal: x, y (m) and yaw (rad)."""
+        return RotateDriveRotate(goal)
 
     def step(self, world: World) -> Step:
         """Return the command of the server, or what the executor does before and after."""
@@ -49,7 +54,16 @@ class DriveToStandIn(Action):
 
 
 class PursueStandIn(DriveToStandIn):
-    """Drives as the server `pursuit_server` does."""
+    """Drives as the server `pursuit_server` does, on the robot's map."""
 
     name = "pursue_stand_in"
-    law = Pursuit
+
+    def law(self, goal: tuple[float, float, float]) -> Law:
+        """Return the server's law for a goal: x, y (m) and yaw (rad)."""
+        grid = self.robot.grid
+        return Pursuit(goal, None if grid is None else _planner(grid, self.robot.half_width))
+
+
+@lru_cache(maxsize=4)
+def _planner(grid: GridMap, radius: float) -> NavFn:
+    return NavFn(grid.free, grid.resolution, grid.origin, radius)

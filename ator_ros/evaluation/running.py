@@ -65,7 +65,7 @@ def earlier_oracle(folder: Path, settings: Settings, situations: int) -> list[Re
     folder : Path
         Of an `evaluation.json` with an oracle.
     settings : Settings
-        Seed, chain, domain, action set and robot must be those of the earlier evaluation.
+        Seed, chain, domain, action set, robot and map must be those of the earlier evaluation.
     situations : int
         Number of situations, from index 0.
 
@@ -78,7 +78,7 @@ def earlier_oracle(folder: Path, settings: Settings, situations: int) -> list[Re
     earlier = load(file, KIND, dict[str, Any])
     theirs, ours = (
         {name: each[name] for name in ("seed", "chain")}
-        | {name: each["source"][name] for name in ("domain", "action_set", "robot")}
+        | {name: each["source"].get(name, "") for name in ("domain", "action_set", "robot", "map")}
         for each in (earlier["settings"], asdict(_portable(settings)))
     )
     if theirs != ours:
@@ -96,7 +96,7 @@ def earlier_oracle(folder: Path, settings: Settings, situations: int) -> list[Re
 def _portable(settings: Settings) -> Settings:
     """Return the settings with names of files instead of paths."""
     source = settings.source
-    names = {"robot": Path(source.robot).name, "models": Path(source.models).name}
+    names = {name: Path(getattr(source, name)).name for name in ("robot", "map", "models")}
     return replace(settings, source=replace(source, **names))
 
 

@@ -55,6 +55,8 @@ class ToolsetSource:
         Name of the domain.
     robot : str
         File of the robot's description; empty: the shipped one.
+    map : str
+        File of the building's map; empty: the domain's, if it has one.
     action_set : str
         Name of one of its action sets.
     models : str
@@ -63,16 +65,21 @@ class ToolsetSource:
 
     domain: str = DEFAULT
     robot: str = ""
+    map: str = ""
     action_set: str = DEFAULT_SET
     models: str = ""
 
+    def in_domain(self) -> Domain:
+        """Return the domain, on the map."""
+        return find_domain(self.domain).on_map(self.map)
+
     def described(self) -> Robot:
         """Return the robot."""
-        return find_domain(self.domain).robot(self.robot or None)
+        return self.in_domain().robot(self.robot or None)
 
     def top(self) -> Path:
         """Return the folder of the models of all action sets."""
-        return Path(self.models) if self.models else find_domain(self.domain).shipped_models
+        return Path(self.models) if self.models else self.in_domain().shipped_models
 
     def folder(self) -> Path:
         """Return the folder of the model files."""
@@ -95,7 +102,7 @@ class ToolsetSource:
         FileError
             A model cannot be used.
         """
-        domain, robot = find_domain(self.domain), self.described()
+        domain, robot = self.in_domain(), self.described()
         trial = random_trial(domain, chain, make_library(robot, self), seed=0, index=0)
         for action in dict.fromkeys(call.top.action for call in trial.chain.calls):
             if why := domain.actions(self.action_set)[action].over_ros_only:
@@ -105,7 +112,7 @@ class ToolsetSource:
 
 def make_library(robot: Robot, source: ToolsetSource) -> TopLibrary:
     """Return the TOP library with the source's action set."""
-    return find_domain(source.domain).library(robot, source.action_set)
+    return source.in_domain().library(robot, source.action_set)
 
 
 def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
@@ -121,6 +128,6 @@ def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
 
 @lru_cache(maxsize=4)
 def _made(source: ToolsetSource, _digest: str) -> tuple[Toolset, TopLibrary]:
-    domain, robot, action_set = find_domain(source.domain), source.described(), source.action_set
+    domain, robot, action_set = source.in_domain(), source.described(), source.action_set
     models = load_models(robot, domain.known_features, action_set=action_set, folder=source.top())
     return Toolset(domain, robot, models), make_library(robot, source)

@@ -9,7 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.actions.goal_variables import wrong_values
+from ator_ros.actions.situation import drawn_until
 from ator_ros.domains.domain import Domain
+from ator_ros.geometry import Pose
+from ator_ros.motion.routes import reachable
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import LeftOutError, TopLibrary
@@ -42,13 +45,22 @@ def random_trial(domain: Domain, chain: str, library: TopLibrary, *, seed: int, 
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
     try:
-        world, plan = domain.chains[chain](library.robot, library, rng)
+        world, plan = drawn_until(
+            lambda: domain.chains[chain](library.robot, library, rng),
+            lambda found: reachable(_places(*found, library.robot), library.robot),
+            lambda: f"chain {chain}: expected free places with routes between them on the map",
+        )
     except LeftOutError as error:
         raise LeftOutError(f"chain {chain} of {domain.name}: {error}") from None
     for step, call in enumerate(plan.calls, start=1):
         if wrong := wrong_values(call.goal, library.goal_variables(call.top)):
             raise EvaluationError(f"chain {chain} of {domain.name}: step {step} ({call.top.name}): {wrong}")
     return Trial(world, plan)
+
+
+def _places(world: World, chain: TopChain, robot: Robot) -> list[Pose]:
+    arriving = (call.goal for call in chain.calls if call.top.arrives)
+    return [world.robot.pose, *(goal.robot_pose(robot) for goal in arriving)]
 
 
 def reopened(chain: TopChain, opened: Iterable[frozenset[str]]) -> TopChain:
@@ -100,7 +112,7 @@ def possible_actions(
         elif name not in left_out:
             try:
                 spec.factory(robot)
-                spec.sample(robot, np.random.default_rng(0))
+                spec.situation(robot, np.random.default_rng(0))
             except ConfigError as error:
                 left_out[name] = str(error)
     return [name for name in domain.actions(action_set) if name not in left_out], left_out

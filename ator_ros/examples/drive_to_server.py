@@ -35,13 +35,16 @@ _CODES = {
 """The codes of the phases in which a drive has ended."""
 
 
+LawOf = Callable[[tuple[float, float, float]], Law]
+
+
 class _Drive:
     """An active goal."""
 
-    def __init__(self, handle: ServerGoalHandle, law: type[Law]) -> None:
+    def __init__(self, handle: ServerGoalHandle, law: LawOf) -> None:
         self.handle = handle
         pose = handle.request.goal.pose
-        self.law = law((pose.position.x, pose.position.y, _yaw(pose.orientation)))
+        self.law = law((pose.position.x, pose.position.y, yaw_of(pose.orientation)))
         self.ended = Future()
         self.feedback_at = -math.inf  # s, by the stamps
 
@@ -53,8 +56,8 @@ class DriveToServer(Node):
     ----------
     name, action : str
         Names of the node and of its action.
-    law : type
-        The control law; an instance is made for each goal.
+    law : callable
+        Makes the control law for a goal: x, y (m) and yaw (rad).
 
     Action server
         drive_to (ator_interfaces/DriveTo), or the name that is given.
@@ -65,7 +68,7 @@ class DriveToServer(Node):
     """
 
     def __init__(
-        self, name: str = "drive_to_server", action: str = "drive_to", law: type[Law] = RotateDriveRotate
+        self, name: str = "drive_to_server", action: str = "drive_to", law: LawOf = RotateDriveRotate
     ) -> None:
         super().__init__(name)
         self._law = law
@@ -83,7 +86,7 @@ class DriveToServer(Node):
     def _consider(self, request: Any) -> GoalResponse:
         """Accept a goal that is a pose in the frame of odometry."""
         pose, frame = request.goal.pose, request.goal.header.frame_id
-        finite = all(map(math.isfinite, (pose.position.x, pose.position.y, _yaw(pose.orientation))))
+        finite = all(map(math.isfinite, (pose.position.x, pose.position.y, yaw_of(pose.orientation))))
         known = not self._frame or frame in ("", self._frame)
         if finite and known:
             return GoalResponse.ACCEPT
@@ -104,7 +107,7 @@ class DriveToServer(Node):
 
     def _take_odom(self, message: Odometry) -> None:
         pose, twist, stamp = message.pose.pose, message.twist.twist, message.header.stamp
-        yaw = _yaw(pose.orientation)
+        yaw = yaw_of(pose.orientation)
         time = stamp.sec + 1e-9 * stamp.nanosec
         self._frame = message.header.frame_id
         self._state = State(time, pose.position.x, pose.position.y, yaw, twist.linear.x, twist.angular.z)
@@ -131,7 +134,8 @@ class DriveToServer(Node):
             drive.handle.publish_feedback(feedback)
 
 
-def _yaw(q: Any) -> float:
+def yaw_of(q: Any) -> float:
+    """Return the yaw in rad of a quaternion."""
     return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
 
 

@@ -1,7 +1,7 @@
 """A second driver's control law: regulated pure pursuit behind a rotation shim, as Nav2 documents them.
 
-It covers a hall without obstacles: the path is straight, but for the bias of a planner on a grid.
-Like the first law it is independent of ator_ros and of ROS.
+On a map it follows the path of a planner, `navfn`. Without a map the path is straight, but for the bias of
+a planner on a grid. Like the first law it is independent of ator_ros and of ROS.
 """
 
 from __future__ import annotations
@@ -9,6 +9,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from ator_ros.examples.navfn import Grid, NavFn
 from ator_ros.examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotate, State
 
 
@@ -35,11 +38,13 @@ class Tuning:
 
 
 class Pursuit:
-    """Drives to one goal, x, y (m) and yaw (rad); one instance for each."""
+    """Drives to one goal, x, y (m) and yaw (rad), on a planned path or straight; one instance for each."""
 
     tuning = Tuning()
 
-    def __init__(self, goal: tuple[float, float, float]) -> None:
+    def __init__(self, goal: tuple[float, float, float], planner: NavFn | None = None) -> None:
+        self._planner = planner
+        self._path: _Path | None = None
         self.phase = Phase.FOLLOWING
         self.distance = math.inf
         self._goal = goal
@@ -50,6 +55,12 @@ class Pursuit:
         """Return the velocities (m/s, rad/s) for a state; `phase` shows whether the drive has ended."""
         self.distance = math.hypot(self._goal[0] - state.x, self._goal[1] - state.y)
         v = 0.0
+        if self._planner is not None and self._path is None and self.phase not in ENDED:
+            points = self._planner.path((state.x, state.y), self._goal[:2])
+            self._path = None if points is None else _Path(points)
+            self.phase = Phase.MISSED if points is None else self.phase
+        if self._path is not None:
+            self._path.follow(state.x, state.y)
         self.phase = self._next_phase(state)
         if self.phase is Phase.FOLLOWING:
             v, self._w = self._follow(self._angle_to_path(state))
@@ -93,6 +104,9 @@ class Pursuit:
         NavFn plans on the grid of the map: its path leaves the robot closer to an axis of the grid than the
         straight line to the goal does.
         """
+        if self._path is not None:
+            x, y = self._path.ahead(state.x, state.y, self.tuning.lookahead_dist)
+            return math.remainder(math.atan2(y - state.y, x - state.x) - state.yaw, math.tau)
         direction = math.atan2(self._goal[1] - state.y, self._goal[0] - state.x)
         if self.distance > self.tuning.lookahead_dist:
             direction -= self.tuning.grid_bias * math.sin(4.0 * direction)
@@ -105,7 +119,8 @@ class Pursuit:
         sharpness = abs(curvature) * tuning.regulated_linear_scaling_min_radius
         v = tuning.desired_linear_vel / max(1.0, sharpness)
         v = max(v, tuning.regulated_linear_scaling_min_speed)
-        approach = v * self.distance / tuning.approach_velocity_scaling_dist
+        remaining = self.distance if self._path is None else self._path.remaining
+        approach = v * remaining / tuning.approach_velocity_scaling_dist
         v = min(v, max(approach, tuning.min_approach_linear_velocity))
         return v, v * curvature
 
@@ -114,6 +129,34 @@ class Pursuit:
         change = self.tuning.max_angular_accel / self.tuning.controller_frequency
         wanted = math.copysign(self.tuning.rotate_to_heading_angular_vel, angle)
         return max(self._w - change, min(self._w + change, wanted))
+
+
+class _Path:
+    """A planned path, and how far along it the robot is."""
+
+    def __init__(self, points: Grid) -> None:
+        self._points = points
+        steps = np.hypot(*np.diff(points, axis=0).T)
+        self._left = np.append(np.cumsum(steps[::-1])[::-1], 0.0)
+        self._near = 0
+
+    @property
+    def remaining(self) -> float:
+        """Length in m from the point next to the robot to the goal."""
+        return float(self._left[self._near])
+
+    def follow(self, x: float, y: float) -> None:
+        """Take the point next to (x, y) m, up to 1 m ahead of the last one."""
+        last = self._near + np.searchsorted(-self._left[self._near :], 1.0 - self._left[self._near], "right")
+        away = np.hypot(*(self._points[self._near : last] - (x, y)).T)
+        self._near += int(np.argmin(away))
+
+    def ahead(self, x: float, y: float, lookahead: float) -> tuple[float, float]:
+        """Return the first point from there on that is `lookahead` m away from (x, y), or the goal."""
+        away = np.hypot(*(self._points[self._near :] - (x, y)).T)
+        far = np.flatnonzero(away >= lookahead)
+        x, y = self._points[self._near + far[0] if len(far) else -1]
+        return float(x), float(y)
 
 
 Law = RotateDriveRotate | Pursuit

@@ -1,19 +1,55 @@
 """An action server that drives a differential base to a pose as Nav2 does, without Nav2.
 
-It differs from `drive_to_server` in the name of its action, `pursue`, and in its control law.
+It differs from `drive_to_server` in the name of its action, `pursue`, in its control law, and in the map:
+once one is published, it plans on it, and until then no goal is accepted where somebody offers one.
 """
 
 from __future__ import annotations
 
-from functools import partial
+from typing import Any
 
-from ator_ros.examples.drive_to_server import DriveToServer, serve
+import numpy as np
+from nav_msgs.msg import OccupancyGrid
+from rclpy.action import GoalResponse
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from ator_ros.examples.drive_to_server import DriveToServer, serve, yaw_of
+from ator_ros.examples.navfn import NavFn
 from ator_ros.examples.pursuit import Pursuit
+
+_FREE = 25  # percent
+
+
+class PursuitServer(DriveToServer):
+    """Drives on a map, if there is one. Parameter robot_radius: in m.
+
+    Subscribes besides to
+        map (nav_msgs/OccupancyGrid, transient local), in the frame of odom.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("pursuit_server", "pursue", lambda goal: Pursuit(goal, self._planner))
+        self._radius = self.declare_parameter("robot_radius", 0.17).value
+        self._planner: NavFn | None = None
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.create_subscription(OccupancyGrid, "map", self._take_map, latched)
+
+    def _take_map(self, message: OccupancyGrid) -> None:
+        info, values = message.info, np.array(message.data).reshape(message.info.height, -1)
+        place = info.origin.position
+        origin = place.x, place.y, yaw_of(info.origin.orientation)
+        self._planner = NavFn((values >= 0) & (values <= _FREE), info.resolution, origin, self._radius)
+        self.get_logger().info(f"planning on a map of {info.width} x {info.height} cells")
+
+    def _consider(self, request: Any) -> GoalResponse:
+        if self._planner is None and self.count_publishers("map"):
+            return GoalResponse.REJECT
+        return super()._consider(request)
 
 
 def main(args: list[str] | None = None) -> None:
     """Run the server until Ctrl-C or SIGTERM."""
-    serve(partial(DriveToServer, "pursuit_server", "pursue", Pursuit), args)
+    serve(PursuitServer, args)
 
 
 if __name__ == "__main__":

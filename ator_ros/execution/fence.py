@@ -8,8 +8,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ator_ros.actions.base import Goal, Point
-from ator_ros.motion.routes import Routes
+from ator_ros.motion.routes import routes_of
 from ator_ros.robot.description import Robot
 from ator_ros.robot.response import clip, stopping_distance
 from ator_ros.tops.chain import TopCall, TopChain
@@ -49,16 +51,12 @@ def _inside(axis: str, ranges: Ranges, edges: tuple[float, float], robot: Robot,
 
 @dataclass(frozen=True, slots=True)
 class Fence:
-    """A rectangle for the middle of the robot's axle, in m in odometry's frame; its body may stick out.
-
-    With `routes`, goals must be in free space of their map, where a route leads.
-    """
+    """A rectangle for the middle of the robot's axle, in m in odometry's frame; its body may stick out."""
 
     x_min: float
     y_min: float
     x_max: float
     y_max: float
-    routes: Routes | None = None
 
     @classmethod
     def around(cls, robot: Robot) -> Fence:
@@ -87,7 +85,7 @@ class Fence:
 
         The fence around the area changes none. A place that would have no values left stays as it is.
         """
-        if dataclasses.replace(self, routes=None) == Fence.around(robot):
+        if self == Fence.around(robot):
             return ranges
         edges = {"x": (self.x_min, self.x_max), "y": (self.y_min, self.y_max)}
         inside = {
@@ -102,7 +100,7 @@ class Fence:
         return math.hypot(max(self.x_min - x, 0.0, x - self.x_max), max(self.y_min - y, 0.0, y - self.y_max))
 
     def violation(self, chain: TopChain, robot: Robot, where: str = "chain") -> str | None:
-        """Return a sentence on the first step of a chain that leads out of the fence; None if none does.
+        """Return a sentence on the first step that leads out of the fence, or into an obstacle, or None.
 
         Executor and refinement reject such chains with this sentence; it begins with `where`.
         """
@@ -120,20 +118,28 @@ class Fence:
     def unreachable(
         self, chain: TopChain, robot: Robot, where: str = "chain", start: tuple[float, float] | None = None
     ) -> str | None:
-        """Return a sentence on the first step that no route on the map leads to, from `start` in m.
+        """Return a sentence on the first step that no route on the map leads to, from `start` in m, or None.
 
         The places that the plan opens are not checked.
         """
-        if self.routes is None:
+        routes = routes_of(robot)
+        if routes is None:
             return None
+        numbers, ends = [], []
         for number, call in enumerate(chain.calls):
-            x, y, _ = call.goal.robot_pose(robot)
+            goal = call.goal.robot_pose(robot)[:2]
             given = call.top.arrives and not (call.opens("x") or call.opens("y"))
-            fault = (self.routes.fault(x, y) or self.routes.fault(x, y, start)) if given else None
-            if fault is not None:
-                return f"{where}.calls[{number}].goal ({call.top.name}): {fault}"
-            start = (x, y) if given else None
-        return None
+            if given:
+                numbers.append(number)
+                ends.append((*(start or goal), *goal))
+            start = goal if given else None
+        led = routes.lead(np.array(ends).reshape(-1, 4).T)
+        if led.all():
+            return None
+        number = numbers[first := int(np.argmin(led))]
+        from_x, from_y, x, y = ends[first]
+        fault = routes.fault(x, y) or routes.fault(x, y, (from_x, from_y))
+        return f"{where}.calls[{number}].goal ({chain.calls[number].top.name}): {fault}"
 
     def leads_out(self, call: TopCall, robot: Robot) -> bool:
         """Return whether the goal of a step puts the robot, or the object that it holds, out of the area.

@@ -42,7 +42,7 @@ def _run(
     contacts differs in the sixth digit. A new world costs 11 ms.
     """
     spec, number = task
-    situation = spec.sample(robot, episode_generator(spec.name, seed, number))
+    situation = spec.situation(robot, episode_generator(spec.name, seed, number))
     if wrong := wrong_values(situation.goal, spec.goal_variables):
         raise ExperienceError(f"situation of {spec.name}: goal: {wrong}")
     top = top_of(situation, tops, robot)

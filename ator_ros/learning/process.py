@@ -58,9 +58,7 @@ def main() -> None:
     from ator_ros.learning.round import Source, learn
 
     folder, name, robot, models, grid, time = json.loads(sys.argv[1])
-    domain = domain_for(name, robot)
-    if grid:
-        domain = domain.on_map(grid, domain.robot(robot or None))
+    domain = domain_for(name, robot).on_map(grid)
     place = Path(models) if models else domain.shipped_models
     source = Source(Path(folder), domain, domain.robot(robot or None), place)
     sys.stdout.write(json.dumps(learn(source, time=time), allow_nan=False))

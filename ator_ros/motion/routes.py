@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
+from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +17,8 @@ from numpy.typing import NDArray
 
 from ator_ros.compiled import compiled
 from ator_ros.files import FileError
-from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
+from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angles
+from ator_ros.robot.description import Robot
 from ator_ros.world.grid_map import GridMap
 
 LOOK_AHEAD = 0.5
@@ -135,21 +138,25 @@ class Routes:
         found[3:5] = wrap_angles(found[3:5] + self.grid.origin.yaw)
         return found
 
+    def lead(self, ends: FloatArray) -> BoolArray:
+        """Return whether routes lead from x, y to to_x, to_y in m, shape (4, n)."""
+        here, there = (self._cells(self._places(*pair)) for pair in (ends[:2], ends[2:]))
+        return self._levels(here, there) >= 0
+
     def fault(self, x: float, y: float, start: tuple[float, float] | None = None) -> str | None:
         """Return why no route leads to a place in m, from `start` or from anywhere; None if one does."""
-        place = self._places(np.array([x]), np.array([y]))
-        origin = place if start is None else self._places(*map(np.atleast_1d, start))
-        if self._levels(self._cells(origin), self._cells(place))[0] >= 0:
+        origin = (x, y) if start is None else start
+        if self.lead(np.array([[*origin, x, y]]).T)[0]:
             return None
         wanted = f"free space, {self.radius:.2f} m from obstacles"
         if start is not None:
             wanted = f"reach of x {start[0]:.2f} m, y {start[1]:.2f} m"
         return f"expected a place in {wanted}, on the map {self.grid}, got x {x:.2f} m, y {y:.2f} m"
 
-    def clearance(self, x: float, y: float) -> float:
-        """Return the distance in m of a place from the nearest obstacle; 0 beyond the map."""
-        (cell,) = self._cells(self._places(np.array([x]), np.array([y])))
-        return 0.0 if cell < 0 else float(self._room.ravel()[cell]) * self._cell
+    def room(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return least distances of places in m from obstacles: they may be 0.2 m more; 0 beyond the map."""
+        cells = self._cells(self._places(x, y))
+        return np.where(cells < 0, 0.0, self._cell * np.maximum(self._room.ravel()[cells] - _OFF_FREE, 0.0))
 
     def _routes(self, starts: Places, goals: Places) -> FloatArray:
         """Return the routes between places in cells, as `_look_up` writes them."""
@@ -205,6 +212,35 @@ class Routes:
                 self._fields.popitem(last=False)
         self._fields.move_to_end(key)
         return self._fields[key]
+
+
+_routes_on = lru_cache(maxsize=4)(Routes)
+
+
+def routes_of(robot: Robot) -> Routes | None:
+    """Return the routes of a robot on its map, made once; None without a map.
+
+    They keep half of the robot's width from obstacles: no robot drives where its sides touch.
+    """
+    return None if robot.grid is None else _routes_on(robot.grid, robot.half_width)
+
+
+def reachable(places: Sequence[Pose], robot: Robot) -> bool:
+    """Return whether the robot can turn at places on its map, and routes lead from each to the next."""
+    routes = routes_of(robot)
+    if routes is None:
+        return True
+    x, y = np.array([place[:2] for place in places], dtype=float).reshape(-1, 2).T
+    lengths = routes.between(x[:-1], y[:-1], x[1:], y[1:]).length
+    return bool((routes.room(x, y) > robot.reach).all() and np.isfinite(lengths).all())
+
+
+def arrival_heading(start: Sequence[float], goal: Pose, robot: Robot) -> float:
+    """Return the heading in rad in which a robot comes from x, y (m) to a goal, on its map if it has one."""
+    routes, found = routes_of(robot), math.nan
+    if routes is not None:
+        found = routes.between(*np.array([[*start, *goal[:2]]], dtype=float).T).arrival[0]
+    return math.atan2(goal.y - start[1], goal.x - start[0]) if math.isnan(found) else found
 
 
 def _distinct(places: Places) -> Places:

@@ -32,6 +32,7 @@ from ator_ros.nodes.diagnostics import STEADY, Diagnosis, Diagnostics, Health, T
 from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
 from ator_ros.nodes.inputs import Subscriptions
+from ator_ros.nodes.maps import follow_map
 from ator_ros.nodes.messages import into_frame
 from ator_ros.nodes.models import LEARNED, LearnedSets
 from ator_ros.nodes.parameters import (
@@ -57,6 +58,7 @@ from ator_ros.nodes.running import run_node, spin_out
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import missing_in
 from ator_ros.world.estimation import ObjectTracker, Sightings
+from ator_ros.world.grid_map import GridMap
 from ator_ros.world.inputs import ClockJumpError, Inputs
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
@@ -133,7 +135,7 @@ class ExecutorNode(Node):
         of the fence.
     Subscribes to
         odom (nav_msgs/Odometry), or /tf and /tf_static, and the topics of the domain's objects: their stamps,
-        `latency` later, are the time of the actions.
+        `latency` later, are the time of the actions; the topic of a map, if `map` names one.
     Publishes
         cmd_vel (geometry_msgs/Twist or TwistStamped, see `stamped_commands`): while a goal is active, unless
         a server executes it.
@@ -155,11 +157,12 @@ class ExecutorNode(Node):
         for reason in filter(None, (*(top.lacks(robot) for top in domain.tops_for(robot)), *left_out)):
             self.get_logger().warning(reason)
         self._sets = LearnedSets(self, domain, self._libraries, self._settings)
+        follow_map(self, self._settings, self._take_map)
         for name, predictor in self._predictors().items():
             warm_up_actions(self._libraries[name], predictor)
         self._inputs = inputs_of(self._settings, domain.objects)
         self._motion = MotionWatch(robot, self._settings["latency"])
-        self._fence = fence_of(self._settings, robot, domain)
+        self._fence = fence_of(self._settings, robot)
         noises = (self._settings[f"{name}_velocity_noise"] for name in domain.objects)
         self._rolling = Rolling(robot, slowest=3.0 * max(noises, default=0.0))
         self._world: World | None = None
@@ -202,6 +205,13 @@ class ExecutorNode(Node):
             result_timeout=_RESULT_KEPT,
         )  # fmt: skip
         self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
+
+    def _take_map(self, grid: GridMap) -> None:
+        """Check the goals that come from now on by another map."""
+        self._domain = self._domain.on_map(grid)
+        robot = next(iter(self._libraries.values())).robot
+        self._libraries = self._remotes.libraries(self._domain.equip(robot))
+        self._sets.load_again(self._domain, self._libraries)
 
     def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:
         warning = self._inputs.object(name, stamp, there, time.monotonic())

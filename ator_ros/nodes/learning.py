@@ -21,6 +21,7 @@ from ator_ros.learning.learner import Learner
 from ator_ros.learning.process import RoundProcess
 from ator_ros.learning.sets import digest_of_start
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
+from ator_ros.nodes.maps import follow_map
 from ator_ros.nodes.parameters import (
     DOMAIN,
     MAP,
@@ -30,10 +31,12 @@ from ator_ros.nodes.parameters import (
     SetupError,
     declare_parameters,
     domain_and_robot,
+    map_topic,
 )
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.running import run_node
 from ator_ros.printable import printable
+from ator_ros.world.grid_map import GridMap, save_map
 from ator_ros.world.messages import MessageError
 
 PARAMETERS = (
@@ -61,6 +64,7 @@ class LearningNode(Node):
         performance/action (ator_interfaces/ActionPerformance), or the topics that `records` names. All are of
         robots of one description.
         performance/chain (ator_interfaces/ChainPerformance), or the topics that `chains` names.
+        the topic of a map (nav_msgs/OccupancyGrid, transient local), if `map` names one.
     Publishes
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Services
@@ -78,14 +82,17 @@ class LearningNode(Node):
         topics = settings["records"]
         folder = Path(settings["learned"]).expanduser() if settings["learned"] else _HOME
         self._open = contextlib.ExitStack()
-        named = {name: settings[name] for name in ("domain", "robot", "models")} | {"grid": settings["map"]}
+        named = {name: settings[name] for name in ("domain", "robot", "models")}
+        self._grid = "" if map_topic(settings) else settings["map"]
         models = Path(settings["models"]) if settings["models"] else self._domain.shipped_models
         try:
             self._open.enter_context(exclusive_folder(folder))
             self._learner = Learner(
                 folder,
                 StoreInfo(self._robot.digest(), self._domain.name),
-                lambda: RoundProcess(folder, time=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), **named),
+                lambda: RoundProcess(
+                    folder, grid=self._grid, time=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), **named
+                ),
                 start=digest_of_start(models, self._domain.action_sets),
                 batch=settings["batch"],
                 most=settings["most_episodes"],
@@ -93,6 +100,8 @@ class LearningNode(Node):
         except (FileError, OSError) as error:
             self._open.close()
             raise SetupError(f"parameter learned: {error}") from error
+        self._folder = folder
+        follow_map(self, settings, self._take_map)
         for topic in topics:
             self.create_subscription(ActionPerformance, topic, self._take, RESULTS)
         for topic in settings["chains"]:
@@ -108,6 +117,15 @@ class LearningNode(Node):
             f"learning from {', '.join(settings['records'])} into {folder}: {self._learner.stored} records, "
             f"set {self._learner.diagnostics()['set']}{', frozen' if self._learner.frozen else ''}"
         )
+
+    def _take_map(self, grid: GridMap) -> None:
+        """Let the next round learn on another map, which its process reads from a file."""
+        try:
+            self._grid = str(save_map(grid, self._folder))
+        except OSError as error:
+            self.get_logger().warning(f"the map {grid} is not used: {error}")
+        else:
+            self._domain = self._domain.on_map(grid)
 
     def _take(self, message: Any) -> None:
         if message.outcome.code not in ENDED:
@@ -151,8 +169,8 @@ class LearningNode(Node):
 
     def _health(self) -> Health:
         values = self._learner.diagnostics()
-        if self._domain.routes is not None:
-            values["map"] = str(self._domain.routes.grid)
+        if self._domain.grid is not None:
+            values["map"] = str(self._domain.grid)
         return Health(self._learner.problem, values=values)
 
     def stop(self) -> None:

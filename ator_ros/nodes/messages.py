@@ -12,7 +12,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import Quaternion, Twist
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import OccupancyGrid, Odometry
 
 import ator_interfaces.msg as msg
 from ator_interfaces.srv import RefineSubgoal
@@ -39,6 +39,7 @@ from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region
 from ator_ros.tops.library import LeftOutError, TopLibrary
 from ator_ros.world import messages as checks
+from ator_ros.world.grid_map import GridMap, map_of_grid
 from ator_ros.world.messages import FARTHEST, MessageError, pose_from
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
@@ -112,6 +113,23 @@ def object_odometry_of(time: float, there: ObjectState, *, frame: str, height: f
     position.x, position.y, position.z = float(there.x), float(there.y), height
     linear.x, linear.y = float(there.vx), float(there.vy)
     return message
+
+
+def occupancy_grid_of(grid: GridMap, *, frame: str) -> OccupancyGrid:
+    """Write a map: 0 where it is free, 100 elsewhere."""
+    message = OccupancyGrid(data=np.where(grid.free, 0, 100).astype(np.int8).ravel().tolist())
+    message.header.frame_id, message.info.resolution = frame, grid.resolution
+    message.info.height, message.info.width = grid.free.shape
+    message.info.origin = pose_of(grid.origin)
+    return message
+
+
+def grid_from(message: OccupancyGrid, topic: str, *, frame: str) -> GridMap:
+    """Read a map from its topic; raises MessageError, or FileError if it has no free cells."""
+    checks.expect_frame(message.header.frame_id, f"{topic}.header.frame_id", expected=frame)
+    origin = pose_from(message.info.origin, f"{topic}.info.origin")
+    size = message.info.width, message.info.height
+    return map_of_grid(topic, *size, message.info.resolution, origin, message.data)
 
 
 def situation_of(world: World, *, frame: str) -> msg.Situation:

@@ -84,6 +84,7 @@ class LearnedSets:
         self._start = digest_of_start(Path(models) if models else domain.shipped_models, libraries)
         self.gains = Gains()
         node.get_logger().info("loading models; the first start compiles code, which may take a minute")
+        self._place = place
         self.present = self._load(place)
         if self._folder is not None:
             self._look_at_gains()
@@ -131,6 +132,8 @@ class LearnedSets:
             loading, self._loading = self._loading, None
             try:
                 self._manifest, self.present = loading.result()
+                assert self._seen is not None
+                self._place = self._seen
             except Exception as error:  # whatever it is, the node continues with what it has
                 self._log_failure(error)
             else:
@@ -154,6 +157,13 @@ class LearnedSets:
         name = "" if self._seen is None else self._seen.name
         self._node.get_logger().warning(f"the learned set {name} is not used: {str(error) or repr(error)}")
 
+    def load_again(self, domain: Domain, libraries: Mapping[str, TopLibrary]) -> None:
+        """Load the models in use for a domain on another map."""
+        self._domain, self._libraries = domain, libraries
+        self.present = self._load(self._place)
+        if self._loading is not None:  # it began with the former map
+            self._loading, self._seen = None, None
+
     def startup_text(self) -> str:
         """Return what a node logs of its models at the start: those of the default action set."""
         read = self.present[DEFAULT_SET]
@@ -171,8 +181,8 @@ class LearnedSets:
             f"models of {name}": ", ".join(read.models) or read.problem or "no models"
             for name, read in self.present.items()
         }
-        if self._domain.routes is not None:
-            values["map"] = str(self._domain.routes.grid)
+        if self._domain.grid is not None:
+            values["map"] = str(self._domain.grid)
         if self._folder is not None:
             values["learned set"] = "none yet" if self._manifest is None else _described(self._manifest)
             values |= self.gains.diagnostics()

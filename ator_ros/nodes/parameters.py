@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -95,7 +94,7 @@ DOMAIN = Parameter(
 FRAME = Parameter("frame", "odom", "frame of odometry, objects and goals; an empty frame_id means it")
 ROBOT_FRAME = Parameter("robot_frame", "base_link", "the robot's own frame, in the middle of its axle")
 MODELS = Parameter("models", "", "folder of the performance models; empty: the shipped ones")
-MAP = Parameter("map", "", "map_server file of the building, in the frame `frame`; empty: none")
+MAP = Parameter("map", "", "map of the building: a file (.yaml), or a topic; empty: the domain's")
 FENCE = Parameter(
     "fence", [0.0] * 4, "m: x and y from, x and y to, of the robot's axle; all 0: area and margin"
 )
@@ -119,22 +118,28 @@ def domain_and_robot(settings: Mapping[str, Any]) -> tuple[Domain, Robot]:
     """
     try:
         domain = domain_for(settings[DOMAIN.name], settings[ROBOT.name])
-        robot, path = domain.robot(settings[ROBOT.name] or None), settings.get(MAP.name)
-        return domain.on_map(Path(path).expanduser(), robot) if path else domain, robot
+        path = settings.get(MAP.name)
+        domain = domain.on_map(Path(path).expanduser() if path and not map_topic(settings) else "")
+        return domain, domain.robot(settings[ROBOT.name] or None)
     except (ConfigError, DomainError) as error:
         raise SetupError(str(error)) from error
     except FileError as error:
         raise SetupError(f"parameter map: {error}") from error
 
 
-def fence_of(settings: Mapping[str, Any], robot: Robot, domain: Domain) -> Fence:
-    """Return the area that the robot may drive in, with the routes of the domain's map; raises SetupError."""
+def map_topic(settings: Mapping[str, Any]) -> str:
+    """Return the topic that `MAP` names; empty if it names a file, or nothing."""
+    name = str(settings.get(MAP.name, ""))
+    return "" if name.endswith((".yaml", ".yml")) else name
+
+
+def fence_of(settings: Mapping[str, Any], robot: Robot) -> Fence:
+    """Return the area that the robot may drive in; raises SetupError."""
     edges = settings[FENCE.name]
     try:
-        fence = Fence.around(robot) if list(edges) == FENCE.default else Fence.of(edges)
+        return Fence.around(robot) if list(edges) == FENCE.default else Fence.of(edges)
     except ValueError as error:
         raise SetupError(f"parameter fence: {error}") from error
-    return dataclasses.replace(fence, routes=domain.routes)
 
 
 def declare_parameters(

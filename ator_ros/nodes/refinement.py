@@ -21,6 +21,7 @@ from ator_ros.nodes import messages
 from ator_ros.nodes.diagnostics import Diagnostics, Health
 from ator_ros.nodes.drawing import LazyPublisher, marker_array
 from ator_ros.nodes.inputs import TfListener
+from ator_ros.nodes.maps import follow_map
 from ator_ros.nodes.models import LEARNED, LearnedSets, ModelSet
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -48,6 +49,7 @@ from ator_ros.refinement.refiner import Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
 from ator_ros.tops.conditions import state_variables
 from ator_ros.tops.library import TopLibrary
+from ator_ros.world.grid_map import GridMap
 from ator_ros.world.messages import MessageError, count, pose_from, world_from
 
 PARAMETERS = (
@@ -96,6 +98,7 @@ class RefinementNode(Node):
         predict_durations (ator_interfaces/PredictDurations): how long steps take from several situations.
     Subscribes to
         /tf and /tf_static, from the first request in another frame than `frame` on.
+        the topic of a map (nav_msgs/OccupancyGrid, transient local), if `map` names one.
     Publishes
         refinement_markers (visualization_msgs/MarkerArray, transient local): the naive chain, the
         chain to execute, and the predicted times by heading as rings, of the last request.
@@ -106,10 +109,11 @@ class RefinementNode(Node):
         super().__init__("refinement", automatically_declare_parameters_from_overrides=True)
         self._settings = declare_parameters(self, PARAMETERS)
         self._domain, self._robot = domain, robot = domain_and_robot(self._settings)
-        self._fence = fence_of(self._settings, robot, domain)
+        self._fence = fence_of(self._settings, robot)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         self._ranges = self._fence.narrowed(domain.ranges, robot)  # places are searched inside the fence
         self._sets = LearnedSets(self, domain, self._libraries, self._settings, self._warm_up)
+        follow_map(self, self._settings, self._take_map)
         self._goals = domain.goals(robot)
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
         self._answered, self._cut_short, self._last_error = 0, 0, ""
@@ -131,6 +135,12 @@ class RefinementNode(Node):
             f"refining chains for {robot.name} (domain {domain.name}, ROS domain "
             f"{self.context.get_domain_id()}); {self._sets.startup_text()}; {policy}"
         )
+
+    def _take_map(self, grid: GridMap) -> None:
+        self._domain = domain = self._domain.on_map(grid)
+        self._robot = robot = domain.equip(self._robot)
+        self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
+        self._sets.load_again(domain, self._libraries)
 
     def _gate(self, request: RefineSubgoal.Request, gains: Gains) -> Gate:
         """Return the gate as it is now; some chains that are executed are drawn to measure what it gains."""
@@ -191,8 +201,8 @@ class RefinementNode(Node):
         )
         gain = messages.gain_of(found, gains.measured, gains.models)
         answer = messages.answer_of(choice, request, gain, action_set=action_set, frame=frame)
-        if self._domain.routes is not None:
-            answer.reason += f"; map {self._domain.routes.grid}"
+        if self._domain.grid is not None:
+            answer.reason += f"; map {self._domain.grid}"
         return answer
 
     def _plan(self, request: PlanChains.Request) -> PlanChains.Response:

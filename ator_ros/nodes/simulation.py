@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import TransformStamped, Twist
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import OccupancyGrid, Odometry
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -23,10 +23,11 @@ from ator_ros.domains.domain import domain_for
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Ticks
-from ator_ros.nodes.messages import object_odometry_of, odometry_of, stamp_of
+from ator_ros.nodes.messages import object_odometry_of, occupancy_grid_of, odometry_of, stamp_of
 from ator_ros.nodes.parameters import (
     DOMAIN,
     FRAME,
+    MAP,
     OBJECT,
     ROBOT,
     ROBOT_FRAME,
@@ -34,6 +35,7 @@ from ator_ros.nodes.parameters import (
     SetupError,
     declare_with_domain,
     domain_and_robot,
+    map_topic,
 )
 from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.running import run_node
@@ -57,6 +59,7 @@ _COMMON = (
     ROBOT_FRAME,
     DOMAIN,
     ROBOT,
+    MAP,
     Parameter("robots", [""], "names of the robots, namespaces of their topics and frames; '': none"),
     # The maximum is faster than any computer.
     Parameter(
@@ -108,6 +111,7 @@ class SimulationNode(Node):
         joint_states (sensor_msgs/JointState), and tf (tf2_msgs/TFMessage) from the frame of odometry to the
         robot's own, where there are subscribers; robot_description (std_msgs/String, transient local): URDF.
         tf_static (tf2_msgs/TFMessage, transient local), of robots with names: from `world` to odometry.
+        map (nav_msgs/OccupancyGrid, transient local), if it has one: the walls that are simulated.
         /clock (rosgraph_msgs/Clock), when `publish_clock`: every tick.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Services
@@ -301,6 +305,10 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
 
 def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
     """Return the world at its start; what its robots observe errs independently. Raises SetupError."""
+    if topic := map_topic(settings):
+        raise SetupError(
+            f"parameter map: expected a file (.yaml), as walls do not change, got {quoted(topic)}"
+        )
     (_, robot), names = domain_and_robot(settings), settings["robots"]
     if len(set(names)) < len(names) or not all(is_name(name) for name in names if name or len(names) > 1):
         raise SetupError(
@@ -371,6 +379,9 @@ class RobotTopics:
             self._fixed.publish(TFMessage(transforms=[origin]))
         self._description = node.create_publisher(String, self.resolved("robot_description"), LATCHED)
         self._description.publish(String(data=robot_urdf(description)))
+        if description.grid is not None:
+            self._map = node.create_publisher(OccupancyGrid, self.resolved("map"), LATCHED)
+            self._map.publish(occupancy_grid_of(description.grid, frame=self.frame))
 
     def resolved(self, name: str) -> str:
         """Return the name of a topic, a service or a frame of this robot."""

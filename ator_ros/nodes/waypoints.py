@@ -253,7 +253,7 @@ class WaypointsNode(Node):
         self._settings = settings = declare_parameters(self, PARAMETERS)
         kinds = [action_type(f"nav2_msgs/action/{name}") for name in ACTIONS]
         domain, self._robot = domain_and_robot(settings)
-        self._library, self._fence = domain.library(self._robot), fence_of(settings, self._robot, domain)
+        self._library, self._fence = domain.library(self._robot), fence_of(settings, self._robot)
         top = driving_top(self._library)
         if top is None:
             raise SetupError(f"domain {domain.name}: expected a TOP that only drives to a pose, found none")

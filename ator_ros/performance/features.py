@@ -15,7 +15,7 @@ import numpy as np
 from ator_ros.actions.goal_variables import GoalVariable, direct_name
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import drive_time, turn_time
-from ator_ros.motion.routes import Routes
+from ator_ros.motion.routes import routes_of
 from ator_ros.performance.derived import (
     ARRIVAL,
     BASICS,
@@ -112,35 +112,34 @@ ROUTES = {
 """Unit and direct variables of the features of a domain with a map, in the order of `_on_route`."""
 
 
-def route_features(routes: Routes) -> tuple[Feature, ...]:
-    """Return the features of the routes on a map: `ROUTES`."""
-    compute = partial(_on_route, routes)
-    own: dict[str, Callable[[Geometry], FloatArray]] = {"route_time": partial(_route_time, compute)}
-    return tuple(
-        Feature(name, unit, variables(derives), own.get(name) or partial(_row_of, compute, row))
-        for row, (name, (unit, derives)) in enumerate(ROUTES.items())
-    )
+def _row_of(row: int, geometry: Geometry) -> FloatArray:
+    return np.asarray(geometry.once(_on_route)[row])
 
 
-def _row_of(compute: Callable[[Geometry], FloatArray], row: int, geometry: Geometry) -> FloatArray:
-    return np.asarray(geometry.once(compute)[row])
-
-
-def _on_route(routes: Routes, geometry: Geometry) -> FloatArray:
+def _on_route(geometry: Geometry) -> FloatArray:
     """Return the features of routes but their times: straight ones have length and angles of `PAPER_3`."""
-    rows = geometry.rows
+    rows, routes = geometry.rows, routes_of(geometry.robot)
+    assert routes is not None
     route = routes.between(rows[FROM_X], rows[FROM_Y], rows[TO_X], rows[TO_Y])
     table = np.stack([route.length, route.turn, route.clearance, route.departure, route.arrival])
     relate_route(rows, route.straight, table)
     return table
 
 
-def _route_time(compute: Callable[[Geometry], FloatArray], geometry: Geometry) -> FloatArray:
+def _route_time(geometry: Geometry) -> FloatArray:
     """Return the times of routes at the robot's limits, with turns on the spot at both ends."""
-    length, turn, _, to, at = geometry.once(compute)
+    length, turn, _, to, at = geometry.once(_on_route)
     rows, limits = geometry.rows, geometry.robot.limits
     turns = turn_time(to, limits.w, limits.aw) + turn_time(at, limits.w, limits.aw) + turn / limits.w
     return np.asarray(turns + drive_time(length, rows[SPEED], rows[ARRIVAL], limits))
+
+
+ROUTE_FEATURES = tuple(
+    Feature(name, unit, variables(derives), _route_time if name == "route_time" else partial(_row_of, row))
+    for row, (name, (unit, derives)) in enumerate(ROUTES.items())
+)
+"""The features of the routes on the robot's map."""
+ROUTE_ANGLE_AT = next(feature for feature in ROUTE_FEATURES if feature.name == "route_angle_at")
 
 
 def goal_feature(variable: GoalVariable) -> Feature:

@@ -14,11 +14,20 @@ import pandas as pd
 from ator_ros.actions.goal_variables import direct_name
 from ator_ros.experience.table import ExperienceError, goal_variables_of_columns
 from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
-from ator_ros.performance.derived import ANGLE_AT, ANGLE_BETWEEN, Geometry
+from ator_ros.performance.derived import ANGLE_BETWEEN, Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.error_process import fit_error_process
-from ator_ros.performance.features import CANDIDATES, PATHS, Feature, declared_by, feature_table, names_of
+from ator_ros.performance.features import (
+    CANDIDATES,
+    GENERAL,
+    PATHS,
+    ROUTE_ANGLE_AT,
+    Feature,
+    declared_by,
+    feature_table,
+    names_of,
+)
 from ator_ros.performance.model import UNOBSERVED, Arrival, AtGoal, PerformanceModel, narrowed
 from ator_ros.performance.observation import observed_driving
 from ator_ros.performance.rising_terms import rising_in, rising_terms, sum_of
@@ -311,7 +320,8 @@ def observed_arrival(starts: pd.DataFrame, robot: Robot) -> Arrival | None:
     """
     if not _is_at_rest(starts):
         return None
-    turned = Geometry(direct_of(starts), robot).rows[ANGLE_AT] > _TURNED
+    angle = GENERAL["angle_at_dest"] if robot.grid is None else ROUTE_ANGLE_AT
+    turned = feature_table(direct_of(starts), robot, [angle])[:, 0] > _TURNED
     errors = starts["position_error"].median(), starts.loc[turned, "heading_error"].median()
     return Arrival(*(0.0 if math.isnan(error) else float(error) for error in errors))
 

@@ -17,6 +17,7 @@ import numpy as np
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import direct_name, goal_values
 from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.motion.routes import arrival_heading, routes_of
 from ator_ros.performance.direct import DIRECT_VARIABLES, SPEEDG, XG, YAW, YAWG, YG, DirectTable, V, X, Y
 from ator_ros.performance.model import Arrival
 from ator_ros.refinement.objective import Objective
@@ -165,7 +166,7 @@ def step_rows(
             previous, before = call.goal, names[index]
             model = models.get(call.top.action)
             arrival = model.arrival if model is not None and previous.point is Point.AXLE else None
-            bearing = math.atan2(previous.pose.y - start[1], previous.pose.x - start[0])
+            bearing = arrival_heading(start[:2], previous.pose, robot)
             start = tuple(columns_after(goal_values(previous), previous.point, robot).values())
         else:
             previous, before, arrival = None, (), None
@@ -238,6 +239,7 @@ class ChainModel:
         objective: Objective,
     ) -> None:
         self.names = names
+        self._robot, self._routes = robot, routes_of(robot)
         self.rows = step_rows(world, chain, robot, self.names, models)
         self._actions = [call.top.action for call in chain.calls]
         self._models = [models.get(action) for action in self._actions]
@@ -255,7 +257,11 @@ class ChainModel:
             return np.zeros(1)
         direct = self.rows[index].table(before, after)
         with np.errstate(all="ignore"):
-            return self._cost(model.predict(direct, self.objective.needs, None))
+            cost = self._cost(model.predict(direct, self.objective.needs, None))
+        if self._routes is not None and {"x", "y"} & set(self.names[index]):  # free places are searched
+            has_room = self._routes.room(direct["xg"], direct["yg"]) >= self._robot.reach
+            cost = np.where(has_room, cost, np.inf)
+        return cost
 
     def predict(self) -> ChainPrediction:
         """Return the prediction for the chain's own values; its cost is infinite if that of a step is NaN."""

@@ -14,6 +14,7 @@ from ator_ros.files import FileError, content_with_optional_header, read_yaml
 from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
 from ator_ros.schema import SchemaError, Within, structured
+from ator_ros.world.grid_map import GridMap
 from ator_ros.world.scene import Mass, Scene, Size
 from ator_ros.world.state import World
 
@@ -167,9 +168,10 @@ class Base:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Robot(Base):
-    """A robot and the scene that it is in; see `Base`."""
+    """A robot, the scene that it is in, and perhaps the map of the building; see `Base`."""
 
     scene: Scene
+    grid: GridMap | None = None
 
     def __post_init__(self) -> None:
         """Refuse what no body can be; raises ConfigError."""
@@ -249,7 +251,7 @@ class Robot(Base):
     def sections(self) -> dict[str, Any]:
         """Return the sections of a file that describes this robot and its scene, without defaults."""
         content = dataclasses.asdict(self)
-        scene = content.pop("scene")
+        scene, _ = content.pop("scene"), content.pop("grid")
         defaults = {field.name: field.default for field in dataclasses.fields(self)}
         robot = {name: value for name, value in content.items() if getattr(self, name) != defaults[name]}
         return {"robot": robot, "scene": scene}
@@ -257,15 +259,17 @@ class Robot(Base):
     def digest(self) -> str:
         """Return a short digest of the base and its holder, stored with everything that is learned.
 
-        The name and the scene are left out: they do not make it another robot.
+        Name, scene and map are left out: they do not make it another robot.
         """
         content = dataclasses.asdict(self)
-        del content["name"], content["scene"]
+        del content["name"], content["scene"], content["grid"]
         return _digest_of(content)
 
     def description_digest(self) -> str:
-        """Return a short digest of the whole description: simulated results depend on the scene as well."""
-        return _digest_of(dataclasses.asdict(self))
+        """Return a short digest of all that simulated results depend on: scene and map as well."""
+        content = dataclasses.asdict(self)
+        grid = content.pop("grid")
+        return _digest_of(content if grid is None else {**content, "grid": str(self.grid)})
 
 
 def _digest_of(content: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""The bodies of the simulated world: floor, bays, objects and robot, made in one pybullet client.
+"""The bodies of the simulated world: floor, bays, walls, objects and robot, made in one pybullet client.
 
 pybullet is imported when the first world is made: ``--help`` and most nodes need none.
 """
@@ -17,7 +17,8 @@ from typing import Any
 from ator_ros.geometry import quaternion_from_yaw
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.urdf import WHEEL_NAMES, robot_urdf
-from ator_ros.world.scene import WALL_THICKNESS, Bay, RoundObject
+from ator_ros.world.grid_map import GridMap
+from ator_ros.world.scene import WALL_THICKNESS, Area, Bay, RoundObject
 
 GRAVITY = 9.81
 WALL_HEIGHT = 0.4
@@ -83,6 +84,16 @@ def make_bay(client: BulletClient, bay: Bay) -> list[int]:
         place = [bay.x + c * ahead - s * aside, bay.y + s * ahead + c * aside, WALL_HEIGHT / 2]
         walls.append(int(client.createMultiBody(0, shape, -1, place, quaternion_from_yaw(turned))))
     return walls
+
+
+def make_walls(client: BulletClient, grid: GridMap, area: Area) -> list[int]:
+    """Make the walls of a map, with the center of the area as their origin, and return their body ids."""
+    bodies = []
+    for (x, y, yaw), length, width in grid.walls:
+        place = [x - area.x, y - area.y, WALL_HEIGHT / 2]
+        shape = _box(client, length / 2, width / 2)
+        bodies.append(int(client.createMultiBody(0, shape, -1, place, quaternion_from_yaw(yaw))))
+    return bodies
 
 
 def _box(client: BulletClient, half_length: float, half_width: float) -> int:

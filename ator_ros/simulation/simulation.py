@@ -14,6 +14,7 @@ from ator_ros.simulation.bodies import (
     make_bay,
     make_floor,
     make_object,
+    make_walls,
     set_object_dynamics,
 )
 from ator_ros.simulation.simulated_base import SimulatedBase
@@ -31,7 +32,7 @@ _DISTANCE = 8  # index in what getClosestPoints returns
 
 
 class Simulation:
-    """One world: a robot or several, the objects and bays of a scene, and a floor.
+    """One world: a robot or several, the objects and bays of a scene, the walls of a map, and a floor.
 
     Deterministic: the same placements and commands give bit-identical trajectories. Robots are numbered from
     0 on; where no number is given, the first one is meant.
@@ -74,6 +75,8 @@ class Simulation:
         scene, area = self.robot.scene, self._area
         bays = (dataclasses.replace(bay, x=bay.x - area.x, y=bay.y - area.y) for bay in scene.bays)
         self._walls = [wall for bay in bays for wall in make_bay(bullet, bay)]
+        if self.robot.grid is not None:
+            self._walls += make_walls(bullet, self.robot.grid, area)
         self._bodies = {name: make_object(bullet, item) for name, item in scene.objects.items()}
         self._present: dict[str, bool] = {}
         self._bases = [SimulatedBase(bullet, self.robot, period=1.0 / PHYSICS_RATE) for _ in range(robots)]

@@ -24,6 +24,7 @@ from ator_ros.experience.records import ENDED, episode_of
 from ator_ros.experience.table import ExperienceError, episode_frame
 from ator_ros.files import FileError, read_yaml
 from ator_ros.geometry import Pose
+from ator_ros.motion.routes import routes_of
 from ator_ros.nodes.network import NodesError, stay_on_this_machine
 from ator_ros.robot.description import Robot
 from ator_ros.schema import SchemaError, structured
@@ -44,15 +45,15 @@ _TAKEN_OVER = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN)
 
 
 class Destinations:
-    """Draws goals: in the places of a file, else in the free space of the domain's map.
+    """Draws goals: in the places of a file, else in the free space of the robot's map.
 
     Without both they are those that the domain draws for the action, or anywhere in the area.
 
     Raises FileError if the file cannot be used, and NoPlaceError if no route leads to one of its places.
     """
 
-    def __init__(self, domain: Domain, robot: Robot, file: Path | None) -> None:
-        self._robot, self._routes = robot, domain.routes
+    def __init__(self, robot: Robot, file: Path | None) -> None:
+        self._robot, self._routes = robot, routes_of(robot)
         self._places: tuple[DeclaredPlace, ...] = ()
         self._area = Fence(*robot.scene.area.lines)
         self._text = "of its domain" if self._routes is None else f"in free space of {self._routes.grid}"
@@ -107,7 +108,7 @@ class Destinations:
             return bool(self._places) or self._area.outside(pose.x, pose.y) == 0.0
         room = 0.0 if self._places else self._routes.radius + _ROOM
         reached = self._routes.fault(pose.x, pose.y, None if start is None else (start.x, start.y)) is None
-        return reached and self._routes.clearance(pose.x, pose.y) >= room
+        return reached and bool(self._routes.room(np.array([pose.x]), np.array([pose.y]))[0] >= room)
 
 
 def driven_tops(domain: Domain, robot: Robot) -> dict[str, Top]:
@@ -135,9 +136,7 @@ def drives(
     NodesError
         The executor or the robot's state is missing.
     """
-    if attachment.map is not None:
-        domain = domain.on_map(attachment.map, robot)
-    destinations = Destinations(domain, robot, attachment.places)
+    destinations = Destinations(robot, attachment.places)
     if not missing:
         return
     if not attachment.confirmed:

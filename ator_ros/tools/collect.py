@@ -14,7 +14,6 @@ from pathlib import Path
 
 import pandas as pd
 
-from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import possible_actions
 from ator_ros.experience import collect as simulated
@@ -43,15 +42,14 @@ class Attachment:
 
     Attributes
     ----------
-    map, places : Path or None
-        The map_server file in whose free space goals are, and a YAML file with a list of places.
+    places : Path or None
+        A YAML file with a list of places to drive to; otherwise they are in the free space of the map.
     confirmed : bool
         Whether the user is not asked before the first drive.
     arguments : sequence of str
         ROS arguments, such as the namespace of the robot's nodes.
     """
 
-    map: Path | None = None
     places: Path | None = None
     confirmed: bool = False
     arguments: Sequence[str] = ()
@@ -76,7 +74,7 @@ def collect(
     """
     import pyarrow.parquet  # noqa: F401 (if it is missing, that is reported before anything is executed)
 
-    domain, robot = find_domain(source.domain), source.described()
+    domain, robot = source.in_domain(), source.described()
     if attachment is None:
         _, left_out = possible_actions(domain, source.action_set, robot, over_ros=over_ros is not None)
     else:
@@ -93,6 +91,8 @@ def collect(
         print(f"collect: without {name}: {reason}", file=sys.stderr)
     wanted = [(action, number) for action in possible for number in range(episodes)]
     settings = {"seed": seed, "domain": domain.name, "action_set": source.action_set}
+    if domain.grid is not None:
+        settings["map"] = str(domain.grid)
     versions = {"versions": library_versions()}
     identity = {**settings, **versions, "robot": robot.sections(), "over_ros": over_ros is not None}
     identity |= {} if attachment is None else {"attached": True}
@@ -172,10 +172,6 @@ def arguments() -> argparse.ArgumentParser:
         "also written after Ctrl-C",
     )  # fmt: skip
     parser.add_argument(
-        "--map", type=Path, metavar="FILE",
-        help="with --attach: map_server file of the building, in whose free space goals are drawn",
-    )  # fmt: skip
-    parser.add_argument(
         "--places", type=Path, metavar="FILE",
         help="with --attach: YAML file with a list of places to drive to, such as [{x: [1.0], y: [2.0]}]",
     )  # fmt: skip
@@ -204,7 +200,7 @@ def _run(options: argparse.Namespace, command: str, ros: Sequence[str]) -> None:
         episodes=options.episodes or (100 if options.attach else 1000),
         seed=options.seed,
         over_ros=options.real_time_factor if options.over_ros else None,
-        attachment=Attachment(options.map, options.places, options.yes, ros) if options.attach else None,
+        attachment=Attachment(options.places, options.yes, ros) if options.attach else None,
     )
 
 
@@ -215,8 +211,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(own)
     if options.attach and not options.over_ros:
         parser.error("--attach: expected --over-ros, too")
-    if not options.attach and (options.map or options.places or options.yes or ros):
-        parser.error("--map, --places, --yes, --ros-args: expected --attach, too")
+    if not options.attach and (options.places or options.yes or ros):
+        parser.error("--places, --yes, --ros-args: expected --attach, too")
     return run_tool(
         parser,
         lambda options, _, command: _run(options, command, ros),

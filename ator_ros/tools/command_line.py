@@ -100,7 +100,7 @@ def _stopped_by_signals() -> Iterator[None]:
 
 
 def add_setting(parser: argparse.ArgumentParser, *, action_set: bool = True) -> None:
-    """Add the options that select robot, domain and set of actions."""
+    """Add the options that select robot, domain, map and set of actions."""
     parser.add_argument(
         "--robot", default="", metavar="FILE", help="robot description (default: the shipped one)"
     )
@@ -109,6 +109,9 @@ def add_setting(parser: argparse.ArgumentParser, *, action_set: bool = True) -> 
         help="an installed domain, or the YAML file of one (default: soccer for a robot with a holder and a "
         "ball in its scene, drive for any other)",
     )  # fmt: skip
+    parser.add_argument(
+        "--map", default="", metavar="FILE", help="map_server file of the building (default: the domain's)"
+    )
     if action_set:
         parser.add_argument(
             "--action-set", default=DEFAULT_SET, metavar="NAME", help="of the domain (default: %(default)s)"
@@ -183,8 +186,8 @@ def run_tool(
     words = list(sys.argv[1:] if argv is None else argv)
     options = parser.parse_args(words)
     try:
-        domain = domain_for(options.domain, options.robot)
-    except DomainError as error:
+        domain = domain_for(options.domain, options.robot).on_map(options.map)
+    except (DomainError, FileError) as error:
         # Without the usage, which does not help with an error in the file of a domain.
         parser.exit(2, f"{parser.prog}: error: {printable(error, _LONGEST_LINE)}\n")
     options.domain = options.domain or domain.name
@@ -219,7 +222,7 @@ def without_ros_arguments(words: Sequence[str]) -> tuple[list[str], list[str]]:
 def source_of(options: argparse.Namespace) -> ToolsetSource:
     """Return the source of robot, actions and models that the options of `add_setting` name."""
     given = vars(options)
-    names = ("domain", "robot", "action_set", "models")
+    names = ("domain", "robot", "map", "action_set", "models")
     return ToolsetSource(**{name: given[name] for name in names if name in given})
 
 

@@ -139,7 +139,8 @@ def all_nodes(
     `simulated` and `executed` are further parameters. NodesError is raised if an executable is not installed.
     """
     of_domain = domain_for(source.domain, source.robot)
-    named = {name: getattr(source, name) for name in ("robot", "domain", "models") if getattr(source, name)}
+    files = ("robot", "domain", "models", "map")
+    named = {name: getattr(source, name) for name in files if getattr(source, name)}
     whose = {name: value for name, value in named.items() if name != "models"}
     os.environ[RANGE] = THIS_MACHINE
     stay_on_this_machine(os.environ)
@@ -201,7 +202,7 @@ def drives(
     with all_nodes(factor, source) as nodes, connected(nodes, domain, robot, servers) as backend:
         for action, number in missing:
             rng = episode_generator(action, seed, number)
-            situation = domain.actions(source.action_set)[action].sample(robot, rng)
+            situation = domain.actions(source.action_set)[action].situation(robot, rng)
             yield _driven(backend, domain, robot, situation, source.action_set, number)
 
 

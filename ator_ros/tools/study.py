@@ -14,7 +14,7 @@ from typing import Any
 
 import pandas as pd
 
-from ator_ros.domains.domain import Domain, find_domain
+from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.running import KIND as EVALUATION
 from ator_ros.evaluation.running import RESULT
 from ator_ros.evaluation.situation import Settings
@@ -116,7 +116,7 @@ def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
 
 def _measured(ends: pd.DataFrame, model: Path, source: ToolsetSource) -> dict[str, Any]:
     """Return the performance of an action over its episodes' last rows, and the accuracy of its model."""
-    done, features = ends[ends["success"]], find_domain(source.domain).known_features
+    done, features = ends[ends["success"]], source.in_domain().known_features
     failures = ends.loc[~ends["success"], "reason"].value_counts()
     learned = model.exists()
     return {

@@ -83,8 +83,8 @@ def train(
             "starts": start_ranges(examples, robot),
             "train_command": command,
         }
-        if domain.routes is not None:
-            training["map"] = str(domain.routes.grid)
+        if domain.grid is not None:
+            training["map"] = str(domain.grid)
         metadata = {
             "action_set": action_set,
             "training": training,
@@ -145,9 +145,6 @@ def arguments() -> argparse.ArgumentParser:
         "--fresh", nargs="+", type=Path, default=[], help="other episodes, on which accuracy is measured"
     )
     add_setting(parser, action_set=False)
-    parser.add_argument(
-        "--map", type=Path, metavar="FILE", help="map_server file of the building: learn from routes on it"
-    )
     parser.add_argument("--models", type=Path, help="folder of the models (default: the shipped models/)")
     parser.add_argument(
         "--action-set",
@@ -169,8 +166,6 @@ def arguments() -> argparse.ArgumentParser:
 
 def _run(options: argparse.Namespace, domain: Domain, command: str) -> None:
     robot, folder = domain.robot(options.robot or None), options.models or domain.shipped_models
-    if options.map:
-        domain = domain.on_map(options.map, robot)
     if options.rules:
         print(_rules(domain, options, robot, folder))
         return

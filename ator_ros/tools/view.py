@@ -52,11 +52,12 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
     """
     from ator_ros.view.page import Page  # needs viser
 
-    found = domain_for(options.domain, options.robot)
+    found = domain_for(options.domain, options.robot).on_map(options.map)
     if not found.chains:
         raise DomainError(f"domain: expected one with chains, got {found.name}, which has none")
     body = found.robot(options.robot or None)
-    source = ToolsetSource(domain=options.domain or found.name, robot=options.robot, models=options.models)
+    named = {name: getattr(options, name) for name in ("robot", "map", "models")}
+    source = ToolsetSource(domain=options.domain or found.name, **named)
     nodes: NodeProcesses | None = None
     started: dict[str, Any] = {}
     with contextlib.ExitStack() as closing:

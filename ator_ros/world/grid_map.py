@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+import yaml
 
-from ator_ros.files import FileError, read_yaml
+from ator_ros.files import FileError, atomic_write, read_yaml, write_text
 from ator_ros.geometry import BoolArray, FloatArray, Pose
 from ator_ros.printable import printable
 from ator_ros.schema import SchemaError, Within, require, structured
 
 _LARGEST_YAML = 100_000  # bytes; map_server's have 200
+_FREE = 25  # percent up to which a cell of an OccupancyGrid is free, as map_saver writes it
 _MOST_CELLS = 100_000_000  # 500 x 500 m at 5 cm
 
 
@@ -39,7 +43,7 @@ class _MapFile:
 
 @dataclass(frozen=True, eq=False)
 class GridMap:
-    """A grid of cells that are free, or occupied or unknown.
+    """A grid of cells that are free, or occupied or unknown; equal if name and content are.
 
     Attributes
     ----------
@@ -58,16 +62,74 @@ class GridMap:
     resolution: float
     origin: Pose
 
-    def __str__(self) -> str:
-        """Return name and content in short."""
-        numbers = np.array([*self.free.shape, self.resolution, *self.origin])
+    def __post_init__(self) -> None:
+        """Check it; raises FileError."""
+        numbers = (self.resolution, *self.origin)
+        if not all(map(math.isfinite, numbers)) or self.resolution <= 0.0:
+            raise FileError(
+                f"{self.name}: expected a finite origin and a resolution above 0 m, got {numbers}"
+            )
+        if not self.free.any():
+            raise FileError(f"{self.name}: expected free cells, got none: check negate and free_thresh")
+
+    @cached_property
+    def _text(self) -> str:
+        # Origins in messages are rounded: their yaw is that of a quaternion.
+        numbers = np.round([*self.free.shape, self.resolution, *self.origin], 6) + 0.0
         return f"{self.name} ({hashlib.sha256(numbers.tobytes() + self.free.tobytes()).hexdigest()[:8]})"
+
+    def __str__(self) -> str:
+        """Return the name and a digest of the content."""
+        return self._text
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, GridMap) and self._text == other._text
+
+    def __hash__(self) -> int:
+        return hash(self._text)
 
     def cells(self, x: Any, y: Any) -> tuple[FloatArray, FloatArray]:
         """Return places in m in units of cells from the origin, along its row and across, elementwise."""
         cos, sin = math.cos(self.origin.yaw), math.sin(self.origin.yaw)
         dx, dy = np.asarray(x) - self.origin.x, np.asarray(y) - self.origin.y
         return (cos * dx + sin * dy) / self.resolution, (cos * dy - sin * dx) / self.resolution
+
+    @cached_property
+    def walls(self) -> list[tuple[Pose, float, float]]:
+        """Rectangles that cover all obstacles next to free cells: middle, length and width in m."""
+        from scipy import ndimage  # only those who have a map need it
+
+        free = np.pad(self.free, 2)
+        edges = np.diff((ndimage.binary_dilation(free, np.ones((3, 3))) & ~free).astype(np.int8))
+        found, begun = [], dict[tuple[int, int], int]()
+        for row, steps in enumerate(edges):
+            runs = list(zip(*(np.flatnonzero(steps == sign).tolist() for sign in (1, -1)), strict=True))
+            ended = [run for run in begun if run not in runs]
+            found += [(*run, begun.pop(run), row) for run in ended]
+            begun |= {run: row for run in runs if run not in begun}
+        side, walls = self.resolution, []
+        for left, right, low, high in found:
+            middle = Pose(0.5 * side * (left + right - 2), 0.5 * side * (low + high - 4), 0.0)
+            walls.append((self.origin.compose(middle), side * (right - left), side * (high - low)))
+        return walls
+
+
+def map_of_grid(
+    name: str, width: int, height: int, resolution: float, origin: Pose, data: Sequence[int]
+) -> GridMap:
+    """Return the map in the fields of an OccupancyGrid, row by row: percent, or -1 where unknown.
+
+    Raises
+    ------
+    FileError
+        `data` has another size, or no cell is free.
+    """
+    values = np.asarray(data, dtype=np.int16)
+    if values.size != width * height or not 0 < values.size <= _MOST_CELLS:
+        raise FileError(f"{name}: expected {width} x {height} cells, at most 1e8, got {values.size}")
+    free = (values >= 0) & (values <= _FREE)
+    side = float(str(np.float32(resolution)))  # as in the file that the message is of
+    return GridMap(name, free.reshape(height, width), side, origin)
 
 
 def load_map(path: Path | str) -> GridMap:
@@ -87,10 +149,20 @@ def load_map(path: Path | str) -> GridMap:
     except SchemaError as error:
         raise FileError(f"{file}: expected a map_server file: {error}") from error
     shade = _image(file.parent / read.image)
-    free = ((shade if read.negate else 1.0 - shade) < read.free_thresh)[::-1]
-    if not free.any():
-        raise FileError(f"{file.name}: expected free cells, got none: check negate and free_thresh")
-    return GridMap(file.name, free, read.resolution, Pose(*read.origin))
+    occupied = shade if read.negate else 1.0 - shade
+    return GridMap(file.name, (occupied < read.free_thresh)[::-1], read.resolution, Pose(*read.origin))
+
+
+def save_map(grid: GridMap, folder: Path) -> Path:
+    """Write a map as the files map.yaml and map.pgm of map_server; return the former."""
+    rows, columns = grid.free.shape
+    shades = np.where(grid.free, 254, 0).astype(np.uint8)[::-1]
+    with atomic_write(folder / "map.pgm") as temporary:
+        temporary.write_bytes(f"P5 {columns} {rows} 255\n".encode() + shades.tobytes())
+    fields = {"image": "map.pgm", "resolution": grid.resolution, "origin": list(grid.origin), "negate": 0}
+    content = {**fields, "occupied_thresh": 0.65, "free_thresh": 0.25}
+    write_text(folder / "map.yaml", yaml.safe_dump(content))
+    return folder / "map.yaml"
 
 
 def _image(file: Path) -> FloatArray:

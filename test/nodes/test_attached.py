@@ -23,6 +23,7 @@ from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.table import read_experience
 from ator_ros.geometry import Pose
+from ator_ros.motion.routes import routes_of
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.robot.description import ConfigError
 from ator_ros.tools.attached import Destinations, driven_tops
@@ -114,23 +115,23 @@ def test_the_robot_is_not_moved_without_a_yes(
 @pytest.mark.parametrize("given", ["map", "places", "area"])
 def test_goals_are_in_free_space_and_apart_from_the_robot(tmp_path: Path, given: str) -> None:
     file = places(tmp_path, (-2.0, 0.0), (2.0, 0.0)) if given == "places" else None
-    domain = TOUR.on_map(write_map(tmp_path, cells()), ROBOT) if given == "map" else TOUR
-    destinations = Destinations(domain, ROBOT, file)
-    spec, top = domain.actions()["drive_to"], driven_tops(domain, ROBOT)["drive_to"]
+    robot = TOUR.on_map(write_map(tmp_path, cells())).robot() if given == "map" else ROBOT
+    destinations, routes = Destinations(robot, file), routes_of(robot)
+    spec, top = TOUR.actions()["drive_to"], driven_tops(TOUR, robot)["drive_to"]
     rng, pose, short = np.random.default_rng(3), Pose(-2.0, 0.0, 0.0), 0
     for _ in range(100):
         goal = destinations.goal(spec, top, pose, rng).pose
         assert given != "places" or (goal.x in (-2.0, 2.0) and goal.x != pose.x)
-        if domain.routes is not None:
-            route = domain.routes.between(*(np.array([value]) for value in (*pose[:2], *goal[:2])))
+        if routes is not None:
+            route = routes.between(*(np.array([value]) for value in (*pose[:2], *goal[:2])))
             assert math.isfinite(route.length[0])
-            assert domain.routes.clearance(goal.x, goal.y) >= ROBOT.half_width
+            assert routes.room(np.array([goal.x]), np.array([goal.y]))[0] >= ROBOT.half_width
             short += goal.distance(pose) < 0.5
         pose = goal
     assert given != "map" or 5 <= short <= 30  # one drive in seven
 
 
 def test_a_place_in_an_obstacle_is_reported_first(tmp_path: Path) -> None:
-    domain = TOUR.on_map(write_map(tmp_path, cells()), ROBOT)
+    robot = TOUR.on_map(write_map(tmp_path, cells())).robot()
     with pytest.raises(ConfigError, match=r"places\.yaml: \[1\]: expected a place in free space of the map"):
-        Destinations(domain, ROBOT, places(tmp_path, (-2.0, 0.0), (0.0, 0.0)))
+        Destinations(robot, places(tmp_path, (-2.0, 0.0), (0.0, 0.0)))

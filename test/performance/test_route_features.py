@@ -15,6 +15,7 @@ from ator_ros.execution.fence import Fence
 from ator_ros.experience.table import Experience, ExperienceError, write_experience
 from ator_ros.files import FileError
 from ator_ros.geometry import Pose, wrap_angles
+from ator_ros.motion.routes import routes_of
 from ator_ros.nodes.parameters import SetupError, domain_and_robot
 from ator_ros.performance.model_file import load_model
 from ator_ros.performance.training import direct_of, train
@@ -28,15 +29,16 @@ NOISE = 0.05
 
 @pytest.fixture(scope="module")
 def walled(tmp_path_factory: pytest.TempPathFactory) -> Domain:
-    return TOUR.on_map(write_map(tmp_path_factory.mktemp("map"), hall()), ROBOT)
+    return TOUR.on_map(write_map(tmp_path_factory.mktemp("map"), hall()))
 
 
 def drives(domain: Domain, count: int, seed: int) -> pd.DataFrame:
     """Return drives from rest whose durations follow from their routes."""
     rows = dead_zone_drives(count, seed=seed)
     rows = rows[(rows["x"].abs() > 0.7) & (rows["xg"].abs() > 0.7)].reset_index(drop=True)
-    assert domain.routes is not None
-    route = domain.routes.between(*(rows[name].to_numpy() for name in ("x", "y", "xg", "yg")))
+    routes = routes_of(domain.robot())
+    assert routes is not None
+    route = routes.between(*(rows[name].to_numpy() for name in ("x", "y", "xg", "yg")))
     to = np.abs(wrap_angles(route.departure - rows["yaw"]))
     at = np.abs(wrap_angles(rows["yawg"] - route.arrival))
     duration = 1.0 + route.length / 0.6 + 0.5 * route.turn + np.maximum(0.0, to - 0.8) + 0.9 * at
@@ -48,7 +50,7 @@ def test_drives_around_a_wall_are_predicted_with_the_map_only(walled: Domain) ->
     rows, fresh = drives(walled, 160, 1), drives(walled, 100, 2)
     errors = {}
     for name, domain in (("map", walled), ("none", TOUR)):
-        model = train("drive_to", rows, ROBOT, features=domain.candidates("drive_to"))
+        model = train("drive_to", rows, domain.robot(), features=domain.candidates("drive_to"))
         errors[name] = np.abs(model.predict(direct_of(fresh)).duration - fresh["duration"]).mean()
         assert any(each.startswith("route_") for each in model.used_features) == (name == "map")
     assert errors["map"] < 1.5 * NOISE
@@ -56,10 +58,12 @@ def test_drives_around_a_wall_are_predicted_with_the_map_only(walled: Domain) ->
 
 
 def test_an_empty_map_changes_no_prediction(tmp_path: Path) -> None:
-    empty = TOUR.on_map(write_map(tmp_path, hall(wall=False)), ROBOT)
+    empty = TOUR.on_map(write_map(tmp_path, hall(wall=False)))
     rows, fresh = dead_zone_drives(100, seed=1), direct_of(dead_zone_drives(50, seed=2))
     with_map, without = (
-        train("drive_to", rows, ROBOT, features=domain.candidates("drive_to")).predict(fresh).duration
+        train("drive_to", rows, domain.robot(), features=domain.candidates("drive_to"))
+        .predict(fresh)
+        .duration
         for domain in (empty, TOUR)
     )
     assert with_map == pytest.approx(without, abs=1e-9)
@@ -80,7 +84,7 @@ def test_a_model_learned_with_a_map_needs_one(
     assert tool.main(words) == 0
     assert "drive_to: 1 of" in capsys.readouterr().err
     file = tmp_path / "models" / "drive_to.json"
-    model = load_model(file, ROBOT, walled.known_features)
+    model = load_model(file, walled.robot(), walled.known_features)
     assert model.metadata["training"]["map"].startswith("hall.yaml (")
     unreachable = {**dict.fromkeys(direct_of(blocked), 0.0), "x": -2.0, "xg": np.array([0.0, -1.0])}
     assert np.isnan(model.predict(unreachable).duration).tolist() == [True, False]
@@ -93,17 +97,17 @@ def test_a_model_learned_with_a_map_needs_one(
 def test_a_map_of_another_place_is_named(walled: Domain) -> None:
     rows = dead_zone_drives(60, seed=1).assign(x=100.0)
     with pytest.raises(ExperienceError, match="60 of 60 episodes have no route on the map and are left out"):
-        train("drive_to", rows, ROBOT, features=walled.candidates("drive_to"))
+        train("drive_to", rows, walled.robot(), features=walled.candidates("drive_to"))
 
 
 def test_goals_in_obstacles_and_out_of_reach_are_reported(walled: Domain) -> None:
-    fence = Fence(-50.0, -50.0, 50.0, 50.0, walled.routes)
-    library = walled.library(ROBOT)
+    fence, robot = Fence(-50.0, -50.0, 50.0, 50.0), walled.robot()
+    library = walled.library(robot)
     [top] = library.usable()[:1]
 
     def fault(x: float, opened: str = "yaw") -> str | None:
         calls = [TopCall(top, library.goal(top, Pose(at, 0.0, 0.0)), frozenset({opened})) for at in (-2.0, x)]
-        return fence.violation(TopChain(tuple(calls)), ROBOT)
+        return fence.violation(TopChain(tuple(calls)), robot)
 
     assert fault(2.0) is None
     assert fault(0.0, "x") is None
@@ -112,7 +116,7 @@ def test_goals_in_obstacles_and_out_of_reach_are_reported(walled: Domain) -> Non
 
 def test_the_parameter_map_of_nodes(tmp_path: Path) -> None:
     settings = {"domain": "tour", "robot": "", "map": str(write_map(tmp_path, hall()))}
-    assert domain_and_robot(settings)[0].routes is not None
-    assert domain_and_robot({**settings, "map": ""})[0].routes is None
+    assert domain_and_robot(settings)[1].grid is not None
+    assert domain_and_robot({**settings, "map": ""})[1].grid is None
     with pytest.raises(SetupError, match=r"parameter map: .*none\.yaml: expected a readable YAML file"):
         domain_and_robot({**settings, "map": str(tmp_path / "none.yaml")})

@@ -3,16 +3,35 @@
 import dataclasses
 import math
 
+import numpy as np
 import pytest
-from refinement_fakes import ALL, ANGLE, BOTH, LIBRARY, NOTHING, ROBOT, USED, call, models, two_steps, world
+from maps import hall
+from refinement_fakes import (
+    ALL,
+    ANGLE,
+    BOTH,
+    LIBRARY,
+    NOTHING,
+    ROBOT,
+    USED,
+    FakeModel,
+    call,
+    models,
+    two_steps,
+    world,
+)
 
 from ator_ros.actions.base import Goal, Point
+from ator_ros.domains.domain import find_domain
 from ator_ros.geometry import Pose
+from ator_ros.motion.routes import routes_of
 from ator_ros.refinement.free_variables import analyze
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.conditions import Condition
 from ator_ros.tops.ranges import USUAL_RANGES, Range
+from ator_ros.world.grid_map import GridMap
+from ator_ros.world.state import RobotState, World
 
 
 def free_names(chain: TopChain, used: frozenset[str] = USED) -> list[tuple[int, str]]:
@@ -111,3 +130,21 @@ def test_soccer_is_limited_to_its_field_and_learned_speeds() -> None:
         "speed": Range(0.0, 0.8, 6, rest=0.0),
     }
     assert LIBRARY.ranges["speed"](ROBOT, held) == Range(0.0, 0.8, 6, rest=0.0)
+
+
+def test_a_free_place_is_searched_where_the_robot_has_room_on_its_map() -> None:
+    domain = find_domain("tour").on_map(GridMap("hall", hall(), 0.05, Pose(-6.0, -4.0, 0.0)))
+    robot = domain.robot()
+    library = domain.library(robot)
+    stop, end = (library.goal(library["visit"], Pose(x, 0.5, 0.0)) for x in (-3.0, -2.0))
+    chain = TopChain((TopCall(library["visit"], stop, ALL), TopCall(library["visit"], end)))
+    near = FakeModel(lambda direct: np.hypot(direct["xg"], direct["yg"]), USED)  # the wall is fastest
+    start, places = World(0.0, RobotState(Pose(-5.0, 0.0, 0.0))), []
+    for where in (robot, dataclasses.replace(robot, grid=None)):
+        refiner = Refiner(where, {"drive_to": near}, ranges=USUAL_RANGES)
+        places.append(refiner.refine(start, chain).chain.calls[0].goal.pose)
+    routes = routes_of(robot)
+    assert routes is not None
+    x, y = (np.array([place[axis] for place in places]) for axis in (0, 1))
+    assert (routes.room(x, y) >= robot.reach).tolist() == [True, False]
+    assert abs(places[0].x) < 1.0

@@ -12,7 +12,7 @@ from PIL import Image
 
 from ator_ros.files import FileError
 from ator_ros.geometry import Pose
-from ator_ros.world.grid_map import load_map
+from ator_ros.world.grid_map import GridMap, load_map, map_of_grid
 
 SHADES = np.array(
     [[254, 205, 0], [254, 254, 100]], dtype=np.uint8
@@ -54,3 +54,24 @@ def test_images_of_all_kinds_are_read(tmp_path: Path, kind: str) -> None:
 def test_what_cannot_be_used_is_named(tmp_path: Path, fields: dict[str, Any], text: str) -> None:
     with pytest.raises(FileError, match=text):
         load_map(write_map(tmp_path, hall(), **fields))
+
+
+def test_a_grid_of_another_size_is_rejected() -> None:
+    with pytest.raises(FileError, match=r"/map: expected 3 x 2 cells, at most 1e8, got 5"):
+        map_of_grid("/map", 3, 2, 0.1, Pose(0.0, 0.0, 0.0), [0] * 5)
+
+
+def test_walls_cover_the_obstacles_beside_free_cells() -> None:
+    frame = Pose(1.0, 2.0, 0.5)
+    grid = GridMap("hall", hall(), 0.05, frame)
+    covered = np.zeros((164, 244), dtype=int)
+    for middle, length, width in grid.walls:
+        x, y = grid.cells(middle.x, middle.y)
+        assert middle.yaw == pytest.approx(0.5)
+        left, low = round(x - 10.0 * length) + 2, round(y - 10.0 * width) + 2
+        covered[low : low + round(20.0 * width), left : left + round(20.0 * length)] += 1
+    assert covered.max() == 1
+    free = np.pad(hall(), 2)
+    beside = [np.roll(free, (down, right), (0, 1)) for down in (-1, 0, 1) for right in (-1, 0, 1)]
+    assert (covered.astype(bool) == (np.any(beside, axis=0) & ~free)).all()
+    assert len(grid.walls) < 15

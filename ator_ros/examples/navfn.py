@@ -1,0 +1,169 @@
+"""A planner on a grid, written after Nav2's NavFn: costs near walls, potentials, a path down their slope.
+
+Like the control laws it is independent of ator_ros, but for the compiler, and of ROS.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ator_ros.compiled import compiled
+
+_NEUTRAL, _FACTOR, _INSCRIBED = 50.0, 0.8, 252.0  # NavFn's costs of a cell
+_SCALING, _INFLATION = 5.0, 0.62  # cost_scaling_factor and inflation_radius (m): fitted to 106 plans of Nav2
+_STEP = 0.5  # cells between the points of a path
+_SETTLED = 0.01  # change of a potential below which it is final
+_MOST_KEPT = 50  # potentials
+_DIRECTIONS = ((1, 1), (1, -1), (-1, -1), (-1, 1))
+Grid = NDArray[np.float64]
+
+
+class NavFn:
+    """Plans paths on one map.
+
+    Parameters
+    ----------
+    free : ndarray of bool, shape (rows, columns)
+        Whether cells are free; the first row is at the origin.
+    resolution : float
+        Side of a cell in m.
+    origin : tuple of float
+        x, y (m) and yaw (rad) of the outer corner of the first cell.
+    radius : float
+        Of the robot in m.
+    """
+
+    def __init__(
+        self, free: NDArray[np.bool_], resolution: float, origin: tuple[float, float, float], radius: float
+    ) -> None:
+        from scipy import ndimage
+
+        self._resolution, self._origin = resolution, origin
+        away = resolution * ndimage.distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]
+        inflated = _INSCRIBED * np.exp(-_SCALING * (away - radius))
+        self._cost = _NEUTRAL + _FACTOR * np.where(away < _INFLATION, inflated, 0.0)
+        self._cost[away <= radius] = math.inf
+        self._kept: OrderedDict[tuple[int, int], Grid] = OrderedDict()
+        _descend(_potential(np.ones((2, 2)), 0, 0), 1 + 1j, 0j)  # loads compiled code
+
+    def path(self, start: tuple[float, float], goal: tuple[float, float]) -> Grid | None:
+        """Return the points in m of a path, shape (n, 2), half a cell apart; None if there is none."""
+        here, there = self._cell(*start), self._cell(*goal)
+        target = round(there.imag), round(there.real)
+        if not self._is_open(*target):
+            return None
+        if target not in self._kept:
+            self._kept[target] = _potential(self._cost, *target)
+            if len(self._kept) > _MOST_KEPT:
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(target)
+        cells = _descend(self._kept[target], here, there)
+        if not len(cells):
+            return None
+        x, y, yaw = self._origin
+        places = x + 1j * y + self._resolution * (cells + (0.5 + 0.5j)) * np.exp(1j * yaw)
+        return np.stack([places.real, places.imag], axis=1)
+
+    def _cell(self, x: float, y: float) -> complex:
+        """Return a place in cells, along a row and across; whole numbers are the middles of cells."""
+        x0, y0, yaw = self._origin
+        turned = complex(x - x0, y - y0) * complex(math.cos(yaw), -math.sin(yaw))
+        return turned / self._resolution - (0.5 + 0.5j)
+
+    def _is_open(self, row: int, column: int) -> bool:
+        rows, columns = self._cost.shape
+        return 0 <= row < rows and 0 <= column < columns and math.isfinite(self._cost[row, column])
+
+
+@compiled
+def _at(potential: Grid, row: int, column: int) -> float:
+    rows, columns = potential.shape
+    return potential[row, column] if 0 <= row < rows and 0 <= column < columns else math.inf
+
+
+@compiled
+def _potential(cost: Grid, row: int, column: int) -> Grid:
+    """Return the cost of the way from each cell to one cell, interpolated as NavFn does; infinite: no way."""
+    rows, columns = cost.shape
+    potential = np.full((rows, columns), math.inf)
+    potential[row, column] = 0.0
+    changed = True
+    while changed:
+        changed = False
+        for down, right in _DIRECTIONS:
+            for i in range(rows):
+                r = i if down > 0 else rows - 1 - i
+                for j in range(columns):
+                    c = j if right > 0 else columns - 1 - j
+                    own = cost[r, c]
+                    if own == math.inf:
+                        continue
+                    across = min(_at(potential, r - 1, c), _at(potential, r + 1, c))
+                    along = min(_at(potential, r, c - 1), _at(potential, r, c + 1))
+                    least, more = min(across, along), abs(across - along)
+                    if least == math.inf:
+                        continue
+                    share = more / own if more < own else 1.0
+                    way = own if share >= 1.0 else own * (-0.2301 * share**2 + 0.5307 * share + 0.7040)
+                    if least + way < potential[r, c] - _SETTLED:
+                        potential[r, c] = least + way
+                        changed = True
+    return potential
+
+
+@compiled
+def _slope(potential: Grid, row: int, column: int) -> complex:
+    """Return the direction in which the potential of a cell falls, of length 1, or 0."""
+    own = _at(potential, row, column)
+    if own == math.inf:
+        return 0j
+    left, right = _at(potential, row, column - 1), _at(potential, row, column + 1)
+    below, above = _at(potential, row - 1, column), _at(potential, row + 1, column)
+    along = (left - own if left < math.inf else 0.0) + (own - right if right < math.inf else 0.0)
+    across = (below - own if below < math.inf else 0.0) + (own - above if above < math.inf else 0.0)
+    size = math.hypot(along, across)
+    return complex(along / size, across / size) if size > 0.0 else 0j
+
+
+@compiled
+def _lowest(potential: Grid, here: complex, reach: int) -> complex:
+    """Return the cell with the lowest potential around a place, at most `reach` cells away."""
+    row, column = round(here.imag), round(here.real)
+    found, least = here, math.inf
+    for r in range(row - reach, row + reach + 1):
+        for c in range(column - reach, column + reach + 1):
+            if _at(potential, r, c) < least:
+                found, least = complex(c, r), _at(potential, r, c)
+    return found
+
+
+@compiled
+def _descend(potential: Grid, start: complex, goal: complex) -> NDArray[np.complex128]:
+    """Return the places in cells of a path down the potential; empty if there is none."""
+    cells = np.empty(potential.size + 2, dtype=np.complex128)
+    cells[0], count, here = start, 1, start
+    if _at(potential, round(start.imag), round(start.real)) == math.inf:
+        here = _lowest(potential, start, 4)  # the robot stands too near to an obstacle
+        if _at(potential, round(here.imag), round(here.real)) == math.inf:
+            return cells[:0]
+    while abs(goal - here) > 1.0 and count < len(cells) - 1:
+        row, column = math.floor(here.imag), math.floor(here.real)
+        up, right = here.imag - row, here.real - column
+        slope = 0j
+        for r, c in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            share = (up if r else 1.0 - up) * (right if c else 1.0 - right)
+            slope += share * _slope(potential, row + r, column + c)
+        after = here + _STEP * slope / abs(slope) if abs(slope) > 0.1 else _lowest(potential, here, 1)
+        before = _at(potential, round(here.imag), round(here.real))
+        if _at(potential, round(after.imag), round(after.real)) > before:
+            after = _lowest(potential, here, 1)
+        if after == here:
+            break
+        here = after
+        cells[count], count = here, count + 1
+    cells[count] = goal
+    return cells[: count + 1]

@@ -1,0 +1,115 @@
+"""Maps on running nodes: from a topic, each replaced by the next; goals in walls; a drive through a door."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from chain_client import ChainClient, call
+from conftest import Host, Start
+from experience_rows import dead_zone_drives
+from maps import hall
+from nav_msgs.msg import OccupancyGrid
+from refinement_requests import refine
+from ros_client import Client
+
+from ator_interfaces.msg import Outcome, TopCall
+from ator_interfaces.srv import RefineSubgoal
+from ator_ros.domains.domain import find_domain
+from ator_ros.geometry import Pose, wrap_angles
+from ator_ros.motion.routes import routes_of
+from ator_ros.nodes.messages import occupancy_grid_of, pose_of
+from ator_ros.nodes.qos import LATCHED
+from ator_ros.performance.model_file import save_model
+from ator_ros.performance.training import train
+from ator_ros.world.grid_map import GridMap
+
+pytestmark = pytest.mark.node
+BUILDING = find_domain("building")
+WALL = GridMap("/map", hall(), 0.05, Pose(-6.0, -4.0, 0.0))
+EMPTY = GridMap("/map", hall(wall=False), 0.05, Pose(-6.0, -4.0, 0.0))
+
+
+@pytest.fixture
+def models(tmp_path: Path) -> Path:
+    """Return a folder with a model that was learned on the hall with a wall."""
+    domain = BUILDING.on_map(WALL)
+    robot = domain.robot()
+    rows = dead_zone_drives(120, seed=1)
+    rows = rows[(rows["x"].abs() > 0.7) & (rows["xg"].abs() > 0.7)].reset_index(drop=True)
+    routes = routes_of(robot)
+    assert routes is not None
+    route = routes.between(*(rows[name].to_numpy() for name in ("x", "y", "xg", "yg")))
+    turns = np.abs(wrap_angles(route.departure - rows["yaw"])) + np.abs(
+        wrap_angles(rows["yawg"] - route.arrival)
+    )
+    duration = route.length / 0.6 + 0.5 * route.turn + turns
+    rows = rows.assign(action="pursue", duration=duration, time_to_go=duration)
+    save_model(tmp_path / "pursue.json", train("pursue", rows, robot, features=domain.candidates("pursue")))
+    return tmp_path
+
+
+def request(*calls: TopCall) -> RefineSubgoal.Request:
+    sent = RefineSubgoal.Request()
+    sent.situation.robot = pose_of(Pose(-3.0, 0.0, 0.0))
+    sent.chain.calls = list(calls)
+    return sent
+
+
+def test_a_new_map_replaces_the_old_one_and_answers_name_theirs(
+    host: Host, client: Client, models: Path
+) -> None:
+    maps = client.node.create_publisher(OccupancyGrid, "map", LATCHED)
+    host("refinement", domain="pursuit", models=models, map="/map", frame="map", deadline=20.0)
+    sent = request(
+        call("visit", Pose(3.0, 0.0, 0.0), opened=("yaw",)), call("visit", Pose(3.0, 3.0, math.pi / 2))
+    )
+    answer = refine(client, sent)
+    assert not answer.accepted
+    assert "expected a map, as this model was learned with one" in answer.reason
+    durations = []
+    for grid in (WALL, EMPTY):
+        maps.publish(occupancy_grid_of(grid, frame="map"))
+        client.eventually(
+            lambda name=str(grid): f"map {name}" in (refine(client, sent).reason),
+            f"answers on the map {grid}",
+        )
+        answer = refine(client, sent)
+        assert answer.accepted, answer.reason
+        durations.append(answer.after.duration)
+    assert durations[0] > durations[1] + 2.0
+    maps.publish(occupancy_grid_of(WALL, frame="moon"))
+    maps.publish(occupancy_grid_of(WALL, frame="map"))
+    inside = request(call("visit", Pose(0.0, 0.0, 0.0)))
+    client.eventually(lambda: not refine(client, inside).accepted, "the wall again")
+    assert "expected a place in free space, 0.17 m from obstacles, on the map /map (" in (
+        refine(client, inside).reason
+    )
+
+
+def test_the_executor_refuses_a_goal_in_a_wall_before_the_robot_moves(host: Host, client: Client) -> None:
+    maps = client.node.create_publisher(OccupancyGrid, "map", LATCHED)
+    node = host("executor", domain="building", map="map")
+    maps.publish(occupancy_grid_of(EMPTY, frame="odom"))
+    maps.publish(occupancy_grid_of(WALL, frame="odom"))
+    client.eventually(lambda: f"on the map map ({str(WALL).rpartition('(')[2]}" in node.output, "the map")
+    chains = ChainClient(client)
+    outcome = chains.send([call("visit", Pose(-2.0, 0.0, 0.0)), call("visit", Pose(0.0, 0.0, 0.0))]).outcome()
+    assert outcome.code == Outcome.REFUSED
+    assert "chain.calls[1].goal (visit): expected a place in free space" in outcome.reason
+    assert not chains.commands
+
+
+def test_a_tour_of_the_building_is_driven_by_its_server(start: Start, client: Client) -> None:
+    start(
+        "simulation", domain="building", real_time_factor=0.0, command_wait=1.0, robot_start=[-4.5, 2.0, 0.0]
+    )
+    server = start("pursuit_server")
+    executor = start("executor", domain="building", odom_timeout=2.0)
+    client.eventually(lambda: "ready for chains" in executor.output, "the executor", 60.0)
+    client.eventually(lambda: "planning on a map" in server.output, "the server", 60.0)
+    outcome = ChainClient(client).send([call("visit", Pose(-4.5, -0.2, 0.0))]).outcome()
+    assert outcome.code == Outcome.SUCCEEDED, outcome.reason
+    assert client.robot().pose.distance(Pose(-4.5, -0.2, 0.0)) < 0.2
