@@ -31,7 +31,7 @@ from ator_ros.nodes.parameters import (
     SetupError,
     declare_parameters,
     domain_and_robot,
-    map_topic,
+    map_file,
 )
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.running import run_node
@@ -83,7 +83,7 @@ class LearningNode(Node):
         folder = Path(settings["learned"]).expanduser() if settings["learned"] else _HOME
         self._open = contextlib.ExitStack()
         named = {name: settings[name] for name in ("domain", "robot", "models")}
-        self._grid = "" if map_topic(settings) else settings["map"]
+        self._grid = map_file(settings)
         models = Path(settings["models"]) if settings["models"] else self._domain.shipped_models
         try:
             self._open.enter_context(exclusive_folder(folder))

@@ -118,13 +118,18 @@ def domain_and_robot(settings: Mapping[str, Any]) -> tuple[Domain, Robot]:
     """
     try:
         domain = domain_for(settings[DOMAIN.name], settings[ROBOT.name])
-        path = settings.get(MAP.name)
-        domain = domain.on_map(Path(path).expanduser() if path and not map_topic(settings) else "")
+        domain = domain.on_map(map_file(settings))
         return domain, domain.robot(settings[ROBOT.name] or None)
     except (ConfigError, DomainError) as error:
         raise SetupError(str(error)) from error
     except FileError as error:
         raise SetupError(f"parameter map: {error}") from error
+
+
+def map_file(settings: Mapping[str, Any]) -> str:
+    """Return the file that `MAP` names; empty if it names a topic, or nothing."""
+    name = settings.get(MAP.name, "")
+    return "" if not name or map_topic(settings) else str(Path(name).expanduser())
 
 
 def map_topic(settings: Mapping[str, Any]) -> str:
