@@ -104,12 +104,12 @@ def test_the_executor_refuses_a_goal_in_a_wall_before_the_robot_moves(host: Host
 
 def test_a_tour_of_the_building_is_driven_by_its_server(start: Start, client: Client) -> None:
     start(
-        "simulation", domain="building", real_time_factor=0.0, command_wait=1.0, robot_start=[-4.5, 2.0, 0.0]
+        "simulation", domain="building", real_time_factor=0.0, command_wait=1.0, robot_start=[-6.2, 3.0, 0.0]
     )
     server = start("pursuit_server")
     executor = start("executor", domain="building", odom_timeout=2.0)
     client.eventually(lambda: "ready for chains" in executor.output, "the executor", 60.0)
     client.eventually(lambda: "planning on a map" in server.output, "the server", 60.0)
-    outcome = ChainClient(client).send([call("visit", Pose(-4.5, -0.2, 0.0))]).outcome()
+    outcome = ChainClient(client).send([call("visit", Pose(-6.2, -0.2, 0.0))]).outcome()
     assert outcome.code == Outcome.SUCCEEDED, outcome.reason
-    assert client.robot().pose.distance(Pose(-4.5, -0.2, 0.0)) < 0.2
+    assert client.robot().pose.distance(Pose(-6.2, -0.2, 0.0)) < 0.2
