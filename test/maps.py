@@ -1,7 +1,5 @@
 """Small maps for tests, written as map_server files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

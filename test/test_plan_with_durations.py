@@ -1,7 +1,5 @@
 """The example that plans with predicted durations."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The domain `building`: what its tours are, its planner, and drives between walls that are simulated."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from pathlib import Path

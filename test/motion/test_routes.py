@@ -1,7 +1,5 @@
 """Routes on a map: lengths, headings, margins, places that none leads to."""
 
-from __future__ import annotations
-
 import math
 import time
 

@@ -1,7 +1,5 @@
 """The types of nav2_msgs that the node `waypoints` needs, with the fields of Jazzy, where ROS has none."""
 
-from __future__ import annotations
-
 import ctypes
 import hashlib
 import importlib.util

@@ -1,7 +1,5 @@
 """Experience with nodes that run already: `collect --over-ros --attach`."""
 
-from __future__ import annotations
-
 import io
 import math
 import os

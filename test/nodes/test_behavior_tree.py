@@ -1,7 +1,5 @@
 """The example with a behavior of py_trees for `execute_chain`."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import subprocess

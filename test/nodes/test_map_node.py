@@ -1,7 +1,5 @@
 """Maps on running nodes: from a topic, each replaced by the next; goals in walls; a drive through a door."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The executor accepts odometry as real bases publish it."""
+"""The executor accepts odometry as real bases publish it, and stops without usable odometry."""
 
 import math
 import re
@@ -67,6 +67,11 @@ def twist_in_odom(message: Odometry, yaw: float) -> None:
     linear.x, linear.y = linear.x * math.cos(yaw), linear.x * math.sin(yaw)
 
 
+def no_direction(message: Odometry, yaw: float) -> None:
+    turn = message.pose.pose.orientation
+    turn.z = turn.w = 0.0
+
+
 CLIENT = {"silent": True}
 FAR = Pose(691_608.25, 5_334_761.5, 2.2)
 
@@ -97,3 +102,16 @@ def test_odometry_at_5_hz_is_reported_with_the_remedy(host: Host, client: Client
     assert outcome.code == Outcome.FAILED, outcome.reason
     assert re.search(r"odom: messages came 0\.(1[5-9]|2\d?) s apart", outcome.reason), outcome.reason
     assert "set odom_timeout:=" in outcome.reason
+
+
+def test_odometry_without_orientation_is_reported_and_stops_the_robot(
+    host: Host, client: Client, base: QuirkyBase
+) -> None:
+    node = host("executor", **SETTINGS)
+    sent = ChainClient(client).send([call("goToPose", base.pose.ahead(3.0))])
+    client.eventually(lambda: sent.ended() or base.state().v > 0.3, "the robot drives")
+    base.quirk = no_direction
+    outcome = sent.outcome()
+    assert outcome.code == Outcome.INPUT_LOST, outcome.reason
+    client.eventually(lambda: base.state() == RobotState(base.pose), "the robot stands")
+    assert "ignored: odom.pose.pose.orientation: expected a quaternion" in node.output

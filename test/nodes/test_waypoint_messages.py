@@ -1,7 +1,5 @@
 """Messages of the node `waypoints` with the fields of nav2_msgs after Jazzy."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from types import SimpleNamespace

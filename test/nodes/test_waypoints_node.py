@@ -1,7 +1,5 @@
 """The node `waypoints` with the nodes of a tour: clients of Nav2 drive along waypoints."""
 
-from __future__ import annotations
-
 import importlib
 import math
 from collections.abc import Iterator

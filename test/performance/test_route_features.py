@@ -1,7 +1,5 @@
 """Models learned with a map: they predict drives around walls, and need the map to predict."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Maps: what is read from files of map_server."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
