@@ -1,4 +1,4 @@
-"""Every domain in docs/nav2.md and docs/remote_actions.md is valid; the one for Nav2 matches its types."""
+"""Every domain in docs/nav2.md and docs/own_server.md is valid; the one for Nav2 matches its types."""
 
 import re
 import sys
@@ -18,7 +18,7 @@ from ator_ros.nodes.messages import chain_from
 from ator_ros.nodes.remote_messages import RemoteInterface
 from examples.call import filled
 
-PAGES = "".join((ROOT / "docs" / f"{name}.md").read_text("utf-8") for name in ("nav2", "remote_actions"))
+PAGES = "".join((ROOT / "docs" / f"{name}.md").read_text("utf-8") for name in ("nav2", "own_server"))
 FILES = re.findall(r"^```yaml\n(name: .*?)^```$", PAGES, flags=re.MULTILINE | re.DOTALL)
 SUCCEEDED = 4
 
