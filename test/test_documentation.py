@@ -251,6 +251,50 @@ def test_a_cluster_collects(tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(*tables, check_exact=True)
 
 
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_on_a_page_lead_to_files_and_headings(page: Path) -> None:
+    for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        if "://" not in link:
+            name, _, anchor = link.partition("#")
+            target = (page.parent / name).resolve() if name else page
+            assert target.exists(), link
+            assert not anchor or anchor in anchors(target), link
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_page_is_short_and_in_the_index(page: Path) -> None:
+    assert len(page.read_text(encoding="utf-8").splitlines()) <= 150
+    index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+    assert page.parent != ROOT / "docs" or page.name == "README.md" or f"({page.name})" in index
+
+
+def test_tables_of_gains_agree_with_the_reports() -> None:
+    """Compare each row of a table below a link to a report with the policies of that report."""
+    page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    sections = re.findall(r"\((evaluation\w*)/report\.html\)(.*?)(?=^## )", page, re.MULTILINE | re.DOTALL)
+    printed = r"\| (\S+) s \| (\S+) % \((\S+) to (\S+)\) \|"
+    rows = {name: re.findall(printed, text) for name, text in sections if "gain over naive" in text}
+    for name, found in rows.items():
+        content = json.loads((ROOT / "docs" / name / "evaluation.json").read_text(encoding="utf-8"))
+        policies = [policy for policy in content["summary"].values() if isinstance(policy, dict)]
+        measured = [
+            (p["mean_duration_s"], p["improvement_percent"], *p["improvement_ci95"]) for p in policies
+        ]
+        for row in found:
+            assert any(tuple(map(float, row)) == pytest.approx(values, abs=0.06) for values in measured), row
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    gains = [row for found in rows.values() for row in found]
+    shown = re.findall(printed, readme)
+    assert len(shown) == 5
+    assert set(shown) <= set(gains)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_source_files_named_on_a_page_exist(page: Path) -> None:
     folders = (ROOT / name for name in ("ator_ros", "test", "benchmarks", "scripts"))

@@ -1,4 +1,4 @@
-"""The commands of docs/remote_actions.md: a package with an action server, models and demo."""
+"""The commands of docs/own_server.md: a package with an action server, models and demo."""
 
 import os
 import re
@@ -10,7 +10,7 @@ import pytest
 from documentation import ROOT
 from process import executable
 
-PAGE = (ROOT / "docs" / "remote_actions.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "own_server.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.node
