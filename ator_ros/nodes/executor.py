@@ -157,7 +157,7 @@ class ExecutorNode(Node):
         for reason in filter(None, (*(top.lacks(robot) for top in domain.tops_for(robot)), *left_out)):
             self.get_logger().warning(reason)
         self._sets = LearnedSets(self, domain, self._libraries, self._settings)
-        follow_map(self, self._settings, self._take_map)
+        follow_map(self, self._settings, robot, self._take_map, lambda: self._run is None)
         for name, predictor in self._predictors().items():
             warm_up_actions(self._libraries[name], predictor)
         self._inputs = inputs_of(self._settings, domain.objects)
@@ -207,7 +207,7 @@ class ExecutorNode(Node):
         self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
 
     def _take_map(self, grid: GridMap) -> None:
-        """Check the goals that come from now on by another map."""
+        """Check goals on another map from now on."""
         self._domain = self._domain.on_map(grid)
         robot = next(iter(self._libraries.values())).robot
         self._libraries = self._remotes.libraries(self._domain.equip(robot))

@@ -16,6 +16,7 @@ from ator_ros.domains import DEFAULT
 from ator_ros.domains.domain import Domain, DomainError, domain_for, find_domain
 from ator_ros.execution.fence import Fence
 from ator_ros.files import FileError
+from ator_ros.motion.routes import routes_of
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.world.messages import plain_frame
@@ -36,7 +37,7 @@ class Parameter:
     ----------
     name : str
         Its name; a unit that is not SI is part of it.
-    default : bool, int, float, str, or list of float or str
+    default : bool, int, float, str, or list of int, float or str
         Default value, which also gives the type.
     description : str
         A sentence with the unit.
@@ -119,7 +120,9 @@ def domain_and_robot(settings: Mapping[str, Any]) -> tuple[Domain, Robot]:
     try:
         domain = domain_for(settings[DOMAIN.name], settings[ROBOT.name])
         domain = domain.on_map(map_file(settings))
-        return domain, domain.robot(settings[ROBOT.name] or None)
+        robot = domain.robot(settings[ROBOT.name] or None)
+        routes_of(robot)  # reports a map without room for the robot
+        return domain, robot
     except (ConfigError, DomainError) as error:
         raise SetupError(str(error)) from error
     except FileError as error:
