@@ -19,6 +19,9 @@ from ator_ros.files import FileError
 from ator_ros.motion.routes import routes_of
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import ConfigError, Robot
+from ator_ros.tops.chain import Top
+from ator_ros.tops.conditions import Condition
+from ator_ros.tops.library import TopLibrary
 from ator_ros.world.messages import plain_frame
 
 
@@ -148,6 +151,15 @@ def fence_of(settings: Mapping[str, Any], robot: Robot) -> Fence:
         return Fence.around(robot) if list(edges) == FENCE.default else Fence.of(edges)
     except ValueError as error:
         raise SetupError(f"parameter fence: {error}") from error
+
+
+def driving_top(library: TopLibrary) -> Top:
+    """Return the first TOP that drives the robot to a pose in any situation; raises SetupError."""
+    for top in library.values():
+        placed = {term.variable for term in top.post.terms if str(term.target).startswith("goal.")}
+        if top.pre == Condition() and placed >= {"robot.x", "robot.y", "robot.yaw"}:
+            return top
+    raise SetupError("parameter domain: expected a TOP that only drives to a pose, found none")
 
 
 def declare_parameters(
