@@ -28,7 +28,15 @@ from ator_ros.execution.supervisor import (
     Supervisor,
 )
 from ator_ros.nodes.commands import CommandPublisher
-from ator_ros.nodes.diagnostics import STEADY, Diagnosis, Diagnostics, Health, Ticks, rival_senders
+from ator_ros.nodes.diagnostics import (
+    STEADY,
+    WARNING_PERIOD,
+    Diagnosis,
+    Diagnostics,
+    Health,
+    Ticks,
+    rival_senders,
+)
 from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
 from ator_ros.nodes.inputs import Subscriptions
@@ -63,7 +71,6 @@ from ator_ros.world.inputs import ClockJumpError, Inputs
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
-_WARNING_PERIOD = 2.0
 _DISCOVERY_GRACE = 1.0  # real s; DDS may still be connecting cmd_vel to a base that has just started
 _RESULT_KEPT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
 _PREEMPTED = "a newer goal took over"
@@ -385,7 +392,7 @@ class ExecutorNode(Node):
 
     def _warn(self, error: str) -> None:
         self._last_error = error
-        self.get_logger().warning(error, throttle_duration_sec=_WARNING_PERIOD)
+        self.get_logger().warning(error, throttle_duration_sec=WARNING_PERIOD)
 
     def _health(self) -> Health:
         silence = time.monotonic() - self._odom_at if self._odom_at else None

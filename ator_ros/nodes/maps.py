@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from ator_ros.files import FileError
 from ator_ros.motion.routes import routes_of
-from ator_ros.nodes.diagnostics import STEADY
+from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD
 from ator_ros.nodes.messages import grid_from
 from ator_ros.nodes.parameters import map_topic
 from ator_ros.nodes.qos import LATCHED
@@ -20,7 +20,6 @@ from ator_ros.world.grid_map import GridMap
 from ator_ros.world.messages import MessageError
 
 _PERIOD = 0.5  # real s between two checks whether a node that was busy is idle
-_WARNING_PERIOD = 2.0
 
 
 def follow_map(
@@ -57,7 +56,7 @@ def follow_map(
                 return
             routes_of(dataclasses.replace(robot, grid=grid))
         except (MessageError, FileError) as error:
-            node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=_WARNING_PERIOD)
+            node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=WARNING_PERIOD)
             return
         used = grid
         take(grid)

@@ -12,10 +12,10 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
-from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.task import Future
 
@@ -23,7 +23,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome
 from ator_interfaces.msg import TopChain as ChainMessage
 from ator_ros.geometry import Pose
-from ator_ros.nodes.diagnostics import STEADY
+from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD
 from ator_ros.nodes.inputs import Subscriptions
 from ator_ros.nodes.maps import follow_map
 from ator_ros.nodes.messages import chain_of, pose_of, stamp_of
@@ -53,7 +53,6 @@ _MOST_STEPS = 8  # of a chain: the search of more takes longer than refinement's
 _PERIOD = 0.1  # real s between two checks of awaited conditions
 _TF_PATIENCE = 1.0  # real s until the frame of a pose counts as unknown
 _SERVER_PATIENCE = 3.0  # real s until the executor counts as missing; DDS may still be connecting it
-_WARNING_PERIOD = 2.0
 _LONGEST_REASON = 500
 _FREE = frozenset({"yaw"})
 
@@ -88,13 +87,6 @@ class Tour:
     """A goal of one of the two actions, and its progress.
 
     A waypoint has an *index* in the list of poses. Its *position* also counts the waypoints of former loops.
-
-    Parameters
-    ----------
-    handle : ServerGoalHandle
-        The goal.
-    kind : type
-        Type of the action, nav2_msgs/FollowWaypoints or NavigateThroughPoses.
 
     Attributes
     ----------
@@ -175,14 +167,8 @@ class Tour:
     ) -> None:
         """Publish the waypoint that the robot drives to, and the time and distance that remain.
 
-        Parameters
-        ----------
-        predicted : float
-            Remaining time in s of the chain; NaN if unknown.
-        positions : sequence of int
-            Those that the chain drives to.
-        now, pose, frame_id : float, Pose, str
-            Stamp in s of the robot's pose, the pose in m and rad, and its frame.
+        The chain to `positions` needs another `predicted` s, NaN if unknown. `pose` is the robot's in m and
+        rad in the frame `frame_id`, `now` its stamp in s.
         """
         if self.loops:
             self.handle.publish_feedback(self._kind.Feedback(current_waypoint=self.index(self.position)))
@@ -197,8 +183,8 @@ class Tour:
         elif self.position == positions[0] and chain > 0.0:
             self._pace = predicted / chain
         feedback = self._kind.Feedback(
-            navigation_time=_duration(now - self._began),
-            estimated_time_remaining=_duration(predicted + self._pace * later),
+            navigation_time=Duration(seconds=max(0.0, now - self._began)).to_msg(),
+            estimated_time_remaining=Duration(seconds=max(0.0, predicted + self._pace * later)).to_msg(),
             distance_remaining=chain + later,
             number_of_poses_remaining=len(legs),
         )
@@ -241,11 +227,6 @@ class Tour:
             or status(waypoint_status=int(index < self.position), waypoint_index=index, waypoint_pose=pose)
             for index, pose in enumerate(self.poses)
         ]
-
-
-def _duration(seconds: float) -> Duration:
-    stamp = stamp_of(max(0.0, seconds))
-    return Duration(sec=stamp.sec, nanosec=stamp.nanosec)
 
 
 class WaypointsNode(Node):
@@ -307,7 +288,7 @@ class WaypointsNode(Node):
         self._robot = dataclasses.replace(self._robot, grid=grid)
 
     def _warn(self, text: str) -> None:
-        self.get_logger().warning(text, throttle_duration_sec=_WARNING_PERIOD)
+        self.get_logger().warning(text, throttle_duration_sec=WARNING_PERIOD)
 
     def _watch(self) -> None:
         waiting, self._waiting = self._waiting, []
@@ -350,8 +331,9 @@ class WaypointsNode(Node):
             return code, f"poses: expected more than {tour.position}, got {count}"
         driven = {tour.index(each) for each in range(tour.position, min(tour.end, tour.position + count))}
         with suppress(MessageError):  # reading the pose reports it
-            frames = {tour.poses[index].header.frame_id for index in driven}
-            await self._until(lambda: all(map(self._is_known, frames)), _TF_PATIENCE)
+            frames = {plain_frame(tour.poses[index].header.frame_id) for index in driven}
+            frames -= {"", plain_frame(self._frame)}
+            await self._until(lambda: all(self._tf.base(self._frame, each) for each in frames), _TF_PATIENCE)
         end = 0, ""
         for index in sorted(driven):
             try:
@@ -364,10 +346,6 @@ class WaypointsNode(Node):
     def _goes_on(self, tour: Tour) -> bool:
         """Return whether a goal continues after a missed waypoint."""
         return tour.loops and not self._settings["stop_on_failure"]
-
-    def _is_known(self, other: str) -> bool:
-        same = plain_frame(other) in ("", plain_frame(self._frame))
-        return same or self._tf.base(self._frame, other) is not None
 
     def _goal(self, stamped: PoseStamped, where: str) -> Pose:
         """Read a pose into the node's frame; raises MessageError, also if it lies outside the fence."""

@@ -65,10 +65,10 @@ class Destinations:
         self._robot, self._routes = robot, routes_of(robot)
         self._places: tuple[DeclaredPlace, ...] = ()
         self._area = Fence(*robot.scene.area.lines)
-        self._text = "of its domain" if self._routes is None else f"in free space of {self._routes.grid}"
+        self.where = "of its domain" if self._routes is None else f"in free space of {self._routes.grid}"
         if file is None:
             return
-        self._text = f"of {file}"
+        self.where = f"of {file}"
         try:
             self._places = structured(read_yaml(file, largest=_LARGEST_FILE), Places)
         except SchemaError as error:
@@ -77,10 +77,6 @@ class Destinations:
         for number, place in enumerate(self._places):
             expected = f"{file}: [{number}]: expected a place in free space of the map"
             drawn_until(partial(place.drawn, rng), self._is_free, partial(str, expected), most=100)
-
-    def __str__(self) -> str:
-        """Return where the goals are, for messages."""
-        return self._text
 
     def goal(self, spec: ActionSpec, top: Top, start: Pose, rng: np.random.Generator) -> Goal:
         """Draw a goal for a drive from `start`, in m and rad; raises NoPlaceError.
@@ -96,7 +92,7 @@ class Destinations:
             pose = drawn_until(
                 partial(self._pose, rng),
                 lambda pose: pose.distance(start) >= SHORT and self._is_free(pose, start),
-                lambda: f"expected places {self}, {SHORT:g} m from the robot and within its reach",
+                lambda: f"expected places {self.where}, {SHORT:g} m from the robot and within its reach",
             )
         values = {item.name: float(rng.uniform(item.low, item.high)) for item in spec.goal_variables}
         return Goal(pose, 0.0, top.point, values)
@@ -150,7 +146,7 @@ def drives(
         return
     destinations = Destinations(robot, attachment.places)
     if not attachment.confirmed:
-        _ask(f"collect: {len(missing)} drives of {robot.name} to places {destinations}")
+        _ask(f"collect: {len(missing)} drives of {robot.name} to places {destinations.where}")
     stay_on_this_machine(os.environ)
     tops, failed, reason = driven_tops(domain, robot), 0, ""
     with closing(Backend(domain, robot, frame="", arguments=attachment.arguments)) as backend:

@@ -122,23 +122,17 @@ def collect(
         done = sum(key in there for key in wanted)
         if done:
             print(f"collect: {done} episodes of an earlier call are there", file=sys.stderr)
-
-        def write() -> None:
-            table = join(there[key] for key in wanted if key in there)
-            metadata = {**settings, **versions, "robot_digest": robot.digest(), "command": command}
-            write_experience(out, Experience(table, metadata))
-            _report(table, out)
-
         try:
             with contextlib.closing(missing):  # which ends workers and nodes, and stops the robot
                 for frame in progress(missing, done=done, total=len(wanted), unit="episode"):
                     partial.append(frame.to_dict("list"))
                     there[frame["action"].iloc[0], int(frame["episode"].iloc[0])] = frame
-        except BaseException:
-            if attachment is not None and there:  # a robot's drives can be used at once
-                write()
-            raise
-        write()
+        finally:
+            kept = [there[key] for key in wanted if key in there]
+            if len(kept) == len(wanted) or (kept and attachment is not None):  # those of a robot: at once
+                metadata = {**settings, **versions, "robot_digest": robot.digest(), "command": command}
+                write_experience(out, Experience(join(kept), metadata))
+                _report(join(kept), out)
     partial.path.unlink()
 
 
