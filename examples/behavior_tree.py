@@ -1,4 +1,4 @@
-"""A behavior of py_trees that has the executor execute a chain, and a tree that uses it.
+"""A behavior of py_trees that executes a chain with the executor, and a tree that uses it.
 
     python3 examples/behavior_tree.py
 
@@ -18,6 +18,7 @@ from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
 from py_trees.common import Status
 from rclpy.action import ActionClient
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome, TopCall, TopChain
@@ -26,7 +27,9 @@ PERIOD = 0.1  # s between two ticks
 
 
 class ExecuteChainBehaviour(py_trees.behaviour.Behaviour):
-    """Executes a chain: running until the executor answers, and canceled if the tree turns elsewhere.
+    """Executes a chain; its goal is canceled if the tree interrupts the behavior.
+
+    It is running until the executor reports the end, and fails if the executor is gone.
 
     Parameters
     ----------
@@ -69,13 +72,16 @@ class ExecuteChainBehaviour(py_trees.behaviour.Behaviour):
         if self._result is None:
             self._result = self._sent.result().get_result_async()
         if not self._result.done():
-            return Status.RUNNING
+            if self._client.server_is_ready():
+                return Status.RUNNING
+            self.feedback_message = "the executor is gone"
+            return Status.FAILURE
         outcome = self._result.result().result.outcome
         self.feedback_message = outcome.reason
         return Status.SUCCESS if outcome.code == Outcome.SUCCEEDED else Status.FAILURE
 
     def terminate(self, new_status: Status) -> None:
-        """Cancel the goal if another behavior takes over."""
+        """Cancel the goal if the tree interrupts the behavior."""
         if new_status is Status.INVALID and self._sent is not None:
             self._sent.add_done_callback(_cancel)  # at once if it was accepted already
 
@@ -90,27 +96,32 @@ def _cancel(sent: Any) -> None:
 
 
 def call(x: float, y: float, yaw: float, opened: Sequence[str] = ()) -> TopCall:
-    """Return the step to a place in m and rad, of which variables may be left open."""
+    """Return the step to a pose in m and rad; `opened` are the goal variables that refinement chooses."""
     turn = Quaternion(z=math.sin(yaw / 2.0), w=math.cos(yaw / 2.0))
     pose = Pose(position=Point(x=x, y=y), orientation=turn)
     return TopCall(top="goToPose", goal=PoseStamped(pose=pose), open=list(opened))
 
 
 def main() -> int:
-    """Tick the tree until it ends; return the exit code."""
-    rclpy.init()
+    """Tick the tree until it ends, or interrupt it at Ctrl-C; return the exit code."""
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # so goals can still be canceled
     node = Node("behavior_tree")
     tour = ExecuteChainBehaviour("tour", [call(1.0, 1.0, 0.0, ["yaw"]), call(-1.0, 1.5, math.pi)])
     home = ExecuteChainBehaviour("home", [call(-2.0, 0.0, 0.0)], refine=False)
     root = py_trees.composites.Sequence("round", memory=True, children=[tour, home])
     tree = py_trees.trees.BehaviourTree(root)
     tree.setup(node=node)
-    node.create_timer(PERIOD, tree.tick)
+    ticking = node.create_timer(PERIOD, tree.tick)
     try:
         while root.status not in (Status.SUCCESS, Status.FAILURE):
             rclpy.spin_once(node)
         print(py_trees.display.unicode_tree(root, show_status=True))
         return 0 if root.status is Status.SUCCESS else 1
+    except KeyboardInterrupt:
+        ticking.cancel()
+        root.stop(Status.INVALID)
+        rclpy.spin_once(node, timeout_sec=1.0)  # until the executor answers
+        return 130
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

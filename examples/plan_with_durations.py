@@ -3,9 +3,9 @@
     scripts/run python examples/plan_with_durations.py --problems 20
 
 Planning domains often have `(= ?duration 1)`. Here the duration of a drive is a numeric fluent of start and
-goal, with predictions of the learned model as values. unified-planning describes the problem, Aries solves
-it, and the robots drive the plan in the simulation. It is compared with plans from equal durations, and from
-distances.
+goal, whose values the learned model predicts. unified-planning describes the problem, Aries solves it, and
+the robots drive the plan in the simulation. Plans with equal durations, and with durations proportional to
+distance, are driven for comparison.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ APART = 0.8  # m, between places, and from the edge
 
 
 def drawn(random: np.random.Generator) -> list[Pose]:
-    """Return where the robots start, and after them the stations, with the headings to arrive with."""
+    """Draw the poses of the starts, then of the stations, in m and rad."""
     area = ROBOT.scene.area
     half = np.array([area.length / 2.0 - APART, area.width / 2.0 - APART, math.pi])
     while True:
@@ -48,7 +48,10 @@ def drawn(random: np.random.Generator) -> list[Pose]:
 
 
 def durations_between(places: Sequence[Pose]) -> dict[str, FloatArray]:
-    """Return durations in s from each of n places to each other one by their kinds, shape (n, n)."""
+    """Return by kind the durations of drives from each of n places to each other, in s, shape (n, n).
+
+    Those of the kind "equal" are 1.
+    """
     worlds = [World(0.0, RobotState(pose)) for pose in places]
     calls = [TopCall(LIBRARY["goToPose"], Goal(pose)) for pose in places]
     far = np.array([[one.distance(other) for other in places] for one in places])
@@ -57,7 +60,7 @@ def durations_between(places: Sequence[Pose]) -> dict[str, FloatArray]:
 
 
 def planned(durations: FloatArray, seconds: float) -> list[list[int]]:
-    """Return the stations of each robot in their order, from durations in s between places, shape (n, n)."""
+    """Plan within `seconds` from durations in s, shape (n, n); return the stations of each robot in order."""
     robot, place = up.UserType("robot"), up.UserType("place")
     at, visited = up.Fluent("at", robot=robot, place=place), up.Fluent("visited", place=place)
     duration = up.Fluent("duration", up.IntType(), start=place, goal=place)

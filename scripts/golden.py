@@ -29,7 +29,7 @@ from ator_ros.actions.goal_variables import goal_values
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.policies import POLICIES, naive
-from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
+from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, open_places, open_speeds, random_trial, reopened, with_headings
 from ator_ros.experience.collect import collect
 from ator_ros.experience.table import join
@@ -83,7 +83,7 @@ def _predicted(prediction: ChainPrediction) -> Json:
 
 def _trials(source: ToolsetSource, chain: str, seed: int, count: int) -> Iterator[Trial]:
     domain = find_domain(source.domain)
-    name, library = chain or next(iter(domain.chains)), make_library(source.described(), source)
+    name, library = chain or next(iter(domain.chains)), domain.library(source.described(), source.action_set)
     for index in range(count):
         yield random_trial(domain, name, library, seed=seed, index=index)
 
@@ -146,7 +146,7 @@ def executed(name: str, count: int) -> list[Json]:
     """Return how `count` chains of one of `EXECUTED` are executed."""
     source, chain, policy = EXECUTED[name]
     domain, robot = find_domain(source.domain), source.described()
-    library = make_library(robot, source)
+    library = domain.library(robot, source.action_set)
     found = []
     for trial in _trials(source, chain, 4002, count):
         executor: Any = None
@@ -189,7 +189,7 @@ def planned(count: int) -> list[Json]:
     """Return the chains that are planned for `count` goals in soccer."""
     source = ToolsetSource()
     domain, robot = find_domain(source.domain), source.described()
-    library, named = make_library(robot, source), domain.goals(robot)
+    library, named = domain.library(robot, source.action_set), domain.goals(robot)
     rng = np.random.default_rng(4003)
     found: list[Json] = []
     for index in range(count):

@@ -103,16 +103,11 @@ class ToolsetSource:
             A model cannot be used.
         """
         domain, robot = self.in_domain(), self.described()
-        trial = random_trial(domain, chain, make_library(robot, self), seed=0, index=0)
+        trial = random_trial(domain, chain, domain.library(robot, self.action_set), seed=0, index=0)
         for action in dict.fromkeys(call.top.action for call in trial.chain.calls):
             if why := domain.actions(self.action_set)[action].over_ros_only:
                 raise EvaluationError(f"chain {chain}: {why}")
             load_model(self.folder() / f"{action}.json", robot, domain.known_features)
-
-
-def make_library(robot: Robot, source: ToolsetSource) -> TopLibrary:
-    """Return the TOP library with the source's action set."""
-    return source.in_domain().library(robot, source.action_set)
 
 
 def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
@@ -130,4 +125,4 @@ def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
 def _made(source: ToolsetSource, _digest: str) -> tuple[Toolset, TopLibrary]:
     domain, robot, action_set = source.in_domain(), source.described(), source.action_set
     models = load_models(robot, domain.known_features, action_set=action_set, folder=source.top())
-    return Toolset(domain, robot, models), make_library(robot, source)
+    return Toolset(domain, robot, models), domain.library(robot, action_set)

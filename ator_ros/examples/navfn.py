@@ -23,7 +23,7 @@ Grid = NDArray[np.float64]
 
 
 class NavFn:
-    """Plans paths on one map.
+    """Plans paths on one map; potentials of the last goals are cached.
 
     Parameters
     ----------
@@ -51,10 +51,11 @@ class NavFn:
         _descend(_potential(np.ones((2, 2)), 0, 0), 1 + 1j, 0j)  # loads compiled code
 
     def path(self, start: tuple[float, float], goal: tuple[float, float]) -> Grid | None:
-        """Return the points in m of a path, shape (n, 2), half a cell apart; None if there is none."""
+        """Return the points (m) of a path, shape (n, 2), half a cell apart; None if there is none."""
         here, there = self._cell(*start), self._cell(*goal)
         target = round(there.imag), round(there.real)
-        if not self._is_open(*target):
+        rows, columns = self._cost.shape
+        if not (0 <= target[0] < rows and 0 <= target[1] < columns and math.isfinite(self._cost[target])):
             return None
         if target not in self._kept:
             self._kept[target] = _potential(self._cost, *target)
@@ -74,10 +75,6 @@ class NavFn:
         turned = complex(x - x0, y - y0) * complex(math.cos(yaw), -math.sin(yaw))
         return turned / self._resolution - (0.5 + 0.5j)
 
-    def _is_open(self, row: int, column: int) -> bool:
-        rows, columns = self._cost.shape
-        return 0 <= row < rows and 0 <= column < columns and math.isfinite(self._cost[row, column])
-
 
 @compiled
 def _at(potential: Grid, row: int, column: int) -> float:
@@ -87,7 +84,7 @@ def _at(potential: Grid, row: int, column: int) -> float:
 
 @compiled
 def _potential(cost: Grid, row: int, column: int) -> Grid:
-    """Return the cost of the way from each cell to one cell, interpolated as NavFn does; infinite: no way."""
+    """Return the cost of the path from each cell to one cell, as NavFn interpolates it; infinite if none."""
     rows, columns = cost.shape
     potential = np.full((rows, columns), math.inf)
     potential[row, column] = 0.0
@@ -108,16 +105,16 @@ def _potential(cost: Grid, row: int, column: int) -> Grid:
                     if least == math.inf:
                         continue
                     share = more / own if more < own else 1.0
-                    way = own if share >= 1.0 else own * (-0.2301 * share**2 + 0.5307 * share + 0.7040)
-                    if least + way < potential[r, c] - _SETTLED:
-                        potential[r, c] = least + way
+                    step = own if share >= 1.0 else own * (-0.2301 * share**2 + 0.5307 * share + 0.7040)
+                    if least + step < potential[r, c] - _SETTLED:
+                        potential[r, c] = least + step
                         changed = True
     return potential
 
 
 @compiled
 def _slope(potential: Grid, row: int, column: int) -> complex:
-    """Return the direction in which the potential of a cell falls, of length 1, or 0."""
+    """Return the unit vector along which the potential falls from a cell; 0 if it falls nowhere."""
     own = _at(potential, row, column)
     if own == math.inf:
         return 0j
@@ -143,7 +140,7 @@ def _lowest(potential: Grid, here: complex, reach: int) -> complex:
 
 @compiled
 def _descend(potential: Grid, start: complex, goal: complex) -> NDArray[np.complex128]:
-    """Return the places in cells of a path down the potential; empty if there is none."""
+    """Return the points of a path down the potential, in cells, shape (n,); empty if there is none."""
     cells = np.empty(potential.size + 2, dtype=np.complex128)
     cells[0], count, here = start, 1, start
     if _at(potential, round(start.imag), round(start.real)) == math.inf:

@@ -1,7 +1,7 @@
 """An action server that drives a differential base to a pose as Nav2 does, without Nav2.
 
-It differs from `drive_to_server` in the name of its action, `pursue`, in its control law, and in the map:
-once one is published, it plans on it, and until then no goal is accepted where somebody offers one.
+It differs from `drive_to_server` in the name of its action, `pursue`, and in its control law, which plans on
+a map. While `map` has a publisher, goals are rejected until its first map was received.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ _FREE = 25  # percent
 
 
 class PursuitServer(DriveToServer):
-    """Drives on a map, if there is one. Parameter robot_radius: in m.
+    """Drives on a map, if one is published; the parameter robot_radius is in m.
 
-    Subscribes besides to
+    Also subscribes to
         map (nav_msgs/OccupancyGrid, transient local), in the frame of odom.
     """
 

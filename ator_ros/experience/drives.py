@@ -7,11 +7,13 @@ The objects held at both ends determine the TOP of the domain and the point that
 from __future__ import annotations
 
 import bisect
+import copy
 import dataclasses
 import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -62,6 +64,11 @@ class Segment:
     odom: Rows = field(default_factory=list)
     cmd_vel: Rows = field(default_factory=list)
     objects: dict[str, Rows] = field(default_factory=lambda: defaultdict(list))
+
+    @cached_property
+    def track(self) -> Track:
+        """The states in it, once all messages are there."""
+        return Track(self)
 
 
 def _in_order(rows: Rows, width: int) -> FloatArray:
@@ -172,7 +179,7 @@ class Reader:
         top = next((top for top in self._domain.tops if top.action == item.action), None)
         if top is None or item.pose is None or item.base is None:
             return "no TOP calls the action"
-        track, errors = Track(segment, item.base), (math.nan, math.nan)
+        track, errors = segment.track.seen_from(item.base), (math.nan, math.nan)
         if item.reached is not None:
             reached = robot.hold_point(item.reached) if top.point is Point.HOLD else item.reached
             errors = reached.distance(item.pose), abs(wrap_angle(reached.yaw - item.pose.yaw))
@@ -243,8 +250,6 @@ class Reader:
 class Track:
     """The state at any time of a segment with odometry, interpolated.
 
-    It is seen from the frame in which odometry's frame is at `base`, by default from that itself.
-
     Attributes
     ----------
     odom : ndarray, shape (n, 6)
@@ -255,25 +260,27 @@ class Track:
         The objects with messages.
     """
 
-    def __init__(self, segment: Segment, base: Pose | None = None) -> None:
+    def __init__(self, segment: Segment) -> None:
         self.odom = _in_order(segment.odom, 6)
         self.odom[:, 3] = np.unwrap(self.odom[:, 3])
         self._objects = {name: _in_order(rows, 3) for name, rows in segment.objects.items() if rows}
-        if base is not None:
-            c, s = math.cos(base.yaw), math.sin(base.yaw)
-            self.odom[:, 3] += base.yaw
-            for table in (self.odom, *self._objects.values()):
-                table[:, 1:3] = table[:, 1:3] @ np.array([[c, s], [-s, c]]) + (base.x, base.y)
+        self._base = Pose(0.0, 0.0, 0.0)
         self.begin, self.end = float(self.odom[0, 0]), float(self.odom[-1, 0])
         self.names = tuple(self._objects)
 
+    def seen_from(self, base: Pose) -> Track:
+        """Return it in the frame in which odometry's frame is at `base`; `odom` stays as it is."""
+        other = copy.copy(self)
+        other._base = base
+        return other
+
     def world(self, time: float) -> World:
         """Return the state at `time` (s), with the objects that had a message by then."""
-        row = _at(self.odom, time)
-        pose = Pose(float(row[1]), float(row[2]), wrap_angle(float(row[3])))
+        _, *pose, v, w = _at(self.odom, time).tolist()
         there = {name: _at(table, time) for name, table in self._objects.items() if time >= table[0, 0]}
-        objects = {name: ObjectState(float(place[1]), float(place[2])) for name, place in there.items()}
-        return World(time, RobotState(pose, float(row[4]), float(row[5])), objects)
+        places = {name: Pose(float(row[1]), float(row[2]), 0.0) for name, row in there.items()}
+        objects = {name: ObjectState(*self._base.compose(place)[:2]) for name, place in places.items()}
+        return World(time, RobotState(self._base.compose(Pose(*pose)), v, w), objects)
 
     def stood(self, since: float, until: float) -> bool:
         """Return whether the robot stood at any time between two (s)."""
@@ -307,7 +314,7 @@ def drives(segment: Segment, robot: Robot, domain: Vocabulary) -> Iterator[Episo
     """
     if not segment.odom or not segment.cmd_vel:
         return
-    track = Track(segment)
+    track = segment.track
     for begin, ceased in _spans(_in_order(segment.cmd_vel, 3), track):
         end = _rest(track, ceased)
         if end - begin >= SHORTEST and track.begin <= begin and end <= track.end:

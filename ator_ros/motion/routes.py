@@ -36,7 +36,7 @@ Cells = NDArray[np.int32]
 Table = NDArray[np.float32]
 Places = NDArray[np.complex128]
 Tables = tuple[Table, Table, Table, Table]
-"""By cell, of the route from there: length and least room in cells, turn and heading at its end in rad.
+"""By cell, of the route from it: length and least room in cells, turn and heading at its end in rad.
 
 All but the room are known at the corners of routes only."""
 
@@ -141,7 +141,7 @@ class Routes:
     def lead(self, ends: FloatArray) -> BoolArray:
         """Return whether routes lead from x, y to to_x, to_y in m, shape (4, n)."""
         here, there = (self._cells(self._places(*pair)) for pair in (ends[:2], ends[2:]))
-        return self._levels(here, there) >= 0
+        return np.asarray(_levels(self._entry, self._part, here, there) >= 0)
 
     def fault(self, x: float, y: float, start: tuple[float, float] | None = None) -> str | None:
         """Return why no route leads to a place in m, from `start` or from anywhere; None if one does."""
@@ -154,14 +154,14 @@ class Routes:
         return f"expected a place in {wanted}, on the map {self.grid}, got x {x:.2f} m, y {y:.2f} m"
 
     def room(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return least distances of places in m from obstacles: they may be 0.2 m more; 0 beyond the map."""
+        """Return lower bounds in m, up to 0.2 m too low, of the distances of places from obstacles."""
         cells = self._cells(self._places(x, y))
         return np.where(cells < 0, 0.0, self._cell * np.maximum(self._room.ravel()[cells] - _OFF_FREE, 0.0))
 
     def _routes(self, starts: Places, goals: Places) -> FloatArray:
-        """Return the routes between places in cells, as `_look_up` writes them."""
+        """Return the routes between places in cells, shape (6, n), lengths in cells: see `RouteSet`."""
         here, there = self._cells(starts), self._cells(goals)
-        level = self._levels(here, there)
+        level = _levels(self._entry, self._part, here, there)
         ends, others = _distinct(goals), _distinct(starts)
         backward = len(others) < len(ends)
         if backward:
@@ -175,10 +175,8 @@ class Routes:
                     goal = self._entry[number, there[which[0]]]
                     entries = self._entry[number, here[which]]
                     field = self._field(int(number), int(goal), complex(end))
-                    routes = np.empty((6, len(which)))
-                    look = LOOK_AHEAD / self._cell
-                    _look_up(starts[which], entries, *field, self._room.shape[1], goal, end, look, routes)
-                    found[:, which] = routes
+                    columns, look = self._room.shape[1], LOOK_AHEAD / self._cell
+                    found[:, which] = _look_up(starts[which], entries, *field, columns, goal, end, look)
         if backward:
             found[3], found[4] = found[4] + math.pi, found[3] + math.pi
         return found
@@ -194,12 +192,6 @@ class Routes:
         row, column = np.floor(places.imag + 0.5), np.floor(places.real + 0.5)
         inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
         return np.where(inside, row * columns + column, -1.0).astype(np.intp)
-
-    def _levels(self, here: NDArray[np.intp], there: NDArray[np.intp]) -> Cells:
-        """Return the number of the margin that routes between cells keep, shape (n,); -1 without a route."""
-        level = np.full(len(here), -1, dtype=np.int32)
-        _choose_levels(self._entry, self._part, here, there, level)
-        return level
 
     def _field(self, level: int, goal: int, end: complex) -> tuple[Cells, Tables]:
         """Return corners and tables of the routes to a place, in the cell `goal`."""
@@ -249,10 +241,9 @@ def _distinct(places: Places) -> Places:
 
 
 @compiled
-def _choose_levels(
-    entry: Cells, part: Cells, here: NDArray[np.intp], there: NDArray[np.intp], level: Cells
-) -> None:
-    """Write the number of the first level on which a route leads from one cell to the other, or leave -1."""
+def _levels(entry: Cells, part: Cells, here: NDArray[np.intp], there: NDArray[np.intp]) -> Cells:
+    """Return the number of the margin that routes between cells keep, shape (n,); -1 without a route."""
+    level = np.full(len(here), -1, dtype=np.int32)
     for at in range(len(here)):
         if here[at] < 0 or there[at] < 0:
             continue
@@ -261,6 +252,7 @@ def _choose_levels(
             if start >= 0 and goal >= 0 and part[number, start] == part[number, goal]:
                 level[at] = number
                 break
+    return level
 
 
 @compiled
@@ -417,10 +409,10 @@ def _look_up(
     goal: int,
     end: complex,
     look: float,
-    found: FloatArray,
-) -> None:
-    """Write the routes to `end` from starts in the cells `entries`, shape (6, n), as in `RouteSet`."""
+) -> FloatArray:
+    """Return the routes to `end` from n starts in the cells `entries`, shape (6, n), as in `RouteSet`."""
     length, least, turn, arrival = tables
+    found = np.empty((6, len(starts)))
     for at in range(len(starts)):
         here, cell = starts[at], entries[at]
         via = corner[cell]
@@ -441,3 +433,4 @@ def _look_up(
             there = _place(via, columns, goal, end)
             way = there - point
         found[3, at] = _heading(point + min(left / max(abs(way), 1e-9), 1.0) * way - here)
+    return found

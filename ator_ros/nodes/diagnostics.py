@@ -24,6 +24,8 @@ from ator_ros.world.messages import FrameError
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 """Clock of timers that are independent of simulated time."""
+WARNING_PERIOD = 2.0
+"""Least time in s between two warnings that one line of code logs."""
 
 _PERIOD = 1.0
 _LASTING = 5  # reports in a row after which a problem is logged

@@ -28,7 +28,15 @@ from ator_ros.execution.supervisor import (
     Supervisor,
 )
 from ator_ros.nodes.commands import CommandPublisher
-from ator_ros.nodes.diagnostics import STEADY, Diagnosis, Diagnostics, Health, Ticks, rival_senders
+from ator_ros.nodes.diagnostics import (
+    STEADY,
+    WARNING_PERIOD,
+    Diagnosis,
+    Diagnostics,
+    Health,
+    Ticks,
+    rival_senders,
+)
 from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
 from ator_ros.nodes.inputs import Subscriptions
@@ -63,7 +71,6 @@ from ator_ros.world.inputs import ClockJumpError, Inputs
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
-_WARNING_PERIOD = 2.0
 _DISCOVERY_GRACE = 1.0  # real s; DDS may still be connecting cmd_vel to a base that has just started
 _RESULT_KEPT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
 _PREEMPTED = "a newer goal took over"
@@ -157,7 +164,7 @@ class ExecutorNode(Node):
         for reason in filter(None, (*(top.lacks(robot) for top in domain.tops_for(robot)), *left_out)):
             self.get_logger().warning(reason)
         self._sets = LearnedSets(self, domain, self._libraries, self._settings)
-        follow_map(self, self._settings, self._take_map)
+        follow_map(self, self._settings, robot, self._take_map, lambda: self._run is None)
         for name, predictor in self._predictors().items():
             warm_up_actions(self._libraries[name], predictor)
         self._inputs = inputs_of(self._settings, domain.objects)
@@ -207,7 +214,7 @@ class ExecutorNode(Node):
         self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
 
     def _take_map(self, grid: GridMap) -> None:
-        """Check the goals that come from now on by another map."""
+        """Check goals on another map from now on."""
         self._domain = self._domain.on_map(grid)
         robot = next(iter(self._libraries.values())).robot
         self._libraries = self._remotes.libraries(self._domain.equip(robot))
@@ -385,7 +392,7 @@ class ExecutorNode(Node):
 
     def _warn(self, error: str) -> None:
         self._last_error = error
-        self.get_logger().warning(error, throttle_duration_sec=_WARNING_PERIOD)
+        self.get_logger().warning(error, throttle_duration_sec=WARNING_PERIOD)
 
     def _health(self) -> Health:
         silence = time.monotonic() - self._odom_at if self._odom_at else None

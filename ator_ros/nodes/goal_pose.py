@@ -14,11 +14,10 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import TopChain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import call_of
-from ator_ros.nodes.parameters import DOMAIN, ROBOT, SetupError, declare_parameters, domain_and_robot
+from ator_ros.nodes.parameters import DOMAIN, ROBOT, declare_parameters, domain_and_robot, driving_top
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.running import run_node
 from ator_ros.tops.chain import TopCall
-from ator_ros.tops.library import driving_top
 
 PARAMETERS = (DOMAIN, ROBOT)
 
@@ -40,8 +39,6 @@ class GoalPoseNode(Node):
         domain, robot = domain_and_robot(settings)
         library = domain.library(robot)
         top = driving_top(library)
-        if top is None:
-            raise SetupError(f"domain {domain.name}: expected a TOP that only drives to a pose, found none")
         self._call = call_of(TopCall(top, library.goal(top, Pose(0.0, 0.0, 0.0))), frame="")
         self._chains = ActionClient(self, ExecuteChain, "execute_chain")
         self.create_subscription(PoseStamped, "goal_pose", self._take, RESULTS)

@@ -20,7 +20,7 @@ from ator_ros.learning.gains import chain_gain
 from ator_ros.learning.learner import Learner
 from ator_ros.learning.process import RoundProcess
 from ator_ros.learning.sets import digest_of_start
-from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
+from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD, Diagnostics, Health
 from ator_ros.nodes.maps import follow_map
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -51,7 +51,6 @@ PARAMETERS = (
     Parameter("most_episodes", 20_000, "episodes of each action set that are kept", 1000, 1_000_000),
 )
 _PERIOD = 0.25
-_WARNING_PERIOD = 2.0
 _HOME = Path.home() / ".ros" / "ator_ros" / "learned"
 
 
@@ -101,7 +100,7 @@ class LearningNode(Node):
             self._open.close()
             raise SetupError(f"parameter learned: {error}") from error
         self._folder = folder
-        follow_map(self, settings, self._take_map)
+        follow_map(self, settings, self._robot, self._take_map)
         for topic in topics:
             self.create_subscription(ActionPerformance, topic, self._take, RESULTS)
         for topic in settings["chains"]:
@@ -134,7 +133,7 @@ class LearningNode(Node):
             episode = episode_of(message, self._domain, self._robot)
         except MessageError as error:
             self._learner.left_out += 1
-            self.get_logger().warning(f"record left out: {error}", throttle_duration_sec=_WARNING_PERIOD)
+            self.get_logger().warning(f"record left out: {error}", throttle_duration_sec=WARNING_PERIOD)
             return
         self._learner.take(message.action_set or DEFAULT_SET, episode)
 

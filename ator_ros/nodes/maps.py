@@ -1,7 +1,8 @@
-"""Maps from a topic: the parameter `map` names it, and each new map replaces the one before."""
+"""Maps from a topic: the parameter `map` names it, and each new map replaces the former one."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -9,31 +10,57 @@ from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 
 from ator_ros.files import FileError
+from ator_ros.motion.routes import routes_of
+from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD
 from ator_ros.nodes.messages import grid_from
 from ator_ros.nodes.parameters import map_topic
 from ator_ros.nodes.qos import LATCHED
+from ator_ros.robot.description import Robot
 from ator_ros.world.grid_map import GridMap
 from ator_ros.world.messages import MessageError
 
-_WARNING_PERIOD = 2.0
+_PERIOD = 0.5  # real s between two checks whether a node that was busy is idle
 
 
-def follow_map(node: Node, settings: Mapping[str, Any], take: Callable[[GridMap], None]) -> None:
-    """Subscribe to the topic of the map, if `settings` name one; `take` is called with each other map."""
+def follow_map(
+    node: Node,
+    settings: Mapping[str, Any],
+    robot: Robot,
+    take: Callable[[GridMap], None],
+    is_idle: Callable[[], bool] = lambda: True,
+) -> None:
+    """Subscribe to the topic of the map, if `settings` name one.
+
+    `take` is called with each map that differs from the former one and has room for `robot`, as soon as
+    `is_idle`: reading a map takes longer than a control tick.
+    """
     topic = map_topic(settings)
     if not topic:
         return
-    known: list[GridMap] = []
+    newest: OccupancyGrid | None = None
+    used: GridMap | None = None
 
     def received(message: OccupancyGrid) -> None:
+        nonlocal newest
+        newest = message
+        use()
+
+    def use() -> None:
+        nonlocal newest, used
+        if newest is None or not is_idle():
+            return
+        message, newest = newest, None
         try:
             grid = grid_from(message, topic, frame=settings.get("frame", message.header.frame_id))
+            if grid == used:
+                return
+            routes_of(dataclasses.replace(robot, grid=grid))
         except (MessageError, FileError) as error:
-            node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=_WARNING_PERIOD)
+            node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=WARNING_PERIOD)
             return
-        if known != [grid]:
-            known[:] = [grid]
-            take(grid)
-            node.get_logger().info(f"on the map {grid}")
+        used = grid
+        take(grid)
+        node.get_logger().info(f"on the map {grid}")
 
     node.create_subscription(OccupancyGrid, topic, received, LATCHED)
+    node.create_timer(_PERIOD, use, clock=STEADY)

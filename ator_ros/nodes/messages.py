@@ -154,12 +154,7 @@ def action_set_from(chain: msg.TopChain, *, allowed: Collection[str], where: str
 
 
 def chain_from(
-    chain: msg.TopChain,
-    library: TopLibrary,
-    *,
-    frame: str,
-    where: str = "chain",
-    fence: Fence | None = None,
+    chain: msg.TopChain, library: TopLibrary, *, frame: str, where: str = "chain", fence: Fence | None = None
 ) -> TopChain:
     """Read a chain with goals in the frame `frame`; one that leads out of the fence raises MessageError."""
     checks.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)

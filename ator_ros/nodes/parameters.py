@@ -16,8 +16,12 @@ from ator_ros.domains import DEFAULT
 from ator_ros.domains.domain import Domain, DomainError, domain_for, find_domain
 from ator_ros.execution.fence import Fence
 from ator_ros.files import FileError
+from ator_ros.motion.routes import routes_of
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import ConfigError, Robot
+from ator_ros.tops.chain import Top
+from ator_ros.tops.conditions import Condition
+from ator_ros.tops.library import TopLibrary
 from ator_ros.world.messages import plain_frame
 
 
@@ -36,7 +40,7 @@ class Parameter:
     ----------
     name : str
         Its name; a unit that is not SI is part of it.
-    default : bool, int, float, str, or list of float or str
+    default : bool, int, float, str, or list of int, float or str
         Default value, which also gives the type.
     description : str
         A sentence with the unit.
@@ -119,7 +123,9 @@ def domain_and_robot(settings: Mapping[str, Any]) -> tuple[Domain, Robot]:
     try:
         domain = domain_for(settings[DOMAIN.name], settings[ROBOT.name])
         domain = domain.on_map(map_file(settings))
-        return domain, domain.robot(settings[ROBOT.name] or None)
+        robot = domain.robot(settings[ROBOT.name] or None)
+        routes_of(robot)  # reports a map without room for the robot
+        return domain, robot
     except (ConfigError, DomainError) as error:
         raise SetupError(str(error)) from error
     except FileError as error:
@@ -145,6 +151,15 @@ def fence_of(settings: Mapping[str, Any], robot: Robot) -> Fence:
         return Fence.around(robot) if list(edges) == FENCE.default else Fence.of(edges)
     except ValueError as error:
         raise SetupError(f"parameter fence: {error}") from error
+
+
+def driving_top(library: TopLibrary) -> Top:
+    """Return the first TOP that drives the robot to a pose in any situation; raises SetupError."""
+    for top in library.values():
+        placed = {term.variable for term in top.post.terms if str(term.target).startswith("goal.")}
+        if top.pre == Condition() and placed >= {"robot.x", "robot.y", "robot.yaw"}:
+            return top
+    raise SetupError("parameter domain: expected a TOP that only drives to a pose, found none")
 
 
 def declare_parameters(

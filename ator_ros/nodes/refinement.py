@@ -18,7 +18,7 @@ from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import warm_up_refinement
 from ator_ros.learning.gains import Gains
 from ator_ros.nodes import messages
-from ator_ros.nodes.diagnostics import Diagnostics, Health
+from ator_ros.nodes.diagnostics import WARNING_PERIOD, Diagnostics, Health
 from ator_ros.nodes.drawing import LazyPublisher, marker_array
 from ator_ros.nodes.inputs import TfListener
 from ator_ros.nodes.maps import follow_map
@@ -80,7 +80,6 @@ PARAMETERS = (
     Parameter("deadline", 0.05, "real s after which the best chain found is the answer", 0.001, 60.0),
 )
 
-_WARNING_PERIOD = 2.0
 _LONGEST_REASON = 500
 _MOST_PREDICTED = 100  # situations, and calls, of one request
 
@@ -113,7 +112,7 @@ class RefinementNode(Node):
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         self._ranges = self._fence.narrowed(domain.ranges, robot)  # places are searched inside the fence
         self._sets = LearnedSets(self, domain, self._libraries, self._settings, self._warm_up)
-        follow_map(self, self._settings, self._take_map)
+        follow_map(self, self._settings, robot, self._take_map)
         self._goals = domain.goals(robot)
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
         self._answered, self._cut_short, self._last_error = 0, 0, ""
@@ -167,10 +166,10 @@ class RefinementNode(Node):
         except Exception as error:  # a defect must not end the node
             if isinstance(error, MessageError | RefinementError | PlanningError):
                 reason = printable(str(error), _LONGEST_REASON)
-                self.get_logger().warning(f"refused: {reason}", throttle_duration_sec=_WARNING_PERIOD)
+                self.get_logger().warning(f"refused: {reason}", throttle_duration_sec=WARNING_PERIOD)
             else:
                 reason = f"internal error: {printable(repr(error), _LONGEST_REASON)}"
-                self.get_logger().error(traceback.format_exc(), throttle_duration_sec=_WARNING_PERIOD)
+                self.get_logger().error(traceback.format_exc(), throttle_duration_sec=WARNING_PERIOD)
             self._last_error = response.reason = reason
             if isinstance(request, RefineSubgoal.Request):
                 response = messages.refused(reason, request.chain)

@@ -22,7 +22,7 @@ from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.domains.domain import domain_for
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose, quaternion_from_yaw
-from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Ticks
+from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD, Diagnostics, Health, Ticks
 from ator_ros.nodes.messages import object_odometry_of, occupancy_grid_of, odometry_of, stamp_of
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -91,7 +91,6 @@ _ASIDE = 1.0  # m between objects, and between robots, that are where they start
 _FASTEST_PERIOD, _LONGEST_PERIOD = 0.0005, 60.0
 _PAUSED_PERIOD = 0.05
 _REAL_TIME_TICKS = round(5.0 / TICK)  # ticks at real-time speed after the last command has expired
-_WARNING_PERIOD = 2.0
 
 
 class SimulationNode(Node):
@@ -227,7 +226,7 @@ class SimulationNode(Node):
 
     def _reject(self, reason: str) -> None:
         self._rejected = reason
-        self.get_logger().warning(f"ignored: {reason}", throttle_duration_sec=_WARNING_PERIOD)
+        self.get_logger().warning(f"ignored: {reason}", throttle_duration_sec=WARNING_PERIOD)
 
     def _serve(self, handle: Callable[[Any], str], request: Any, response: Any) -> Any:
         """Answer a request with the text of `handle`, or with its error."""

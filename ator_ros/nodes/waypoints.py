@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import itertools
 import math
@@ -11,10 +12,10 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
-from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.task import Future
 
@@ -22,8 +23,9 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome
 from ator_interfaces.msg import TopChain as ChainMessage
 from ator_ros.geometry import Pose
-from ator_ros.nodes.diagnostics import STEADY
+from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD
 from ator_ros.nodes.inputs import Subscriptions
+from ator_ros.nodes.maps import follow_map
 from ator_ros.nodes.messages import chain_of, pose_of, stamp_of
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -34,32 +36,33 @@ from ator_ros.nodes.parameters import (
     ROBOT_FRAME,
     STATE,
     Parameter,
-    SetupError,
     declare_parameters,
     domain_and_robot,
+    driving_top,
     fence_of,
 )
 from ator_ros.nodes.remote_messages import action_type
 from ator_ros.nodes.running import run_node, spin_out
 from ator_ros.printable import printable, quoted
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.library import driving_top
+from ator_ros.world.grid_map import GridMap
 from ator_ros.world.messages import FrameError, MessageError, expect_frame, plain_frame, pose_from
 from ator_ros.world.state import RobotState
 
-_MOST_STEPS = 8  # of a chain; refinement's deadline ends its search in longer ones, whose gain is then less
-_PERIOD = 0.1  # real s between two checks of what is awaited
+_MOST_STEPS = 8  # of a chain: the search of more takes longer than refinement's default deadline
+_PERIOD = 0.1  # real s between two checks of awaited conditions
 _TF_PATIENCE = 1.0  # real s until the frame of a pose counts as unknown
 _SERVER_PATIENCE = 3.0  # real s until the executor counts as missing; DDS may still be connecting it
-_WARNING_PERIOD = 2.0
 _LONGEST_REASON = 500
 _FREE = frozenset({"yaw"})
 
-# Error codes of Nav2 since Kilted, of which Jazzy names only some; 0 means none.
+# Error codes of Nav2 since Kilted; Jazzy has constants for some of them. 0 means no error.
 _UNKNOWN, _NO_WAYPOINTS, _STOPPED = 600, 602, 603  # of FollowWaypoints
 _UNKNOWN_OF_ONE, _TF_OF_ONE = 9000, 9002  # of NavigateToPose, for a missed waypoint
 _UNKNOWN_OF_ALL, _NO_TREE, _TF_OF_ALL = 9100, 9101, 9102  # of NavigateThroughPoses
 _FAILED = 3  # a WaypointStatus; 0 means pending, 1 completed
+
+_CANCELED, _SHUTDOWN = "canceled by the client", "the node waypoints was ended"
 
 ACTIONS = {"FollowWaypoints": "~/follow_waypoints", "NavigateThroughPoses": "~/navigate_through_poses"}
 PARAMETERS = (
@@ -81,16 +84,18 @@ PARAMETERS = (
 
 
 class Tour:
-    """A goal of one of the two actions, and how far it has come.
+    """A goal of one of the two actions, and its progress.
 
-    A waypoint has an `index` in the list of poses; a `position` also counts those of the loops before.
+    A waypoint has an *index* in the list of poses. Its *position* also counts the waypoints of former loops.
 
     Attributes
     ----------
+    loops : bool
+        Whether the action is FollowWaypoints.
     poses : list of PoseStamped
         The waypoints as sent.
     goals : dict of int to Pose
-        Those that can be driven to, in the node's frame, by index.
+        By index: the waypoints that can be driven to, in the node's frame, in m and rad.
     position, end : int
         The position that the robot drives to, and the one after the last.
     """
@@ -98,14 +103,14 @@ class Tour:
     def __init__(self, handle: ServerGoalHandle, kind: Any) -> None:
         goal = handle.request
         self.handle, self._kind = handle, kind
-        self.loops = hasattr(goal, "number_of_loops")  # FollowWaypoints
+        self.loops = hasattr(goal, "number_of_loops")
         self.poses: list[PoseStamped] = list(getattr(goal.poses, "goals", goal.poses))
         self.goals: dict[int, Pose] = {}
         self.position = goal.goal_index if self.loops else 0
         self.end = len(self.poses) * (1 + goal.number_of_loops if self.loops else 1)
         self._missed: list[tuple[int, int, str]] = []
         self._began = math.nan  # s, by odometry's stamps
-        self._pace = 0.0  # predicted s per m of the chain's straight lines, for the chains after it
+        self._pace = 0.0  # predicted s per m along straight lines, for the chains after this one
         self._answer = Future()
         self._chain: Any = None
 
@@ -114,12 +119,12 @@ class Tour:
         return position % len(self.poses)
 
     def upcoming(self) -> list[int]:
-        """Return the positions of the next chain; none at the end."""
+        """Return the positions that the next chain drives to; none at the end."""
         ahead = (each for each in range(self.position, self.end) if self.index(each) in self.goals)
         return list(itertools.islice(ahead, _MOST_STEPS))
 
     def miss(self, index: int, reason: str, *, frame: bool = False) -> tuple[int, str]:
-        """Record a missed waypoint; return error code and reason if that ends the goal."""
+        """Record a missed waypoint; return error code and reason of a goal that ends there."""
         reason = printable(reason, _LONGEST_REASON)
         self._missed.append((index, _TF_OF_ONE if frame else _UNKNOWN_OF_ONE, reason))
         return _STOPPED if self.loops else _TF_OF_ALL if frame else _UNKNOWN_OF_ALL, reason
@@ -150,7 +155,7 @@ class Tour:
             self._chain.cancel_goal_async()
 
     def give_up(self, code: int, reason: str) -> None:
-        """Cancel the chain if it has not ended, and take this for its result."""
+        """Cancel the chain if it has not ended, and replace its result by an outcome."""
         if not self._answer.done():
             self.cancel()
             self._answer.set_result(ExecuteChain.Result(outcome=Outcome(code=code, reason=reason)))
@@ -160,10 +165,10 @@ class Tour:
     def publish_feedback(
         self, predicted: float, positions: Sequence[int], now: float, pose: Pose, frame_id: str
     ) -> None:
-        """Publish the waypoint that the robot drives to, and what remains.
+        """Publish the waypoint that the robot drives to, and the time and distance that remain.
 
-        Of the chain with these `positions`, `predicted` s remain, NaN if unknown. `now` is the stamp of the
-        robot's `pose` in s.
+        The chain to `positions` needs another `predicted` s, NaN if unknown. `pose` is the robot's in m and
+        rad in the frame `frame_id`, `now` its stamp in s.
         """
         if self.loops:
             self.handle.publish_feedback(self._kind.Feedback(current_waypoint=self.index(self.position)))
@@ -178,8 +183,8 @@ class Tour:
         elif self.position == positions[0] and chain > 0.0:
             self._pace = predicted / chain
         feedback = self._kind.Feedback(
-            navigation_time=_duration(now - self._began),
-            estimated_time_remaining=_duration(predicted + self._pace * later),
+            navigation_time=Duration(seconds=max(0.0, now - self._began)).to_msg(),
+            estimated_time_remaining=Duration(seconds=max(0.0, predicted + self._pace * later)).to_msg(),
             distance_remaining=chain + later,
             number_of_poses_remaining=len(legs),
         )
@@ -224,16 +229,11 @@ class Tour:
         ]
 
 
-def _duration(seconds: float) -> Duration:
-    stamp = stamp_of(max(0.0, seconds))
-    return Duration(sec=stamp.sec, nanosec=stamp.nanosec)
-
-
 class WaypointsNode(Node):
     """Drives along waypoints as Nav2 does, with headings that refinement chooses.
 
     The poses of a goal become chains of the domain's TOP that drives to a pose, of at most 8 steps each.
-    Headings are free, but those of `keep_headings` and that of the last pose.
+    All headings are free except those of `keep_headings` and that of the last pose.
 
     Parameters: see `PARAMETERS`; `keep_headings` and `stop_on_failure` can change while it runs.
 
@@ -244,6 +244,7 @@ class WaypointsNode(Node):
         the fence are missed before the robot moves.
     Subscribes to
         odom (nav_msgs/Odometry), or /tf and /tf_static: for feedback, and poses in other frames.
+        the topic of a map (nav_msgs/OccupancyGrid, transient local), if `map` names one.
     Calls
         execute_chain (ator_interfaces/ExecuteChain).
     """
@@ -254,10 +255,7 @@ class WaypointsNode(Node):
         kinds = [action_type(f"nav2_msgs/action/{name}") for name in ACTIONS]
         domain, self._robot = domain_and_robot(settings)
         self._library, self._fence = domain.library(self._robot), fence_of(settings, self._robot)
-        top = driving_top(self._library)
-        if top is None:
-            raise SetupError(f"domain {domain.name}: expected a TOP that only drives to a pose, found none")
-        self._top, self._frame = top, settings["frame"]
+        self._top, self._frame = driving_top(self._library), settings["frame"]
         self._tour: Tour | None = None
         self._waiting: list[Future] = []
         self._here: tuple[float, Pose] | None = None  # stamp in s, and pose of the robot
@@ -267,6 +265,7 @@ class WaypointsNode(Node):
             take_robot=self._take_robot, take_object=lambda *_: None, warn=self._warn,
         )  # fmt: skip
         self._tf = subscribed.tf
+        follow_map(self, settings, self._robot, self._take_map)
         self._chains = ActionClient(self, ExecuteChain, "execute_chain")
         self._servers = [
             ActionServer(
@@ -278,15 +277,18 @@ class WaypointsNode(Node):
         ]  # fmt: skip
         self.create_timer(_PERIOD, self._watch, clock=STEADY)
         self.get_logger().info(
-            f"waypoints in {self._frame} become chains of {top.name} (domain {domain.name}, ROS domain "
+            f"waypoints in {self._frame} become chains of {self._top.name} (domain {domain.name}, ROS domain "
             f"{self.context.get_domain_id()})"
         )
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
         self._here = stamp, robot.pose
 
+    def _take_map(self, grid: GridMap) -> None:
+        self._robot = dataclasses.replace(self._robot, grid=grid)
+
     def _warn(self, text: str) -> None:
-        self.get_logger().warning(text, throttle_duration_sec=_WARNING_PERIOD)
+        self.get_logger().warning(text, throttle_duration_sec=WARNING_PERIOD)
 
     def _watch(self) -> None:
         waiting, self._waiting = self._waiting, []
@@ -306,19 +308,21 @@ class WaypointsNode(Node):
     async def _execute(self, kind: Any, handle: ServerGoalHandle) -> Any:
         tour = Tour(handle, kind)
         code, reason = await self._read(tour)
+        if handle.is_cancel_requested:
+            code, reason = 0, _CANCELED
         if not reason:
             former, self._tour = self._tour, tour
             code, reason = await self._follow(tour)
             self._tour = None if self._tour is tour else self._tour
             if former is not None:
-                former.cancel()  # its chain goes on if the executor refused the one that replaces it
+                former.cancel()  # the executor continues its chain if it refused the new one
         self.get_logger().info(f"goal ended: {reason or 'all waypoints done'}")
         return tour.ended(code, reason)
 
     # Poses to chains
 
     async def _read(self, tour: Tour) -> tuple[int, str]:
-        """Read the poses; return error code and reason if the goal cannot be used, else no reason."""
+        """Read the poses; return error code and reason if the goal cannot be used, else 0 and ""."""
         request, count = tour.handle.request, len(tour.poses)
         if getattr(request, "behavior_tree", ""):
             return _NO_TREE, f"behavior_tree: expected none, got {quoted(request.behavior_tree)}"
@@ -327,8 +331,9 @@ class WaypointsNode(Node):
             return code, f"poses: expected more than {tour.position}, got {count}"
         driven = {tour.index(each) for each in range(tour.position, min(tour.end, tour.position + count))}
         with suppress(MessageError):  # reading the pose reports it
-            frames = {tour.poses[index].header.frame_id for index in driven}
-            await self._until(lambda: all(map(self._is_known, frames)), _TF_PATIENCE)
+            frames = {plain_frame(tour.poses[index].header.frame_id) for index in driven}
+            frames -= {"", plain_frame(self._frame)}
+            await self._until(lambda: all(self._tf.base(self._frame, each) for each in frames), _TF_PATIENCE)
         end = 0, ""
         for index in sorted(driven):
             try:
@@ -339,12 +344,8 @@ class WaypointsNode(Node):
         return (0, "") if tour.goals and self._goes_on(tour) else end
 
     def _goes_on(self, tour: Tour) -> bool:
-        """Return whether a tour goes on after a missed waypoint."""
+        """Return whether a goal continues after a missed waypoint."""
         return tour.loops and not self._settings["stop_on_failure"]
-
-    def _is_known(self, other: str) -> bool:
-        same = plain_frame(other) in ("", plain_frame(self._frame))
-        return same or self._tf.base(self._frame, other) is not None
 
     def _goal(self, stamped: PoseStamped, where: str) -> Pose:
         """Read a pose into the node's frame; raises MessageError, also if it lies outside the fence."""
@@ -372,11 +373,13 @@ class WaypointsNode(Node):
     # Execution
 
     async def _follow(self, tour: Tour) -> tuple[int, str]:
-        """Have the tour executed; return error code and reason if it was not, else no reason."""
+        """Execute a goal chain by chain; return error code and reason, or 0 and "" after the last chain."""
         unknown = _UNKNOWN if tour.loops else _UNKNOWN_OF_ALL
         while positions := tour.upcoming():
             if not await self._until(self._chains.server_is_ready, _SERVER_PATIENCE):
                 return unknown, "expected the action execute_chain, it is not there"
+            if self._shutting_down:  # nothing would cancel the chain
+                return unknown, _SHUTDOWN
             if tour is self._tour and not tour.handle.is_cancel_requested:
                 report = partial(self._report, tour, positions)
                 result = await tour.send(self._chains, self._chain(tour, positions), report)
@@ -386,7 +389,7 @@ class WaypointsNode(Node):
             if tour is not self._tour:
                 return unknown, "a newer goal took over"
             if tour.handle.is_cancel_requested:
-                return 0, "canceled by the client"
+                return 0, _CANCELED
             outcome, actions = result.outcome, result.record.actions
             if outcome.code == Outcome.REFUSED:
                 return unknown, printable(outcome.reason, _LONGEST_REASON)
@@ -400,7 +403,7 @@ class WaypointsNode(Node):
         return 0, ""
 
     def _report(self, tour: Tour, positions: Sequence[int], message: Any) -> None:
-        """Publish feedback for that of the executor."""
+        """Publish feedback when the executor does."""
         if tour is self._tour and tour.handle.is_active and self._here is not None:
             tour.position = positions[min(message.feedback.step, len(positions) - 1)]
             begun = message.feedback.elapsed > 0.0  # until then it predicts the chain as sent
@@ -416,7 +419,7 @@ class WaypointsNode(Node):
         """Cancel the chain and end the goal, before the node ends."""
         self._shutting_down = True
         if self._tour is not None:
-            self._tour.give_up(Outcome.SHUTDOWN, "the node waypoints was ended")
+            self._tour.give_up(Outcome.SHUTDOWN, _SHUTDOWN)
         spin_out(self)
 
 

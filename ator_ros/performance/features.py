@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -101,23 +100,11 @@ CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
 """Features from which the model tree of an action selects that names none; see `ActionSpec.features`."""
 
 
-ROUTES = {
-    "route_length": ("m", _PLACES),
-    "route_turn": ("rad", _PLACES),
-    "route_clearance": ("m", _PLACES),
-    "route_angle_to": ("rad", _POSES),
-    "route_angle_at": ("rad", _PLACES),
-    "route_time": ("s", " ".join(_MOTION)),
-}
-"""Unit and direct variables of the features of a domain with a map, in the order of `_on_route`."""
-
-
-def _row_of(row: int, geometry: Geometry) -> FloatArray:
-    return np.asarray(geometry.once(_on_route)[row])
-
-
 def _on_route(geometry: Geometry) -> FloatArray:
-    """Return the features of routes but their times: straight ones have length and angles of `PAPER_3`."""
+    """Return the features of routes without their times, shape (5, n), in the order of `ROUTE_FEATURES`.
+
+    Straight routes have length and angles of `PAPER_3`.
+    """
     rows, routes = geometry.rows, routes_of(geometry.robot)
     assert routes is not None
     route = routes.between(rows[FROM_X], rows[FROM_Y], rows[TO_X], rows[TO_Y])
@@ -134,12 +121,15 @@ def _route_time(geometry: Geometry) -> FloatArray:
     return np.asarray(turns + drive_time(length, rows[SPEED], rows[ARRIVAL], limits))
 
 
-ROUTE_FEATURES = tuple(
-    Feature(name, unit, variables(derives), _route_time if name == "route_time" else partial(_row_of, row))
-    for row, (name, (unit, derives)) in enumerate(ROUTES.items())
+ROUTE_FEATURES = (
+    Feature("route_length", "m", variables(_PLACES), lambda g: g.once(_on_route)[0]),
+    Feature("route_turn", "rad", variables(_PLACES), lambda g: g.once(_on_route)[1]),
+    Feature("route_clearance", "m", variables(_PLACES), lambda g: g.once(_on_route)[2]),
+    Feature("route_angle_to", "rad", variables(_POSES), lambda g: g.once(_on_route)[3]),
+    ROUTE_ANGLE_AT := Feature("route_angle_at", "rad", variables(_PLACES), lambda g: g.once(_on_route)[4]),
+    Feature("route_time", "s", _MOTION, _route_time),
 )
 """The features of the routes on the robot's map."""
-ROUTE_ANGLE_AT = next(feature for feature in ROUTE_FEATURES if feature.name == "route_angle_at")
 
 
 def goal_feature(variable: GoalVariable) -> Feature:

@@ -13,7 +13,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.files import FileError, is_name, load, save
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.error_process import ErrorProcess
-from ator_ros.performance.features import ROUTES, Feature
+from ator_ros.performance.features import ROUTE_FEATURES, Feature, names_of
 from ator_ros.performance.model import MEASURES, Arrival, AtGoal, PerformanceModel
 from ator_ros.performance.tree.storage import StoredTree, restored, stored
 from ator_ros.printable import printable, quoted
@@ -131,7 +131,8 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
         raise FileError(f"{path}: expected a model, there is no such file: run train to make it")
     file = load(path, KIND, _ModelFile)
     units = {name: features[name].unit for name in file.features if name in features}
-    if not features.keys() & ROUTES.keys() and file.features.keys() & ROUTES.keys():
+    of_routes = set(names_of(ROUTE_FEATURES))
+    if of_routes.isdisjoint(features) and not of_routes.isdisjoint(file.features):
         raise FileError(
             f"{path}: features: expected a map, as this model was learned with one, got none: set the node's "
             "parameter map, or --map, to the map_server file of the building"

@@ -8,7 +8,6 @@ from collections.abc import Generator, Sequence
 from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -33,33 +32,43 @@ from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.objects import objects_in
 from ator_ros.view.backend import Backend
 from ator_ros.view.draft import Draft
-from ator_ros.view.runs import Run
 from ator_ros.world.messages import MessageError
 
 _LARGEST_FILE = 200_000  # bytes
-_ROOM = 0.1  # m from obstacles at random goals, besides the robot's half width: localization errs
-_MOST_REFUSED = 20  # goals in a row, as outside the executor's fence
+_ROOM = 0.1  # m from obstacles at random goals, besides half the robot's width: localization errs
+_MOST_REFUSED = 20  # goals in a row, such as those outside the executor's fence
 _MOST_FAILED = 5  # drives in a row: the robot is stuck, or the server cannot drive
-_PERIOD = 0.1  # s
 _TAKEN_OVER = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN)
 
 
 class Destinations:
-    """Draws goals: in the places of a file, else in the free space of the robot's map.
+    """Draws goals at the places of a file, or without one in the free space of the robot's map.
 
-    Without both they are those that the domain draws for the action, or anywhere in the area.
+    Without file and map, the domain draws them; if it cannot, they are anywhere in the area.
 
-    Raises FileError if the file cannot be used, and NoPlaceError if no route leads to one of its places.
+    Parameters
+    ----------
+    robot : Robot
+        The robot, on its map if it has one.
+    file : Path or None
+        A YAML file with a list of places.
+
+    Raises
+    ------
+    FileError
+        The file cannot be used.
+    NoPlaceError
+        No route leads to one of its places.
     """
 
     def __init__(self, robot: Robot, file: Path | None) -> None:
         self._robot, self._routes = robot, routes_of(robot)
         self._places: tuple[DeclaredPlace, ...] = ()
         self._area = Fence(*robot.scene.area.lines)
-        self._text = "of its domain" if self._routes is None else f"in free space of {self._routes.grid}"
+        self.where = "of its domain" if self._routes is None else f"in free space of {self._routes.grid}"
         if file is None:
             return
-        self._text = f"of {file}"
+        self.where = f"of {file}"
         try:
             self._places = structured(read_yaml(file, largest=_LARGEST_FILE), Places)
         except SchemaError as error:
@@ -69,14 +78,11 @@ class Destinations:
             expected = f"{file}: [{number}]: expected a place in free space of the map"
             drawn_until(partial(place.drawn, rng), self._is_free, partial(str, expected), most=100)
 
-    def __str__(self) -> str:
-        """Return where they are."""
-        return self._text
-
     def goal(self, spec: ActionSpec, top: Top, start: Pose, rng: np.random.Generator) -> Goal:
-        """Draw a goal for a drive from `start`; raises NoPlaceError.
+        """Draw a goal for a drive from `start`, in m and rad; raises NoPlaceError.
 
-        Random places are near the start in one of seven cases, and all others at least `SHORT` from it.
+        Goals are at least `SHORT` from the start, except for one in seven random goals on a map or in the
+        area, which is nearer.
         """
         if not self._places and self._routes is None:
             with suppress(DomainError):
@@ -86,7 +92,7 @@ class Destinations:
             pose = drawn_until(
                 partial(self._pose, rng),
                 lambda pose: pose.distance(start) >= SHORT and self._is_free(pose, start),
-                lambda: f"expected places {self}, {SHORT:g} m from the robot and within its reach",
+                lambda: f"expected places {self.where}, {SHORT:g} m from the robot and within its reach",
             )
         values = {item.name: float(rng.uniform(item.low, item.high)) for item in spec.goal_variables}
         return Goal(pose, 0.0, top.point, values)
@@ -112,7 +118,7 @@ class Destinations:
 
 
 def driven_tops(domain: Domain, robot: Robot) -> dict[str, Top]:
-    """Return the TOPs that drive to a goal and need no object, by their actions: the first of each."""
+    """Return for each action its first TOP that drives to a goal and needs no object."""
     tops = reversed(domain.tops_for(robot))
     return {top.action: top for top in tops if top.arrives and not objects_in(top)}
 
@@ -136,11 +142,11 @@ def drives(
     NodesError
         The executor or the robot's state is missing.
     """
-    destinations = Destinations(robot, attachment.places)
     if not missing:
         return
+    destinations = Destinations(robot, attachment.places)
     if not attachment.confirmed:
-        _ask(f"collect: {len(missing)} drives of {robot.name} to places {destinations}")
+        _ask(f"collect: {len(missing)} drives of {robot.name} to places {destinations.where}")
     stay_on_this_machine(os.environ)
     tops, failed, reason = driven_tops(domain, robot), 0, ""
     with closing(Backend(domain, robot, frame="", arguments=attachment.arguments)) as backend:
@@ -156,7 +162,11 @@ def drives(
                 world = backend.world()
                 assert world is not None
                 goal = destinations.goal(spec, top, world.robot.pose, rng)
-                record = _driven(backend, Draft(world, TopChain((TopCall(top, goal),)), action_set))
+                draft = Draft(world, TopChain((TopCall(top, goal),)), action_set)
+                run = backend.drive("collect", draft, refine=False)
+                if run.problem:
+                    raise NodesError(run.problem)
+                record = [run.record, *run.record.actions][-1]  # the chain's, if no step began
                 ending, reason = Ending(record.outcome.code), record.outcome.reason
                 if ending in _TAKEN_OVER:
                     raise ExperienceError(f"{action}: {reason}; the same command resumes from here")
@@ -176,21 +186,3 @@ def _ask(question: str) -> None:
     sys.stderr.flush()
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise ExperienceError("expected the answer y, or --yes: the robot was not moved")
-
-
-def _driven(backend: Backend, draft: Draft) -> Any:
-    """Drive and return the executor's record of the step, or of the chain if the step never started."""
-    run = Run("collect")
-    try:
-        backend.execute(run, draft, refine=False)
-        while not run.ended:
-            backend.spin(_PERIOD)
-    finally:
-        if not run.ended:
-            try:
-                backend.stop()
-            except NodesError as error:
-                print(f"collect: the robot may still drive: {error}", file=sys.stderr)
-    if run.problem:
-        raise NodesError(run.problem)
-    return [run.record, *run.record.actions][-1]

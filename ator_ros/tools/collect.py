@@ -11,6 +11,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -121,23 +122,17 @@ def collect(
         done = sum(key in there for key in wanted)
         if done:
             print(f"collect: {done} episodes of an earlier call are there", file=sys.stderr)
-
-        def write() -> None:
-            table = join(there[key] for key in wanted if key in there)
-            metadata = {**settings, **versions, "robot_digest": robot.digest(), "command": command}
-            write_experience(out, Experience(table, metadata))
-            _report(table, out)
-
         try:
             with contextlib.closing(missing):  # which ends workers and nodes, and stops the robot
                 for frame in progress(missing, done=done, total=len(wanted), unit="episode"):
                     partial.append(frame.to_dict("list"))
                     there[frame["action"].iloc[0], int(frame["episode"].iloc[0])] = frame
-        except BaseException:
-            if attachment is not None and there:  # a robot's drives can be used at once
-                write()
-            raise
-        write()
+        finally:
+            kept = [there[key] for key in wanted if key in there]
+            if len(kept) == len(wanted) or (kept and attachment is not None):  # those of a robot: at once
+                metadata = {**settings, **versions, "robot_digest": robot.digest(), "command": command}
+                write_experience(out, Experience(join(kept), metadata))
+                _report(join(kept), out)
     partial.path.unlink()
 
 
@@ -191,19 +186,6 @@ def _table(text: str) -> Path:
     return path
 
 
-def _run(options: argparse.Namespace, command: str, ros: Sequence[str]) -> None:
-    collect(
-        options.actions,
-        source_of(options),
-        options.out,
-        command=command,
-        episodes=options.episodes or (100 if options.attach else 1000),
-        seed=options.seed,
-        over_ros=options.real_time_factor if options.over_ros else None,
-        attachment=Attachment(options.places, options.yes, ros) if options.attach else None,
-    )
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     own, ros = without_ros_arguments(sys.argv[1:] if argv is None else argv)
@@ -213,10 +195,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error("--attach: expected --over-ros, too")
     if not options.attach and (options.places or options.yes or ros):
         parser.error("--places, --yes, --ros-args: expected --attach, too")
+    attachment = Attachment(options.places, options.yes, ros) if options.attach else None
+
+    def run(options: argparse.Namespace, _: Any, command: str) -> None:
+        collect(
+            options.actions, source_of(options), options.out, command=command,
+            episodes=options.episodes or (100 if attachment else 1000), seed=options.seed,
+            over_ros=options.real_time_factor if options.over_ros else None, attachment=attachment,
+        )  # fmt: skip
+
     return run_tool(
-        parser,
-        lambda options, _, command: _run(options, command, ros),
-        own,
-        interrupted=RESUMES,
+        parser, run, own, interrupted=RESUMES,
         actions=lambda domain: domain.actions(options.action_set),  # which need not have those of the others
-    )
+    )  # fmt: skip

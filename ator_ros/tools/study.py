@@ -19,7 +19,7 @@ from ator_ros.evaluation.running import KIND as EVALUATION
 from ator_ros.evaluation.running import RESULT
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.study import open_variables, study_page
-from ator_ros.evaluation.toolset import ToolsetSource, make_library, tools_of
+from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import EvaluationError, possible_actions, possible_chain, random_trial
 from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.table import join, read_experience
@@ -73,7 +73,7 @@ def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
             robot=described,
         )
     learned = [name for name, file in models.items() if file.exists()]
-    possible = possible_chain(domain, make_library(described, source), options.chain, learned)
+    possible = possible_chain(domain, domain.library(described, action_set), options.chain, learned)
     evaluation: dict[str, Any] | None = None
     variables: list[dict[str, Any]] = []
     if possible is None:

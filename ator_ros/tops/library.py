@@ -12,7 +12,7 @@ from ator_ros.actions.situation import Situation
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.tops.chain import Top
-from ator_ros.tops.conditions import Condition, state_of
+from ator_ros.tops.conditions import state_of
 from ator_ros.tops.objects import objects_in
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges
 from ator_ros.world.state import World
@@ -138,12 +138,3 @@ def top_of(situation: Situation, tops: Sequence[Top], robot: Robot) -> Top:
             f"{[top.name for top in tops]}"
         )
     return min(suited, key=lambda top: len(top.pre.violations(state, goal)))
-
-
-def driving_top(library: TopLibrary) -> Top | None:
-    """Return the first TOP that drives the robot to a pose in any situation; None if there is none."""
-    for top in library.values():
-        placed = {term.variable for term in top.post.terms if str(term.target).startswith("goal.")}
-        if top.pre == Condition() and placed >= {"robot.x", "robot.y", "robot.yaw"}:
-            return top
-    return None

@@ -356,10 +356,17 @@ class Backend:
     # Execution
 
     def drive(self, label: str, draft: Draft, *, refine: bool) -> Run:
-        """Execute the chain of a draft to its end."""
+        """Execute the chain of a draft to its end; if that is interrupted, cancel it."""
         run = Run(label)
-        self.execute(run, draft, refine=refine)
-        self.until(lambda: run.ended, "the record of the chain", math.inf)
+        try:
+            self.execute(run, draft, refine=refine)
+            self.until(lambda: run.ended, "the record of the chain", math.inf)
+        finally:
+            try:
+                if self._active[1] is run:  # not the goal of another client
+                    self.stop()
+            except NodesError as error:
+                raise NodesError(f"the robot may still drive: {error}") from error
         return run
 
     def execute(self, run: Run, draft: Draft, *, refine: bool) -> None:
@@ -390,7 +397,8 @@ class Backend:
                 self._send(self._cancel, CancelGoal.Request(goal_info=_goal_info(goal_id.hex)))
             raise
         if _is_rejected(future):
-            raise NodesError("the executor accepts no goal")
+            run.problem = "the executor accepts no goal"
+            raise NodesError(run.problem)
 
     def stop(self) -> None:
         """Cancel the active goal, of any client, and wait until it has ended."""

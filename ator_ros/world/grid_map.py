@@ -1,4 +1,4 @@
-"""Maps of buildings: grids of free cells, from files of map_server."""
+"""Maps of buildings: grids of free cells, from files of map_server or OccupancyGrid messages."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class _MapFile:
 
 @dataclass(frozen=True, eq=False)
 class GridMap:
-    """A grid of cells that are free, or occupied or unknown; equal if name and content are.
+    """A grid of cells: free, or else occupied or unknown. Maps are equal if name and content are.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class GridMap:
 
     @cached_property
     def walls(self) -> list[tuple[Pose, float, float]]:
-        """Rectangles that cover all obstacles next to free cells: middle, length and width in m."""
+        """Rectangles that cover all obstacles next to free cells: pose of the middle, length, width (m)."""
         from scipy import ndimage  # only those who have a map need it
 
         free = np.pad(self.free, 2)
@@ -128,7 +128,7 @@ def map_of_grid(
     if values.size != width * height or not 0 < values.size <= _MOST_CELLS:
         raise FileError(f"{name}: expected {width} x {height} cells, at most 1e8, got {values.size}")
     free = (values >= 0) & (values <= _FREE)
-    side = float(str(np.float32(resolution)))  # as in the file that the message is of
+    side = float(str(np.float32(resolution)))  # the decimal that the map's file has, not the nearest float32
     return GridMap(name, free.reshape(height, width), side, origin)
 
 
@@ -159,8 +159,8 @@ def save_map(grid: GridMap, folder: Path) -> Path:
     shades = np.where(grid.free, 254, 0).astype(np.uint8)[::-1]
     with atomic_write(folder / "map.pgm") as temporary:
         temporary.write_bytes(f"P5 {columns} {rows} 255\n".encode() + shades.tobytes())
-    fields = {"image": "map.pgm", "resolution": grid.resolution, "origin": list(grid.origin), "negate": 0}
-    content = {**fields, "occupied_thresh": 0.65, "free_thresh": 0.25}
+    content = {"image": "map.pgm", "resolution": grid.resolution, "origin": list(grid.origin), "negate": 0}
+    content |= {"occupied_thresh": 0.65, "free_thresh": 0.25}
     write_text(folder / "map.yaml", yaml.safe_dump(content))
     return folder / "map.yaml"
 

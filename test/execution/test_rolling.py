@@ -12,7 +12,7 @@ from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.planned.holding import DribbleBall
 from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.policies import POLICIES
-from ator_ros.evaluation.toolset import Toolset, ToolsetSource, make_library, tools_of
+from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.evaluation.trials import Trial, random_trial
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.execution.refining import AGAIN_AFTER
@@ -32,11 +32,11 @@ def tools() -> Toolset:
 
 
 def trial(tools: Toolset, index: int) -> Trial:
-    return random_trial(SOCCER, "rolling", make_library(tools.robot, SOURCE), seed=SEED, index=index)
+    return random_trial(SOCCER, "rolling", SOCCER.library(tools.robot), seed=SEED, index=index)
 
 
 def test_questions_change_the_chain_and_disabled_ones_do_not(tools: Toolset) -> None:
-    drawn, library = trial(tools, 3), make_library(tools.robot, SOURCE)
+    drawn, library = trial(tools, 3), SOCCER.library(tools.robot)
     choice = POLICIES["refined_speed"](tools, drawn)
     plan, refiner = choice.refinement.original, tools.refiner(gated=False)
 
@@ -71,7 +71,7 @@ PERIOD = 0.05
 
 @pytest.fixture(scope="module")
 def library() -> TopLibrary:
-    return make_library(ROBOT, SOURCE)
+    return SOCCER.library(ROBOT)
 
 
 def roll(

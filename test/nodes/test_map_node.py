@@ -18,6 +18,7 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.domain import find_domain
 from ator_ros.geometry import Pose, wrap_angles
 from ator_ros.motion.routes import routes_of
+from ator_ros.nodes.maps import follow_map
 from ator_ros.nodes.messages import occupancy_grid_of, pose_of
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.performance.model_file import save_model
@@ -98,6 +99,23 @@ def test_the_executor_refuses_a_goal_in_a_wall_before_the_robot_moves(host: Host
     assert outcome.code == Outcome.REFUSED
     assert "chain.calls[1].goal (visit): expected a place in free space" in outcome.reason
     assert not chains.commands
+
+
+def test_a_map_is_used_once_the_node_is_idle_unless_it_has_no_room(client: Client) -> None:
+    taken, busy = list[GridMap](), iter((False,) * 4)
+    follow_map(client.node, {"map": "walls"}, BUILDING.robot(), taken.append, lambda: next(busy, True))
+    maps = client.node.create_publisher(OccupancyGrid, "walls", LATCHED)
+    for grid in (WALL, EMPTY):
+        maps.publish(occupancy_grid_of(grid, frame="map"))
+    client.eventually(lambda: taken, "the newest map")
+    narrow = np.zeros(EMPTY.free.shape, dtype=bool)
+    narrow[9, 9] = True
+    maps.publish(occupancy_grid_of(GridMap("narrow", narrow, 0.05, EMPTY.origin), frame="map"))
+    maps.publish(occupancy_grid_of(WALL, frame="map"))
+    client.eventually(lambda: len(taken) == 2, "the next map")
+    assert [str(grid).rpartition("(")[2] for grid in taken] == [
+        str(grid).rpartition("(")[2] for grid in (EMPTY, WALL)
+    ]
 
 
 def test_a_tour_of_the_building_is_driven_by_its_server(start: Start, client: Client) -> None:

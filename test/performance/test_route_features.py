@@ -118,3 +118,6 @@ def test_the_parameter_map_of_nodes(tmp_path: Path) -> None:
     assert domain_and_robot({**settings, "map": ""})[1].grid is None
     with pytest.raises(SetupError, match=r"parameter map: .*none\.yaml: expected a readable YAML file"):
         domain_and_robot({**settings, "map": str(tmp_path / "none.yaml")})
+    settings["map"] = str(write_map(tmp_path, hall() & (np.arange(hall().shape[1]) % 4 == 0)))
+    with pytest.raises(SetupError, match=r"parameter map: .*expected a place .* from obstacles, got none"):
+        domain_and_robot(settings)

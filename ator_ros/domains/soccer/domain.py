@@ -31,10 +31,7 @@ _TO_MOUTH = variables("x y yaw xg yg")
 SHOT = (
     Feature("hold_dist", "m", _TO_MOUTH, lambda g: g.once(from_hold)[0]),
     Feature(
-        "hold_angle",
-        "rad",
-        _TO_MOUTH,
-        lambda g: np.abs(wrap_angles(g.once(from_hold)[1] - g.direct["yaw"])),
+        "hold_angle", "rad", _TO_MOUTH, lambda g: np.abs(wrap_angles(g.once(from_hold)[1] - g.direct["yaw"]))
     ),
     Feature("hold_off_axis", "rad", _TO_MOUTH, lambda g: np.abs(g.once(from_hold)[1])),
     Feature("heading_off_axis", "rad", variables("yaw"), lambda g: np.abs(wrap_angles(g.direct["yaw"]))),

@@ -69,12 +69,10 @@ def entries_with_ball(robot: Robot, limits: Limits, speed: float) -> Ends:
 def _fastest_rate(robot: Robot, limits: Limits, v: float, change: float) -> float:
     """Return the greatest turn rate in rad/s that keeps the ball at a speed that changes; 0 if none does."""
     for rate in (share * limits.w for share in _RATES):
-        lasts = (
-            v + change * _LARGEST_TURN / rate < limits.v
-        )  # else it must keep it at the greatest speed, too
-        if _push(robot, v, rate, change) >= _MARGIN and (
-            lasts or _push(robot, limits.v, rate, 0.0) >= _MARGIN
-        ):
+        # It must also keep the ball at the greatest speed, if it reaches that.
+        fast = v + change * _LARGEST_TURN / rate >= limits.v
+        pushes = [_push(robot, v, rate, change), *([_push(robot, limits.v, rate, 0.0)] if fast else [])]
+        if all(push >= _MARGIN for push in pushes):
             return rate
     return 0.0
 
