@@ -19,7 +19,10 @@ _WARNING_PERIOD = 2.0
 
 
 def follow_map(node: Node, settings: Mapping[str, Any], take: Callable[[GridMap], None]) -> None:
-    """Subscribe to the topic of the map, if `settings` name one; `take` is called with each other map."""
+    """Subscribe to the topic of the map, if `settings` name one; `take` is called with each other map.
+
+    Where it raises FileError or OSError, the former map stays in use.
+    """
     topic = map_topic(settings)
     if not topic:
         return
@@ -28,12 +31,13 @@ def follow_map(node: Node, settings: Mapping[str, Any], take: Callable[[GridMap]
     def received(message: OccupancyGrid) -> None:
         try:
             grid = grid_from(message, topic, frame=settings.get("frame", message.header.frame_id))
-        except (MessageError, FileError) as error:
+            if known == [grid]:
+                return
+            take(grid)
+        except (MessageError, FileError, OSError) as error:
             node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=_WARNING_PERIOD)
             return
-        if known != [grid]:
-            known[:] = [grid]
-            take(grid)
-            node.get_logger().info(f"on the map {grid}")
+        known[:] = [grid]
+        node.get_logger().info(f"on the map {grid}")
 
     node.create_subscription(OccupancyGrid, topic, received, LATCHED)
