@@ -114,6 +114,7 @@ class Backend:
         """The ids of the chains of all our runs: messages about a chain may arrive after its end."""
         self._active = ("", Run(OTHERS, problem="no goal"))
         self._received_at = self._executor_at = time.monotonic()
+        self._executors = 0
         self._context = rclpy.Context()
         try:
             self._context.init(args=list(arguments), domain_id=ros_domain)
@@ -191,14 +192,16 @@ class Backend:
     # Waiting
 
     def spin(self, seconds: float) -> None:
-        """Take messages for so many real s; a chain whose executor has gone ends as lost."""
+        """Take messages for so many real s; a chain whose executor has gone or was restarted ends as lost."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left)
-        now = time.monotonic()
-        if self.node.count_publishers(self._status.topic_name):
+        now, former = time.monotonic(), self._executors
+        self._executors = self.node.count_publishers(self._status.topic_name)
+        if self._executors:
             self._executor_at = now
-        elif now - self._executor_at > _GONE:
+        # One that was killed counts for 20 s: with it, one that was restarted is the second.
+        if now - self._executor_at > _GONE or self._executors > max(former, 1):
             self._lose()
 
     def until(self, happened: Callable[[], object], what: str, timeout: float | None = None) -> None:
