@@ -92,8 +92,8 @@ def uninterrupted() -> Iterator[None]:
     finally:
         for number, handler in former.items():
             signal.signal(number, handler)
-        for number in received[:1]:
-            signal.raise_signal(number)
+        for one in received[:1]:
+            signal.raise_signal(one)
 
 
 def spin_out(node: Node) -> None:
