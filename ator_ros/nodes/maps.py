@@ -6,12 +6,14 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from nav_msgs.msg import OccupancyGrid
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 
 from ator_ros.files import FileError
 from ator_ros.nodes.messages import grid_from
-from ator_ros.nodes.parameters import map_topic
+from ator_ros.nodes.parameters import SetupError, map_topic
 from ator_ros.nodes.qos import LATCHED
+from ator_ros.printable import quoted
 from ator_ros.world.grid_map import GridMap
 from ator_ros.world.messages import MessageError
 
@@ -21,7 +23,8 @@ _WARNING_PERIOD = 2.0
 def follow_map(node: Node, settings: Mapping[str, Any], take: Callable[[GridMap], None]) -> None:
     """Subscribe to the topic of the map, if `settings` name one; `take` is called with each other map.
 
-    Where it raises FileError or OSError, the former map stays in use.
+    Where it raises FileError or OSError, the former map stays in use. Raises SetupError if `settings` name
+    neither a file nor a topic.
     """
     topic = map_topic(settings)
     if not topic:
@@ -40,4 +43,9 @@ def follow_map(node: Node, settings: Mapping[str, Any], take: Callable[[GridMap]
         known[:] = [grid]
         node.get_logger().info(f"on the map {grid}")
 
-    node.create_subscription(OccupancyGrid, topic, received, LATCHED)
+    try:
+        node.create_subscription(OccupancyGrid, topic, received, LATCHED)
+    except NameValidationException as error:
+        raise SetupError(
+            f"parameter map: expected a file (.yaml) or the name of a topic, got {quoted(topic)}"
+        ) from error
