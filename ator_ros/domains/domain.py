@@ -23,6 +23,7 @@ from ator_ros.actions.situation import ActionFactory, ActionSpec, Sampler, Situa
 from ator_ros.domains import DEFAULT, DRIVE
 from ator_ros.domains.declared import DeclaredAction, DeclaredDomain, DeclaredServer
 from ator_ros.files import FileError, content_with_optional_header, read_yaml
+from ator_ros.motion.routes import routes_of
 from ator_ros.performance.features import CANDIDATES, GENERAL, ROUTE_FEATURES, Feature, goal_feature
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
@@ -236,11 +237,14 @@ class Domain:
         """Return `robot` in this domain's scene, and on its map.
 
         The area is the description's, and so are objects that it describes; the bays are the domain's.
+        Raises FileError if no place of the map has room for the robot.
         """
         known = {**self.bodies, **robot.scene.objects}
         objects = {name: known[name] for name in self.objects if name in known}
         scene = dataclasses.replace(robot.scene, objects=objects, bays=self.bays(robot.scene))
-        return dataclasses.replace(robot, scene=scene, grid=self.grid)
+        equipped = dataclasses.replace(robot, scene=scene, grid=self.grid)
+        routes_of(equipped)  # which checks the map
+        return equipped
 
     def actions(self, action_set: str = DEFAULT_SET) -> dict[str, ActionSpec]:
         """Return the specifications of a set by the names of the actions.

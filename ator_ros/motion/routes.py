@@ -101,7 +101,9 @@ class Routes:
         self._pairs: dict[bytes, FloatArray] = {}
         free = np.argwhere(self._free[-1])
         if not len(free):
-            raise FileError(f"{grid.name}: expected a place {radius:g} m from obstacles, got none")
+            raise FileError(
+                f"{grid.name}: expected a place {radius:g} m from obstacles, got none: check resolution"
+            )
         place = np.array([complex(free[0, 1], free[0, 0])])
         self._routes(place, place)  # loads compiled code
 

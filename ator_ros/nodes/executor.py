@@ -215,9 +215,9 @@ class ExecutorNode(Node):
 
     def _take_map(self, grid: GridMap) -> None:
         """Check goals on another map from now on."""
-        self._domain = self._domain.on_map(grid)
-        robot = next(iter(self._libraries.values())).robot
-        self._libraries = self._remotes.libraries(self._domain.equip(robot))
+        domain = self._domain.on_map(grid)
+        robot = domain.equip(next(iter(self._libraries.values())).robot)
+        self._domain, self._libraries = domain, self._remotes.libraries(robot)
         self._sets.load_again(self._domain, self._libraries)
 
     def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:

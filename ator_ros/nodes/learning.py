@@ -119,12 +119,9 @@ class LearningNode(Node):
 
     def _take_map(self, grid: GridMap) -> None:
         """Let the next round learn on another map, which its process reads from a file."""
-        try:
-            self._grid = str(save_map(grid, self._folder))
-        except OSError as error:
-            self.get_logger().warning(f"the map {grid} is not used: {error}")
-        else:
-            self._domain = self._domain.on_map(grid)
+        domain = self._domain.on_map(grid)
+        domain.equip(self._robot)
+        self._grid, self._domain = str(save_map(grid, self._folder)), domain
 
     def _take(self, message: Any) -> None:
         if message.outcome.code not in ENDED:

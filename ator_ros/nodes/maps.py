@@ -7,14 +7,16 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from nav_msgs.msg import OccupancyGrid
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 
 from ator_ros.files import FileError
 from ator_ros.motion.routes import routes_of
 from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD
 from ator_ros.nodes.messages import grid_from
-from ator_ros.nodes.parameters import map_topic
+from ator_ros.nodes.parameters import SetupError, map_topic
 from ator_ros.nodes.qos import LATCHED
+from ator_ros.printable import quoted
 from ator_ros.robot.description import Robot
 from ator_ros.world.grid_map import GridMap
 from ator_ros.world.messages import MessageError
@@ -32,7 +34,8 @@ def follow_map(
     """Subscribe to the topic of the map, if `settings` name one.
 
     `take` is called with each map that differs from the former one and has room for `robot`, as soon as
-    `is_idle`: reading a map takes longer than a control tick.
+    `is_idle`: reading a map takes longer than a control tick. If it raises FileError or OSError, the former
+    map stays in use. Raises SetupError if `settings` name neither a file nor a topic.
     """
     topic = map_topic(settings)
     if not topic:
@@ -55,12 +58,17 @@ def follow_map(
             if grid == used:
                 return
             routes_of(dataclasses.replace(robot, grid=grid))
-        except (MessageError, FileError) as error:
+            take(grid)
+        except (MessageError, FileError, OSError) as error:
             node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=WARNING_PERIOD)
             return
         used = grid
-        take(grid)
         node.get_logger().info(f"on the map {grid}")
 
-    node.create_subscription(OccupancyGrid, topic, received, LATCHED)
+    try:
+        node.create_subscription(OccupancyGrid, topic, received, LATCHED)
+    except NameValidationException as error:
+        raise SetupError(
+            f"parameter map: expected a file (.yaml) or the name of a topic, got {quoted(topic)}"
+        ) from error
     node.create_timer(_PERIOD, use, clock=STEADY)

@@ -136,8 +136,9 @@ class RefinementNode(Node):
         )
 
     def _take_map(self, grid: GridMap) -> None:
-        self._domain = domain = self._domain.on_map(grid)
+        domain = self._domain.on_map(grid)
         self._robot = robot = domain.equip(self._robot)
+        self._domain = domain
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         self._sets.load_again(domain, self._libraries)
 

@@ -7,9 +7,11 @@ import inspect
 import os
 import signal
 import sys
+import threading
 import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +76,24 @@ def run_node(make: Callable[[], Node], parameters: Sequence[Parameter], args: Se
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Let signals interrupt the program after the block: amid a message rclpy makes them RuntimeErrors."""
+    if threading.current_thread() is not threading.main_thread():  # others receive none
+        yield
+        return
+    received: list[int] = []
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    former = {each: signal.signal(each, lambda number, _: received.append(number)) for each in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)
+        for one in received[:1]:
+            signal.raise_signal(one)
 
 
 def spin_out(node: Node) -> None:

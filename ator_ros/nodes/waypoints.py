@@ -259,7 +259,7 @@ class WaypointsNode(Node):
         self._tour: Tour | None = None
         self._waiting: list[Future] = []
         self._here: tuple[float, Pose] | None = None  # stamp in s, and pose of the robot
-        self._shutting_down = False
+        self._executors, self._shutting_down = 0, False
         subscribed = Subscriptions(
             self, settings, self._robot, (),
             take_robot=self._take_robot, take_object=lambda *_: None, warn=self._warn,
@@ -294,8 +294,14 @@ class WaypointsNode(Node):
         waiting, self._waiting = self._waiting, []
         for future in waiting:
             future.set_result(None)
-        if self._tour is not None and not self._chains.server_is_ready():
+        # DDS lists an executor that was killed for up to 20 s: with it, one that was restarted is the second.
+        former, self._executors = self._executors, self.count_services("execute_chain/_action/send_goal")
+        if self._tour is None:
+            return
+        if not self._chains.server_is_ready():
             self._tour.give_up(Outcome.INPUT_LOST, "the executor is gone: expected the action execute_chain")
+        elif self._executors > max(former, 1):
+            self._tour.give_up(Outcome.INPUT_LOST, "the executor was restarted, or another one was started")
 
     async def _until(self, holds: Callable[[], bool], patience: float) -> bool:
         """Wait until a condition holds, `patience` real s at most; return whether it does."""

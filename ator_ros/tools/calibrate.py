@@ -26,6 +26,7 @@ from ator_ros.nodes.diagnostics import Diagnosis
 from ator_ros.nodes.inputs import Subscriptions
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.parameters import FRAME, ROBOT_FRAME, STATE
+from ator_ros.nodes.running import uninterrupted
 from ator_ros.robot.description import KIND, Limits, Robot, least_torque, load_robot
 from ator_ros.robot.identification import BaseEstimate, identify
 from ator_ros.robot.probe_drive import DriveError, ProbeDrive
@@ -137,7 +138,8 @@ class _Driver:
         began = time.monotonic()
         try:
             while not self._done:
-                rclpy.spin_once(self._node, timeout_sec=0.1)
+                with uninterrupted():
+                    rclpy.spin_once(self._node, timeout_sec=0.1)
                 self._check(time.monotonic(), began)
         finally:
             for _ in range(_STOPS):

@@ -84,7 +84,7 @@ def collect(
         lacking = "expected a TOP that drives to its goal and needs no object"
         tops = attached.driven_tops(domain, robot)
         left_out = {name: f"{name}: {lacking}" for name in actions if name not in tops}
-    possible = [name for name in actions if name not in left_out]
+    possible = [name for name in dict.fromkeys(actions) if name not in left_out]
     without = {name: left_out[name] for name in actions if name in left_out}
     if not possible:
         raise ExperienceError("; ".join(without.values()))

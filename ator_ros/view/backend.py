@@ -34,6 +34,7 @@ from ator_ros.nodes.messages import action_set_from, chain_from, chain_of, pose_
 from ator_ros.nodes.network import NodesError, UnavailableError
 from ator_ros.nodes.parameters import STATE, SetupError
 from ator_ros.nodes.qos import LATCHED, LATCHED_BY_MANY, RESULTS, SERVICES
+from ator_ros.nodes.running import uninterrupted
 from ator_ros.printable import printable
 from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.robot.description import Robot
@@ -114,6 +115,7 @@ class Backend:
         """The ids of the chains of all our runs: messages about a chain may arrive after its end."""
         self._active = ("", Run(OTHERS, problem="no goal"))
         self._received_at = self._executor_at = time.monotonic()
+        self._executors = 0
         self._context = rclpy.Context()
         try:
             self._context.init(args=list(arguments), domain_id=ros_domain)
@@ -191,15 +193,22 @@ class Backend:
     # Waiting
 
     def spin(self, seconds: float) -> None:
-        """Take messages for so many real s; a chain whose executor has gone ends as lost."""
+        """Take messages for so many real s; a chain whose executor has gone or was restarted ends as lost."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
-            self._executor.spin_once(timeout_sec=left)
-        now = time.monotonic()
-        if self.node.count_publishers(self._status.topic_name):
+            self._take(min(left, _SPIN))
+        now, former = time.monotonic(), self._executors
+        self._executors = self.node.count_publishers(self._status.topic_name)
+        if self._executors:
             self._executor_at = now
-        elif now - self._executor_at > _GONE:
+        # One that was killed counts for 20 s: with it, one that was restarted is the second.
+        if now - self._executor_at > _GONE or self._executors > max(former, 1):
             self._lose()
+
+    def _take(self, seconds: float) -> None:
+        """Take at most one message within so many real s."""
+        with uninterrupted():
+            self._executor.spin_once(timeout_sec=seconds)
 
     def until(self, happened: Callable[[], object], what: str, timeout: float | None = None) -> None:
         """Wait until something has happened; by default as long as for an answer."""
@@ -209,7 +218,7 @@ class Backend:
             self._check()
             if time.monotonic() > end:
                 raise NodesError(f"expected {what} within {limit:g} s, it did not come")
-            self._executor.spin_once(timeout_sec=_SPIN)
+            self._take(_SPIN)
 
     def _call(self, client: Any, request: Any) -> Any:
         """Call a service and return its answer; the request must be idempotent: it may be sent again."""

@@ -65,9 +65,9 @@ class GridMap:
     def __post_init__(self) -> None:
         """Check it; raises FileError."""
         numbers = (self.resolution, *self.origin)
-        if not all(map(math.isfinite, numbers)) or self.resolution <= 0.0:
+        if not all(map(math.isfinite, numbers)) or not 0.001 <= self.resolution <= 10.0:
             raise FileError(
-                f"{self.name}: expected a finite origin and a resolution above 0 m, got {numbers}"
+                f"{self.name}: expected a finite origin and cells of 0.001 to 10 m, got {numbers}"
             )
         if not self.free.any():
             raise FileError(f"{self.name}: expected free cells, got none: check negate and free_thresh")

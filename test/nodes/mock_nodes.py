@@ -64,6 +64,13 @@ class MockNodes:
         self._goals.clear()
         self._own.within(lambda: self._own.node.destroy_publisher(self._status))
 
+    def restart(self) -> None:
+        """Publish no status of former goals, as an executor that was killed and restarted."""
+        self._goals.clear()
+        self._own.within(
+            lambda: self._own.node.create_publisher(ChainPerformance, "chain_under_way", LATCHED)
+        )
+
     def _publish(self) -> None:
         for goal in self._goals:
             name = bytes(goal.goal_id.uuid).hex()

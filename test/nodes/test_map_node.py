@@ -61,7 +61,7 @@ def test_a_new_map_replaces_the_old_one_and_answers_name_theirs(
     host: Host, client: Client, models: Path
 ) -> None:
     maps = client.node.create_publisher(OccupancyGrid, "map", LATCHED)
-    host("refinement", domain="pursuit", models=models, map="/map", frame="map", deadline=20.0)
+    node = host("refinement", domain="pursuit", models=models, map="/map", frame="map", deadline=20.0)
     sent = request(
         call("visit", Pose(3.0, 0.0, 0.0), opened=("yaw",)), call("visit", Pose(3.0, 3.0, math.pi / 2))
     )
@@ -79,6 +79,13 @@ def test_a_new_map_replaces_the_old_one_and_answers_name_theirs(
         assert answer.accepted, answer.reason
         durations.append(answer.after.duration)
     assert durations[0] > durations[1] + 2.0
+    narrow = GridMap("/map", np.eye(100, dtype=bool), 0.05, Pose(0.0, 0.0, 0.0))
+    maps.publish(occupancy_grid_of(narrow, frame="map"))
+    client.eventually(
+        lambda: "ignored: /map: expected a place 0.17 m from obstacles, got none" in node.output,
+        "a warning of a map without room",
+    )
+    assert refine(client, sent).accepted
     maps.publish(occupancy_grid_of(WALL, frame="moon"))
     maps.publish(occupancy_grid_of(WALL, frame="map"))
     inside = request(call("visit", Pose(0.0, 0.0, 0.0)))

@@ -68,6 +68,7 @@ def test_unknown_arguments_end_a_node(ended: Ended) -> None:
             "robot_frame: expected another",
         ),
         ("executor", {"fence": "[0.0, 0.0, 0.0]"}, "parameter fence: expected"),
+        ("executor", {"map": "rooms.pgm"}, "parameter map: expected a file (.yaml) or the name of a topic"),
         ("executor", {"fence": "[]"}, "PARAMETER_NOT_SET"),
         ("simulation", {"seed": "{}"}, "seed:={}"),
         ("simulation", {"seed": ""}, "seed:="),

@@ -1,5 +1,6 @@
 """The view's backend with mock nodes and real nodes."""
 
+import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -104,15 +105,31 @@ def test_time_resumes_after_a_failed_start_and_at_the_end(mocked: Mocked) -> Non
 
 
 @pytest.mark.long
-def test_a_chain_whose_executor_has_gone_is_lost(mocked: Mocked) -> None:
+@pytest.mark.parametrize("fate", [MockNodes.vanish, MockNodes.restart])
+def test_a_chain_whose_executor_has_gone_is_lost(mocked: Mocked, fate: Callable[[MockNodes], None]) -> None:
     backend, nodes = mocked
     nodes.accepts = True
     run = Run(NAIVE)
     backend.execute(run, DRAFT, refine=False)
-    nodes.vanish()
+    backend.spin(0.1)
+    fate(nodes)
     until(lambda: run.ended, "the end", lambda: backend.spin(0.02))
     assert run.status == LOST
     backend.stop()  # no chain is active any more
+
+
+def test_an_interruption_waits_for_the_message_under_way(mocked: Mocked) -> None:
+    backend, done = mocked[0], list[int]()
+
+    def interrupted() -> None:
+        signal.raise_signal(signal.SIGINT)
+        done.append(1)
+
+    timer = backend.node.create_timer(0.01, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        backend.spin(PATIENCE)
+    timer.cancel()
+    assert done == [1]
 
 
 @pytest.mark.parametrize("mocked", ["tf"], indirect=True)

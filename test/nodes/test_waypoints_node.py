@@ -13,10 +13,11 @@ from chain_client import ChainClient
 from geometry_msgs.msg import PoseStamped
 from nav2_interfaces import provide_nav2_msgs
 from process import PATIENCE, Process, Processes
-from rclpy.action import ActionClient
+from rclpy.action import ActionClient, ActionServer
 from ros_client import Client
 from tf2_msgs.msg import TFMessage
 
+from ator_interfaces.action import ExecuteChain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import LATCHED
@@ -178,6 +179,18 @@ def test_a_newer_goal_preempts_also_one_of_the_other_action(navigator: Navigator
     assert unusable.ended()[0] == GoalStatus.STATUS_ABORTED  # and the other one goes on
     assert second.ended()[0] == GoalStatus.STATUS_SUCCEEDED
     assert navigator.is_at(SQUARE[2])
+
+
+def test_a_goal_ends_where_the_executor_was_restarted(navigator: Navigator) -> None:
+    client, sent = navigator.client, navigator.send("follow_waypoints", SQUARE)
+    navigator.chains.wait_until_moving()
+    node = client.node  # one that was killed stays listed for some time
+    another = client.within(lambda: ActionServer(node, ExecuteChain, "execute_chain", lambda _: None))
+    status, result = sent.ended()
+    client.within(another.destroy)
+    assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 603)
+    assert "the executor was restarted" in result.error_msg
+    client.eventually(navigator.chains.standing, "the robot stands")
 
 
 def test_a_waypoint_outside_the_fence_is_missed_before_the_robot_moves(navigator: Navigator) -> None:

@@ -47,7 +47,8 @@ def learned(tmp_path: Path) -> Path:
 def test_collect_writes_the_same_table_for_any_number_of_workers(tmp_path: Path) -> None:
     files = [tmp_path / "one.parquet", tmp_path / "two.parquet"]
     for jobs, file in enumerate(files, start=1):
-        words = ["--actions", "goToPose", "dribbleBall", "--episodes", "2", "--seed", "9"]
+        names = ["goToPose", "dribbleBall"] * jobs  # repeated names count once
+        words = ["--actions", *names, "--episodes", "2", "--seed", "9"]
         assert collect.main([*words, "--jobs", str(jobs), "--out", str(file)]) == 0
     one, two = map(read_experience, files)
     pd.testing.assert_frame_equal(one.frame, two.frame, check_exact=True)

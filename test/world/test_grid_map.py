@@ -59,6 +59,12 @@ def test_a_grid_of_another_size_is_rejected() -> None:
         map_of_grid("/map", 3, 2, 0.1, Pose(0.0, 0.0, 0.0), [0] * 5)
 
 
+@pytest.mark.parametrize("resolution", [1e-30, 1e30, -0.05, float("nan")])
+def test_a_grid_of_cells_of_no_usual_size_is_rejected(resolution: float) -> None:
+    with pytest.raises(FileError, match=r"/map: expected a finite origin and cells of 0\.001 to 10 m"):
+        map_of_grid("/map", 1, 1, resolution, Pose(0.0, 0.0, 0.0), [0])
+
+
 def test_walls_cover_the_obstacles_beside_free_cells() -> None:
     frame = Pose(1.0, 2.0, 0.5)
     grid = GridMap("hall", hall(), 0.05, frame)
