@@ -164,7 +164,7 @@ class ExecutorNode(Node):
         for reason in filter(None, (*(top.lacks(robot) for top in domain.tops_for(robot)), *left_out)):
             self.get_logger().warning(reason)
         self._sets = LearnedSets(self, domain, self._libraries, self._settings)
-        follow_map(self, self._settings, robot, self._take_map, lambda: self._run is None)
+        follow_map(self, self._settings, self._take_map, lambda: self._run is None)
         for name, predictor in self._predictors().items():
             warm_up_actions(self._libraries[name], predictor)
         self._inputs = inputs_of(self._settings, domain.objects)

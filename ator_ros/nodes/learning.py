@@ -100,7 +100,7 @@ class LearningNode(Node):
             self._open.close()
             raise SetupError(f"parameter learned: {error}") from error
         self._folder = folder
-        follow_map(self, settings, self._robot, self._take_map)
+        follow_map(self, settings, self._take_map)
         for topic in topics:
             self.create_subscription(ActionPerformance, topic, self._take, RESULTS)
         for topic in settings["chains"]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -11,13 +10,11 @@ from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 
 from ator_ros.files import FileError
-from ator_ros.motion.routes import routes_of
 from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD
 from ator_ros.nodes.messages import grid_from
 from ator_ros.nodes.parameters import SetupError, map_topic
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.printable import quoted
-from ator_ros.robot.description import Robot
 from ator_ros.world.grid_map import GridMap
 from ator_ros.world.messages import MessageError
 
@@ -27,15 +24,14 @@ _PERIOD = 0.5  # real s between two checks whether a node that was busy is idle
 def follow_map(
     node: Node,
     settings: Mapping[str, Any],
-    robot: Robot,
     take: Callable[[GridMap], None],
     is_idle: Callable[[], bool] = lambda: True,
 ) -> None:
     """Subscribe to the topic of the map, if `settings` name one.
 
-    `take` is called with each map that differs from the former one and has room for `robot`, as soon as
-    `is_idle`: reading a map takes longer than a control tick. If it raises FileError or OSError, the former
-    map stays in use. Raises SetupError if `settings` name neither a file nor a topic.
+    `take` is called with each map that differs from the former one, as soon as `is_idle`: reading a map takes
+    longer than a control tick. If it raises FileError or OSError, the former map stays in use. Raises
+    SetupError if `settings` name neither a file nor a topic.
     """
     topic = map_topic(settings)
     if not topic:
@@ -57,7 +53,6 @@ def follow_map(
             grid = grid_from(message, topic, frame=settings.get("frame", message.header.frame_id))
             if grid == used:
                 return
-            routes_of(dataclasses.replace(robot, grid=grid))
             take(grid)
         except (MessageError, FileError, OSError) as error:
             node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=WARNING_PERIOD)

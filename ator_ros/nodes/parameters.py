@@ -16,7 +16,6 @@ from ator_ros.domains import DEFAULT
 from ator_ros.domains.domain import Domain, DomainError, domain_for, find_domain
 from ator_ros.execution.fence import Fence
 from ator_ros.files import FileError
-from ator_ros.motion.routes import routes_of
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.tops.chain import Top
@@ -123,9 +122,7 @@ def domain_and_robot(settings: Mapping[str, Any]) -> tuple[Domain, Robot]:
     try:
         domain = domain_for(settings[DOMAIN.name], settings[ROBOT.name])
         domain = domain.on_map(map_file(settings))
-        robot = domain.robot(settings[ROBOT.name] or None)
-        routes_of(robot)  # reports a map without room for the robot
-        return domain, robot
+        return domain, domain.robot(settings[ROBOT.name] or None)
     except (ConfigError, DomainError) as error:
         raise SetupError(str(error)) from error
     except FileError as error:

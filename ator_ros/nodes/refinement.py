@@ -112,7 +112,7 @@ class RefinementNode(Node):
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         self._ranges = self._fence.narrowed(domain.ranges, robot)  # places are searched inside the fence
         self._sets = LearnedSets(self, domain, self._libraries, self._settings, self._warm_up)
-        follow_map(self, self._settings, robot, self._take_map)
+        follow_map(self, self._settings, self._take_map)
         self._goals = domain.goals(robot)
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
         self._answered, self._cut_short, self._last_error = 0, 0, ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib
 import itertools
 import math
@@ -253,19 +252,19 @@ class WaypointsNode(Node):
         super().__init__("waypoints", automatically_declare_parameters_from_overrides=True)
         self._settings = settings = declare_parameters(self, PARAMETERS)
         kinds = [action_type(f"nav2_msgs/action/{name}") for name in ACTIONS]
-        domain, self._robot = domain_and_robot(settings)
-        self._library, self._fence = domain.library(self._robot), fence_of(settings, self._robot)
+        self._domain, self._robot = domain, robot = domain_and_robot(settings)
+        self._library, self._fence = domain.library(robot), fence_of(settings, robot)
         self._top, self._frame = driving_top(self._library), settings["frame"]
         self._tour: Tour | None = None
         self._waiting: list[Future] = []
         self._here: tuple[float, Pose] | None = None  # stamp in s, and pose of the robot
         self._executors, self._shutting_down = 0, False
         subscribed = Subscriptions(
-            self, settings, self._robot, (),
+            self, settings, robot, (),
             take_robot=self._take_robot, take_object=lambda *_: None, warn=self._warn,
         )  # fmt: skip
         self._tf = subscribed.tf
-        follow_map(self, settings, self._robot, self._take_map)
+        follow_map(self, settings, self._take_map)
         self._chains = ActionClient(self, ExecuteChain, "execute_chain")
         self._servers = [
             ActionServer(
@@ -285,7 +284,7 @@ class WaypointsNode(Node):
         self._here = stamp, robot.pose
 
     def _take_map(self, grid: GridMap) -> None:
-        self._robot = dataclasses.replace(self._robot, grid=grid)
+        self._robot = self._domain.on_map(grid).equip(self._robot)
 
     def _warn(self, text: str) -> None:
         self.get_logger().warning(text, throttle_duration_sec=WARNING_PERIOD)
