@@ -1,7 +1,7 @@
 """Measure what refinement gains, behind the gate and not, from few drives.
 
 scripts/run python scripts/few_drives.py --domains pursuit tour --oracle-jointly --work few_drives
-scripts/run python scripts/few_drives.py --domains soccer --drives 50 1000 --oracle 24 --work few_drives
+scripts/run python scripts/few_drives.py --domains building --drives 200 --oracle-jointly --work few_drives
 
 For each domain it collects random drives of each action without ROS, learns from them, and executes the same
 new chains with every model. The oracle is executed once, beside the model of most drives. The command
