@@ -12,7 +12,7 @@ EXECUTABLES = {
     "tools": ("collect", "train", "evaluate", "calibrate", "study", "demo", "view", "plan"),
 }
 DOMAINS = {
-    "building": f"{PACKAGE}.domains.building:BUILDING",
+    "building": f"{PACKAGE}.domains.tour:BUILDING",
     "drive": f"{PACKAGE}.domains.drive:DRIVE",
     "pursuit": f"{PACKAGE}.domains.tour:PURSUIT",
     "soccer": f"{PACKAGE}.domains.soccer.domain:SOCCER",

@@ -1,4 +1,4 @@
-"""The domains of the two example servers, `tour` and `pursuit`: what YAML files declare."""
+"""The domains of the two example servers, as YAML files declare them; `building` is on a map."""
 
 from __future__ import annotations
 
@@ -7,3 +7,4 @@ from ator_ros.resources import resource_path
 
 TOUR = declared_domain(resource_path("config", "tour", "tour.yaml"))
 PURSUIT = declared_domain(resource_path("config", "pursuit", "pursuit.yaml"))
+BUILDING = declared_domain(resource_path("config", "building", "building.yaml"))

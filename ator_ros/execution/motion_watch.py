@@ -320,27 +320,32 @@ class Commands:
     """The commands of one axis, by the time in s from which they act."""
 
     def __init__(self) -> None:
-        self.times: list[float] = []
+        self._times: list[float] = []
         self._sent: list[float] = []
 
     def add(self, acts: float, command: float) -> None:
         """Note a command that acts from `acts` (s) on; it replaces later ones."""
-        earlier = bisect.bisect_left(self.times, acts)
-        self.times[earlier:], self._sent[earlier:] = [acts], [command]
+        earlier = bisect.bisect_left(self._times, acts)
+        self._times[earlier:], self._sent[earlier:] = [acts], [command]
+
+    def delay_last(self, seconds: float) -> None:
+        """Let the last command act later."""
+        if self._times:
+            self._times[-1] += seconds
 
     def forget(self, time: float) -> None:
         """Forget the commands that act no more at `time` (s)."""
-        over = max(0, bisect.bisect_right(self.times, time) - 1)
-        del self.times[:over], self._sent[:over]
+        over = max(0, bisect.bisect_right(self._times, time) - 1)
+        del self._times[:over], self._sent[:over]
 
     def between(self, since: float, until: float) -> list[float]:
         """Return the commands that acted between two times in s; where there was none, to stand."""
-        begin, end = (bisect.bisect_right(self.times, time + _ROUNDING) for time in (since, until))
+        begin, end = (bisect.bisect_right(self._times, time + _ROUNDING) for time in (since, until))
         return [self._sent[begin - 1] if begin else 0.0, *self._sent[begin:end]]
 
     def sampled(self, since: float, dt: float, count: int) -> list[float | None]:
         """Return the commands that act at `count` times in s from `since` on; None before the first one."""
-        found = (bisect.bisect_right(self.times, since + step * dt + _ROUNDING) for step in range(count))
+        found = (bisect.bisect_right(self._times, since + step * dt + _ROUNDING) for step in range(count))
         return [self._sent[index - 1] if index else None for index in found]
 
 
@@ -421,14 +426,7 @@ class MotionWatch:
         if time < last[0]:
             self._forget()
         gap = Gap(time - last[0], self._received, now)
-        late = self._answered - gap.began
-        if gap.elapsed > _LONG_GAP and 0.0 < late < now - gap.began:
-            # A command that left late in a long gap acts from then on; in a short gap it counts from the
-            # beginning, as a simulation may have waited for it.
-            for commands in self._commands:
-                commands.times[-1:] = [
-                    at + late / (now - gap.began) * gap.elapsed for at in commands.times[-1:]
-                ]
+        self._delay_late_answer(gap)
         self._received, self._answered = now, math.inf
         self._states.append((time, robot))
         while len(self._states) > 1 and self._states[1][0] <= time - 1.0:
@@ -441,6 +439,16 @@ class MotionWatch:
         for commands in self._commands:
             commands.forget(time - 2.0 * self._driving.window)
         return self._frozen(time, robot) or self._message(robot, faults)
+
+    def _delay_late_answer(self, gap: Gap) -> None:
+        """Let a command that left late in a long gap act from then on.
+
+        In a short gap it counts from the beginning: a simulation may have waited for it.
+        """
+        late = self._answered - gap.began
+        if gap.elapsed > _LONG_GAP and 0.0 < late < gap.ended - gap.began:
+            for commands in self._commands:
+                commands.delay_last(late / (gap.ended - gap.began) * gap.elapsed)
 
     def _shown(self, before: RobotState, robot: RobotState, gap: Gap) -> tuple[float, float]:
         """Return the velocities that odometry shows.

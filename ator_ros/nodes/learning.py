@@ -120,8 +120,8 @@ class LearningNode(Node):
     def _take_map(self, grid: GridMap) -> None:
         """Let the next round learn on another map, which its process reads from a file."""
         domain = self._domain.on_map(grid)
-        domain.equip(self._robot)
-        self._grid, self._domain = str(save_map(grid, self._folder)), domain
+        robot, file = domain.equip(self._robot), save_map(grid, self._folder)
+        self._domain, self._robot, self._grid = domain, robot, str(file)
 
     def _take(self, message: Any) -> None:
         if message.outcome.code not in ENDED:

@@ -224,6 +224,9 @@ class RefinementNode(Node):
         for field in ("situations", "calls"):
             count(getattr(request, field), field, least=1, most=_MOST_PREDICTED)
         name = messages.action_set_from(request, allowed=self._libraries, where="request")
+        messages.into_frame(frame, self._tf.base, (request,))
+        for situation in request.situations:
+            messages.into_frame(frame, self._tf.base, (), situation)
         worlds = [
             world_from(situation, frame=frame, where=f"situations[{number}]")
             for number, situation in enumerate(request.situations)
@@ -231,7 +234,10 @@ class RefinementNode(Node):
         calls = messages.calls_from(request.calls, self._libraries[name], frame=frame)
         found = predict_durations(worlds, calls, self._robot, self._sets.present[name].models)
         durations, spreads, success = (values.ravel().tolist() for values in found)
-        return PredictDurations.Response(accepted=True, durations=durations, spreads=spreads, success=success)
+        reason = "" if self._domain.grid is None else f"map {self._domain.grid}"
+        return PredictDurations.Response(
+            accepted=True, reason=reason, durations=durations, spreads=spreads, success=success
+        )
 
     def _health(self) -> Health:
         usable = any(read.models for read in self._sets.present.values())

@@ -107,7 +107,7 @@ class Transforms:
         """Return the newest time in s at which `child` is known in `frame`, and its placement then.
 
         The time is that of the oldest of the newest transforms between the two frames; those that never
-        change hold at the present. None: no transforms connect the frames, or not at one time.
+        change hold at the present. None: no transforms connect the frames, or those that move share no time.
         """
         up, down = self._ancestors(child), self._ancestors(frame)
         common = next((name for name in up if name in down), None)
@@ -116,8 +116,6 @@ class Transforms:
         rising, falling = up[: up.index(common)], down[: down.index(common)]
         links = [self._links[name] for name in rising + falling]
         time = min((link.known[-1][0] for link in links if not link.fixed), default=self.present)
-        if time is None:
-            return None
         there, back = self._in_ancestor(rising, time), self._in_ancestor(falling, time)
         return None if there is None or back is None else (time, back.inverse().compose(there))
 
@@ -130,14 +128,14 @@ class Transforms:
         return self.latest(next(odometry, frame), child)
 
     @property
-    def present(self) -> float | None:
-        """The time in s up to which every frame that moves is known; None: none moves.
+    def present(self) -> float:
+        """The time in s up to which every frame that moves is known; 0 if none moves.
 
         Localization dates its transforms ahead of odometry. Frames without recent transforms do not count.
         """
         newest = [link.known[-1][0] for link in self._links.values() if not link.fixed]
         latest = max(newest, default=0.0)
-        return min((time for time in newest if time >= latest - _LATELY), default=None)
+        return min((time for time in newest if time >= latest - _LATELY), default=0.0)
 
     def _ancestors(self, frame: str) -> list[str]:
         """Return a frame, its parent, and so on; where they run in a circle, each once."""

@@ -11,8 +11,10 @@ from moving_base import MovingBase
 from ros_client import Client
 from tf2_msgs.msg import TFMessage
 
-from ator_interfaces.msg import Outcome
+from ator_interfaces.msg import Outcome, Situation, TopChain
+from ator_interfaces.srv import PredictDurations, RefineSubgoal
 from ator_ros.geometry import Pose
+from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.simulation import transform_of
 from ator_ros.world.state import RobotState
@@ -78,6 +80,32 @@ def test_a_goal_in_another_frame_is_transformed(host: Host, client: Client, base
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
     assert base.pose.distance(Pose(0.6, 0.2, 0.5)) < 0.04
     assert result.record.chain.calls[0].goal.header.frame_id == "map"
+
+
+def test_requests_in_another_frame_are_transformed(host: Host, client: Client) -> None:
+    host("refinement")
+    dock, start, goal = Pose(1.0, -0.5, 0.7), Pose(-1.0, 0.2, 0.3), Pose(0.8, 0.4, 1.5)
+    static = client.node.create_publisher(TFMessage, "/tf_static", LATCHED)
+    static.publish(TFMessage(transforms=[transform_of(0.0, dock, frame="odom", child="dock")]))
+
+    def predicted(frame: str, base: Pose) -> list[float]:
+        situation = Situation(robot=pose_of(base.compose(start)))
+        step = call("goToPose", base.compose(goal))
+        situation.header.frame_id = step.goal.header.frame_id = frame
+        refined = client.call(
+            RefineSubgoal,
+            "refine_subgoal",
+            RefineSubgoal.Request(situation=situation, chain=TopChain(calls=[step])),
+        )
+        durations = client.call(
+            PredictDurations,
+            "predict_durations",
+            PredictDurations.Request(situations=[situation], calls=[step]),
+        )
+        return [refined.before.duration, *durations.durations] if refined.accepted else []
+
+    client.eventually(lambda: predicted("dock", Pose(0.0, 0.0, 0.0)), "the frame dock")
+    assert predicted("dock", Pose(0.0, 0.0, 0.0)) == pytest.approx(predicted("odom", dock))
 
 
 def test_an_object_is_found_through_the_robots_camera(
