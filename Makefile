@@ -7,7 +7,7 @@ RUN := scripts/run
 BIN := install/lib/ator_ros
 ARGS ?=
 
-.PHONY: setup demo view run test test-long test-apt-versions lint format bench reproduce clean
+.PHONY: setup demo view run test test-long test-apt-versions lint format docs bench reproduce clean
 
 setup:
 	@scripts/setup
@@ -30,8 +30,9 @@ run: setup
 test: setup
 	@PYTHONDONTWRITEBYTECODE= $(RUN) python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not long' $(ARGS)
 
-# What takes minutes: permutations of faults, every documented command.
+# What takes minutes: permutations of faults, every documented command, the site.
 test-long: setup
+	@scripts/docs --packages
 	@$(RUN) python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m long $(ARGS)
 
 # The core's tests with the versions that Ubuntu 24.04 installs with apt, in an environment of their own.
@@ -47,6 +48,10 @@ format: setup
 	@$(RUN) ruff check --fix
 	@$(RUN) ruff format
 
+# The site in build/docs/html. The first run installs Sphinx; `make docs ARGS='-b linkcheck'` checks links to other sites.
+docs: setup
+	@scripts/docs $(ARGS)
+
 # How fast refinement, plans, actions and simulation are; on an idle machine.
 bench: setup
 	@$(RUN) python benchmarks/speed.py $(ARGS)
@@ -57,4 +62,5 @@ reproduce: setup
 
 clean:
 	rm -rf .venv .venv-apt build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf docs/generated
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

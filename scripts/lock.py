@@ -1,4 +1,6 @@
-"""Write requirements/constraints.txt: version and hashes of all packages that the pins beside it bring along.
+"""Write version and hashes of all packages that the pins in requirements/ bring along.
+
+constraints.txt is for `make setup`, docs-constraints.txt for `make docs`.
 
     python3 scripts/lock.py              after changing a pin: everything else keeps its version
     python3 scripts/lock.py --upgrade    the newest versions of what is not pinned
@@ -15,11 +17,15 @@ import subprocess
 import sys
 import tempfile
 import venv
+from collections.abc import Sequence
 from pathlib import Path
 
 HEADER = "# Written by scripts/lock.py: what the pins beside this file bring along, with hashes.\n"
 FOLDER = Path(__file__).resolve().parents[1] / "requirements"
-NAMES = ("ros", "build", "runtime", "offline", "view", "test", "lint")
+LOCKS = {
+    "constraints": ("ros", "build", "runtime", "offline", "view", "test", "lint"),
+    "docs-constraints": ("docs",),
+}
 OLDEST_PYTHON = "3.11"
 
 
@@ -30,24 +36,30 @@ def locked(text: str) -> str:
     return "\n".join(entry for entry in entries if "win32" not in entry.split("\n")[0]) + "\n"
 
 
+def write_lock(uv: list[str], target: Path, names: Sequence[str]) -> int:
+    """Write the lock of the pins in the files `names`; the exit code is uv's."""
+    result = Path(uv[0]).parent / target.name
+    if target.is_file():
+        result.write_bytes(target.read_bytes())  # uv keeps the versions that it finds here
+    options = ["--universal", "--python-version", OLDEST_PYTHON, "--generate-hashes", "--no-header"]
+    options += ["--no-annotate", "--quiet", "--output-file", str(result), *sys.argv[1:]]
+    files = [str(FOLDER / f"{name}.txt") for name in names]
+    done = subprocess.run([*uv, "pip", "compile", *options, *files], check=False)
+    if done.returncode == 0:
+        beside = target.with_name(target.name + ".new")
+        beside.write_text(HEADER + locked(result.read_text(encoding="utf-8")), encoding="utf-8")
+        beside.replace(target)
+    return done.returncode
+
+
 def main() -> int:
-    """Write the lock; the exit code is uv's."""
-    target = FOLDER / "constraints.txt"
+    """Write the locks; the exit code is 0 if uv made all of them."""
     with tempfile.TemporaryDirectory() as folder:
         venv.create(folder, with_pip=True)
-        python = Path(folder, "bin", "python")
+        python = str(Path(folder, "bin", "python"))
         subprocess.run([python, "-m", "pip", "install", "--quiet", "uv"], check=True)
-        result = Path(folder, "lock.txt")
-        result.write_bytes(target.read_bytes())  # uv keeps the versions that it finds here
-        options = ["--universal", "--python-version", OLDEST_PYTHON, "--generate-hashes", "--no-header"]
-        options += ["--no-annotate", "--quiet", "--output-file", str(result), *sys.argv[1:]]
-        files = [str(FOLDER / f"{name}.txt") for name in NAMES]
-        done = subprocess.run([python, "-m", "uv", "pip", "compile", *options, *files], check=False)
-        if done.returncode == 0:
-            beside = target.with_name(target.name + ".new")
-            beside.write_text(HEADER + locked(result.read_text(encoding="utf-8")), encoding="utf-8")
-            beside.replace(target)
-    return done.returncode
+        uv = [python, "-m", "uv"]
+        return max(write_lock(uv, FOLDER / f"{name}.txt", names) for name, names in LOCKS.items())
 
 
 if __name__ == "__main__":

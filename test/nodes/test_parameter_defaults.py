@@ -20,30 +20,12 @@ NODES: dict[str, Sequence[Parameter]] = {
     "goal_pose": goal_pose.PARAMETERS,
     "waypoints": waypoints.PARAMETERS,
 }
-PAGE = ROOT / "docs" / "parameters.md"
-
-
-def row(parameter: Parameter) -> str:
-    """Return the row of a parameter in the documentation."""
-    default = yaml.safe_dump(parameter.default, default_flow_style=True).splitlines()[0].replace("''", '""')
-    live = "live" if parameter.live else ""
-    return f"| `{parameter.name}` | `{default}` | {live} | {parameter.description} |"
 
 
 @pytest.mark.parametrize("name", ["executor", "simulation", "refinement", "learning"])
 def test_the_shipped_file_has_all_parameters_with_their_defaults(name: str) -> None:
     content = yaml.safe_load((ROOT / "config" / f"{name}.yaml").read_text(encoding="utf-8"))
     assert content[f"/**/{name}"]["ros__parameters"] == {item.name: item.default for item in NODES[name]}
-
-
-@pytest.mark.parametrize("name", NODES)
-def test_the_documentation_has_a_row_for_each_parameter(name: str) -> None:
-    page = PAGE.read_text(encoding="utf-8")
-    section = page.partition(f"\n## {name}\n")[2].partition("\n## ")[0]
-    shared = re.findall(r"^(\| `.* \|) ([\w, ]+) \|$", page.partition("\n## executor\n")[0], re.MULTILINE)
-    rows = [line for line in section.splitlines() if line.startswith("| `")]
-    rows += [line for line, nodes in shared if name in nodes.split(", ")]
-    assert sorted(rows) == sorted(row(item) for item in NODES[name])
 
 
 def test_numbers_of_a_parameter_on_pages_are_its_default() -> None:

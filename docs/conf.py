@@ -1,0 +1,86 @@
+"""Sphinx builds the site of these pages, README.md and the generated reference: scripts/docs."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "scripts"))
+import reference  # noqa: E402
+
+import ator_ros  # noqa: E402
+
+project = "ator_ros"
+version = release = ator_ros.__version__
+copyright = "ator_ros maintainers, Apache-2.0"  # noqa: A001
+html_theme = "furo"
+html_title = f"ator_ros {version}"
+html_show_sphinx = False
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+root_doc = "README"
+include_patterns = ["README.md", "CONTRIBUTING.md", "CHANGELOG.rst", "docs/*.md", "docs/generated/*.md"]
+exclude_patterns = ["[!CRd]*"]  # folders that Sphinx need not search
+highlight_language = "text"
+myst_heading_anchors = 4
+autodoc_typehints = "signature"
+autodoc_member_order = "bysource"
+napoleon_google_docstring = False
+default_role = "code"
+
+KINDS = {"tutorial": "Tutorials", "how": "How to", "reference": "Reference", "explanation": "Explanation"}
+
+
+def navigation() -> str:
+    """Return tables of contents of the four kinds: the links in docs/README.md, and the generated pages."""
+    pages: dict[str, list[str]] = {kind: [] for kind in KINDS}
+    kind = ""
+    for line in (ROOT / "docs" / "README.md").read_text(encoding="utf-8").splitlines():
+        if found := re.match(rf"(?:\| |#+ )({'|'.join(KINDS)})", line, re.IGNORECASE):
+            kind = found[1].lower()
+        if kind:
+            pages[kind] += [f"docs/{page}" for page in re.findall(r"\((\w+)\.md\)", line)]
+    pages["reference"] += [f"docs/generated/{name}" for name in reference.PAGES]
+    pages["explanation"] += ["CONTRIBUTING", "CHANGELOG"]
+    text = "\n```{toctree}\n:hidden:\ndocs/README\n```\n"
+    for kind, names in pages.items():
+        text += "\n".join(["```{toctree}", ":hidden:", f":caption: {KINDS[kind]}", *names, "```\n"])
+    return text
+
+
+def adapt(_app: Sphinx, page: str, source: list[str]) -> None:
+    """Change the links that GitHub shows as folders or files, and add the navigation to the first page."""
+    generated = f"]({'' if page.startswith('docs/') else 'docs/'}generated/interfaces.md"
+    text = re.sub(r"\]\([./]*ator_interfaces/?\)", f"{generated})", source[0])
+    text = re.sub(
+        r"\]\([./]*ator_interfaces/\w+/(\w+)\.\w+\)", lambda found: f"{generated}#{found[1].lower()})", text
+    )
+
+    def without_folder(found: re.Match[str]) -> str:
+        return found[1] if (ROOT / page).parent.joinpath(found[2]).is_dir() else found[0]
+
+    text = re.sub(r"\[([^\]]*)\]\(([\w./]+)\)", without_folder, text)
+    source[0] = text + navigation() if page == root_doc else text
+
+
+def finish(app: Sphinx, error: Exception | None) -> None:
+    """Lead from index.html to the first page."""
+    if error is None and app.builder.name == "html":
+        to = f'<meta http-equiv="refresh" content="0; url={root_doc}.html">\n'
+        Path(app.outdir, "index.html").write_text(to, encoding="utf-8")
+
+
+def skip(_app: Sphinx, _kind: str, _name: str, member: object, skipped: bool, _options: object) -> bool:
+    """Leave out the fields of named tuples, which the class describes."""
+    return skipped or str(member.__doc__).startswith("Alias for field number")
+
+
+def setup(app: Sphinx) -> None:
+    """Generate the reference before Sphinx looks for pages."""
+    app.connect("builder-inited", lambda _: reference.write_pages(ROOT / "docs" / "generated"))
+    app.connect("source-read", adapt)
+    app.connect("autodoc-skip-member", skip)
+    app.connect("build-finished", finish)
