@@ -1,3 +1,3 @@
 """Optimized execution of action chains with learned performance models (Stulp and Beetz, IJCAI 2005)."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
