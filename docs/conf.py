@@ -26,6 +26,7 @@ include_patterns = ["README.md", "CONTRIBUTING.md", "CHANGELOG.rst", "docs/*.md"
 exclude_patterns = ["[!CRd]*"]  # folders that Sphinx need not search
 highlight_language = "text"
 myst_heading_anchors = 4
+linkcheck_ignore = [r"http://127\."]
 autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
 napoleon_google_docstring = False
@@ -39,10 +40,10 @@ def navigation() -> str:
     pages: dict[str, list[str]] = {kind: [] for kind in KINDS}
     kind = ""
     for line in (ROOT / "docs" / "README.md").read_text(encoding="utf-8").splitlines():
-        if found := re.match(rf"(?:\| |#+ )({'|'.join(KINDS)})", line, re.IGNORECASE):
+        if found := re.match(rf"(?:\| |#+ |\*\*)({'|'.join(KINDS)})", line, re.IGNORECASE):
             kind = found[1].lower()
         if kind:
-            pages[kind] += [f"docs/{page}" for page in re.findall(r"\((\w+)\.md\)", line)]
+            pages[kind] += [f"docs/{page}" for page in re.findall(r"\(([\w/]+)\.md\)", line)]
     pages["reference"] += [f"docs/generated/{name}" for name in reference.PAGES]
     pages["explanation"] += ["CONTRIBUTING", "CHANGELOG"]
     text = "\n```{toctree}\n:hidden:\ndocs/README\n```\n"
@@ -78,9 +79,16 @@ def skip(_app: Sphinx, _kind: str, _name: str, member: object, skipped: bool, _o
     return skipped or str(member.__doc__).startswith("Alias for field number")
 
 
+def restore(_app: Sphinx, kind: str, _name: str, _item: object, _options: object, lines: list[str]) -> None:
+    """Put back the words before a colon, which napoleon takes for the type of an attribute or a property."""
+    if kind in ("attribute", "property") and lines and lines[-1].startswith(":type: "):
+        lines[0] = f"{lines.pop().removeprefix(':type: ')}: {lines[0]}"
+
+
 def setup(app: Sphinx) -> None:
     """Generate the reference before Sphinx looks for pages."""
     app.connect("builder-inited", lambda _: reference.write_pages(ROOT / "docs" / "generated"))
     app.connect("source-read", adapt)
     app.connect("autodoc-skip-member", skip)
+    app.connect("autodoc-process-docstring", restore, priority=600)  # after napoleon
     app.connect("build-finished", finish)

@@ -16,7 +16,7 @@ KEYS = {"pillow": "pil", "pyyaml": "yaml", "scikit-learn": "sklearn"}
 
 
 def test_all_files_have_the_same_version() -> None:
-    found = {folder.name: parse_package(str(folder)).version for folder in FOLDERS}
+    found = {f"package {folder.name}": parse_package(str(folder)).version for folder in FOLDERS}
     for folder in FOLDERS:
         changelog = get_changelog_from_path(str(folder / "CHANGELOG.rst"))
         newest, date, _ = next(iter(changelog.foreach_version()))
