@@ -6,22 +6,19 @@ import json
 import os
 import subprocess
 import sys
-from contextlib import suppress
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
-NICE = 15
 _LONGEST = 2000  # characters of the message of a process that failed
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
 
 class RoundProcess:
-    """A round of learning under way; arguments are parameters of the node, `grid` its map."""
+    """A round of learning under way, in a process that runs `module` with a JSON list of arguments."""
 
-    def __init__(self, folder: Path, *, domain: str, robot: str, models: str, grid: str, time: str) -> None:
-        arguments = json.dumps([str(folder), domain, robot, models, grid, time])
+    def __init__(self, module: str, arguments: Sequence[str]) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "ator_ros.learning.process", arguments],
+            [sys.executable, "-m", module, json.dumps(arguments)],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -47,22 +44,3 @@ class RoundProcess:
         """End it; it has published nothing."""
         self._process.kill()
         self._process.communicate()
-
-
-def main() -> None:
-    """Do one round, after all other processes, and write its result to standard output."""
-    os.nice(NICE)
-    with suppress(OSError):  # Linux weighs sessions before processes, and this process has its own session
-        Path("/proc/self/autogroup").write_text(str(NICE), encoding="ascii")
-    from ator_ros.domains.domain import domain_for
-    from ator_ros.learning.round import Source, learn
-
-    folder, name, robot, models, grid, time = json.loads(sys.argv[1])
-    domain = domain_for(name, robot).on_map(grid)
-    place = Path(models) if models else domain.shipped_models
-    source = Source(Path(folder), domain, domain.robot(robot or None), place)
-    sys.stdout.write(json.dumps(learn(source, time=time), allow_nan=False))
-
-
-if __name__ == "__main__":
-    main()

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from ator_ros.compiled import compiled
 from ator_ros.files import FileError
 from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angles
+from ator_ros.motion.planned_routes import measured_path
 from ator_ros.robot.description import Robot
-from ator_ros.world.grid_map import GridMap
+from ator_ros.world.grid_map import GridMap, Planner
 
 LOOK_AHEAD = 0.5
 """Length in m of the ends of a route, over which its headings at departure and arrival are taken."""
@@ -99,6 +100,7 @@ class Routes:
         self._part: Cells = np.stack(parts).astype(np.int32)
         self._fields: OrderedDict[tuple[int, complex], tuple[Cells, Tables]] = OrderedDict()
         self._pairs: dict[bytes, FloatArray] = {}
+        self._paths: dict[tuple[int, ...], FloatArray | None] = {}  # of the map's planner
         free = np.argwhere(self._free[-1])
         if not len(free):
             raise FileError(
@@ -117,7 +119,8 @@ class Routes:
         if count and (ends == ends[:, :1]).all():  # as in a search for headings
             found = self._remembered(ends[:, :1]).repeat(count, axis=1)
         else:
-            found = self._remembered(ends) if count <= _FEW else self._between(ends)
+            few = count <= _FEW or self.grid.planner is not None
+            found = self._remembered(ends) if few else self._between(ends)
         length, turn, clearance, departure, arrival, straight = found
         return RouteSet(length, turn, clearance, departure, arrival, straight == 1.0)
 
@@ -135,10 +138,28 @@ class Routes:
 
     def _between(self, ends: FloatArray) -> FloatArray:
         """Return the routes of pairs x, y, to_x, to_y in m, shape (4, n): the rows of a `RouteSet`."""
+        if self.grid.planner is not None:
+            return np.stack([self._planned(self.grid.planner, *pair) for pair in ends.T.tolist()], axis=1)
         found = self._routes(self._places(*ends[:2]), self._places(*ends[2:]))
         found[[0, 2]] *= self._cell
         found[3:5] = wrap_angles(found[3:5] + self.grid.origin.yaw)
         return found
+
+    def _planned(self, planner: Planner, x: float, y: float, to_x: float, to_y: float) -> FloatArray:
+        """Return the route along the path of a planner between two places in m, a column of a `RouteSet`."""
+        key = tuple(round(value / _CELL) for value in (x, y, to_x, to_y))  # stops differ by centimeters
+        if key not in self._paths:
+            if len(self._paths) > _MOST_PAIRS:
+                self._paths.clear()
+            self._paths[key] = planner((x, y), (to_x, to_y))
+        path = self._paths[key]
+        if path is None:
+            return np.full(6, np.nan)
+        path = np.concatenate([[(x, y)], path[1:-1], [(to_x, to_y)]])
+        length, turn, departure, arrival, straight = measured_path(path, LOOK_AHEAD)
+        cells = self._cells(self._places(*path.T))
+        clearance = self._cell * np.where(cells < 0, 0.0, self._room.ravel()[cells]).min()
+        return np.array([length, turn, clearance, departure, arrival, straight])
 
     def lead(self, ends: FloatArray) -> BoolArray:
         """Return whether routes lead from x, y to to_x, to_y in m, shape (4, n)."""

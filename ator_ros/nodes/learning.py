@@ -26,6 +26,7 @@ from ator_ros.nodes.parameters import (
     DOMAIN,
     MAP,
     MODELS,
+    PLANNER,
     ROBOT,
     Parameter,
     SetupError,
@@ -44,6 +45,7 @@ PARAMETERS = (
     ROBOT,
     MODELS,
     MAP,
+    PLANNER,
     Parameter("learned", "", "folder of records and learned sets; empty: ~/.ros/ator_ros/learned"),
     Parameter("records", ["performance/action"], "topics of the records, of one or several robots"),
     Parameter("chains", ["performance/chain"], "topics of their chain records"),
@@ -81,7 +83,8 @@ class LearningNode(Node):
         topics = settings["records"]
         folder = Path(settings["learned"]).expanduser() if settings["learned"] else _HOME
         self._open = contextlib.ExitStack()
-        named = {name: settings[name] for name in ("domain", "robot", "models")}
+        domain, robot, planner = settings["domain"], settings["robot"], settings["planner"]
+        planner = self.resolve_topic_name(planner) if planner else ""
         self._grid = map_file(settings)
         models = Path(settings["models"]) if settings["models"] else self._domain.shipped_models
         try:
@@ -90,7 +93,8 @@ class LearningNode(Node):
                 folder,
                 StoreInfo(self._robot.digest(), self._domain.name),
                 lambda: RoundProcess(
-                    folder, grid=self._grid, time=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), **named
+                    "ator_ros.nodes.learning_process",
+                    [str(folder), domain, robot, settings["models"], self._grid, planner, _now()],
                 ),
                 start=digest_of_start(models, self._domain.action_sets),
                 batch=settings["batch"],
@@ -177,6 +181,10 @@ class LearningNode(Node):
                 f"{self._learner.lost} of {self._learner.taken} records are lost: the disk had no room"
             )
         self._open.close()
+
+
+def _now() -> str:
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def main(args: list[str] | None = None) -> None:

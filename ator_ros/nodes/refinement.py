@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import random
 import time
 import traceback
@@ -14,6 +15,7 @@ from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import PlanChains, PredictDurations, RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.domains.domain import Domain
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import warm_up_refinement
 from ator_ros.learning.gains import Gains
@@ -29,12 +31,14 @@ from ator_ros.nodes.parameters import (
     FRAME,
     MAP,
     MODELS,
+    PLANNER,
     ROBOT,
     Parameter,
     declare_parameters,
     domain_and_robot,
     fence_of,
 )
+from ator_ros.nodes.path_planner import planner_of
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.segments import refinement_shapes
@@ -47,6 +51,7 @@ from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.refinement.refiner import Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
+from ator_ros.robot.description import Robot
 from ator_ros.tops.conditions import state_variables
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.grid_map import GridMap
@@ -60,6 +65,7 @@ PARAMETERS = (
     MODELS,
     LEARNED,
     MAP,
+    PLANNER,
     Parameter("gate", True, "refine only where the predicted gain exceeds its uncertainty", live=True),
     Parameter(
         "comparison_share",
@@ -108,6 +114,9 @@ class RefinementNode(Node):
         super().__init__("refinement", automatically_declare_parameters_from_overrides=True)
         self._settings = declare_parameters(self, PARAMETERS)
         self._domain, self._robot = domain, robot = domain_and_robot(self._settings)
+        self._planner = planner_of(self, self._settings)
+        if domain.grid is not None:
+            self._domain, self._robot = domain, robot = self._on_map(domain.grid)
         self._fence = fence_of(self._settings, robot)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         self._ranges = self._fence.narrowed(domain.ranges, robot)  # places are searched inside the fence
@@ -135,10 +144,12 @@ class RefinementNode(Node):
             f"{self.context.get_domain_id()}); {self._sets.startup_text()}; {policy}"
         )
 
+    def _on_map(self, grid: GridMap) -> tuple[Domain, Robot]:
+        domain = self._domain.on_map(dataclasses.replace(grid, planner=self._planner))
+        return domain, domain.equip(self._robot)
+
     def _take_map(self, grid: GridMap) -> None:
-        domain = self._domain.on_map(grid)
-        self._robot = robot = domain.equip(self._robot)
-        self._domain = domain
+        self._domain, self._robot = domain, robot = self._on_map(grid)
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         self._sets.load_again(domain, self._libraries)
 

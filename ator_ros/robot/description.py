@@ -250,8 +250,8 @@ class Robot(Base):
 
     def sections(self) -> dict[str, Any]:
         """Return the sections of a file that describes this robot and its scene, without defaults."""
-        content = dataclasses.asdict(self)
-        scene, _ = content.pop("scene"), content.pop("grid")
+        content = self._content()
+        scene = content.pop("scene")
         defaults = {field.name: field.default for field in dataclasses.fields(self)}
         robot = {name: value for name, value in content.items() if getattr(self, name) != defaults[name]}
         return {"robot": robot, "scene": scene}
@@ -261,15 +261,20 @@ class Robot(Base):
 
         Name, scene and map are left out: they do not make it another robot.
         """
-        content = dataclasses.asdict(self)
-        del content["name"], content["scene"], content["grid"]
+        content = self._content()
+        del content["name"], content["scene"]
         return _digest_of(content)
 
     def description_digest(self) -> str:
         """Return a short digest of all that simulated results depend on: scene and map as well."""
-        content = dataclasses.asdict(self)
-        grid = content.pop("grid")
-        return _digest_of(content if grid is None else {**content, "grid": str(self.grid)})
+        content = self._content()
+        return _digest_of(content if self.grid is None else {**content, "grid": str(self.grid)})
+
+    def _content(self) -> dict[str, Any]:
+        """Return all fields but the map, nested ones as dicts."""
+        content = dataclasses.asdict(dataclasses.replace(self, grid=None))
+        del content["grid"]
+        return content
 
 
 def _digest_of(content: dict[str, Any]) -> str:

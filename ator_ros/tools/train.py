@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
+import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from ator_ros.experience.drives import CMD_VEL, ODOM
 from ator_ros.experience.recordings import read_sources
 from ator_ros.experience.table import Experience, ExperienceError, library_versions
 from ator_ros.files import FileError, is_name
+from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, model_path, save_model
@@ -145,6 +148,10 @@ def arguments() -> argparse.ArgumentParser:
         "--fresh", nargs="+", type=Path, default=[], help="other episodes, on which accuracy is measured"
     )
     add_setting(parser, action_set=False)
+    parser.add_argument(
+        "--planner", type=topic, metavar="ACTION",
+        help="running action server of nav2_msgs/ComputePathToPose, whose paths are the routes on the map",
+    )  # fmt: skip
     parser.add_argument("--models", type=Path, help="folder of the models (default: the shipped models/)")
     parser.add_argument(
         "--action-set",
@@ -164,7 +171,34 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
+@contextlib.contextmanager
+def _planning(domain: Domain, action: str | None) -> Iterator[Domain]:
+    """Yield the domain whose routes are the paths of a running planner, if `action` names one."""
+    if action is None:
+        yield domain
+        return
+    import rclpy
+
+    from ator_ros.nodes.path_planner import PathPlanner
+    from ator_ros.nodes.remote_messages import RemoteError
+
+    if domain.grid is None:
+        raise FileError("--planner: expected a map, too: add --map")
+    stay_on_this_machine(os.environ)
+    with rclpy.init():
+        try:
+            planner = PathPlanner(action)
+        except RemoteError as error:
+            raise FileError(f"--planner: {error}") from error
+        yield domain.on_map(dataclasses.replace(domain.grid, planner=planner))
+
+
 def _run(options: argparse.Namespace, domain: Domain, command: str) -> None:
+    with _planning(domain, options.planner) as planned:
+        _train(options, planned, command)
+
+
+def _train(options: argparse.Namespace, domain: Domain, command: str) -> None:
     robot, folder = domain.robot(options.robot or None), options.models or domain.shipped_models
     if options.rules:
         print(_rules(domain, options, robot, folder))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -21,6 +21,9 @@ from ator_ros.schema import SchemaError, Within, require, structured
 _LARGEST_YAML = 100_000  # bytes; map_server's have 200
 _FREE = 25  # percent up to which a cell of an OccupancyGrid is free, as map_saver writes it
 _MOST_CELLS = 100_000_000  # 500 x 500 m at 5 cm
+
+Planner = Callable[[tuple[float, float], tuple[float, float]], FloatArray | None]
+"""Returns a path between two places, shape (n, 2), in m, or None if there is none. Its text names it."""
 
 
 @dataclass(frozen=True)
@@ -55,12 +58,15 @@ class GridMap:
         Side of a cell in m.
     origin : Pose
         The outer corner of the first cell, and the direction of its row.
+    planner : Planner, optional
+        Plans the routes of drives, instead of the product's own search.
     """
 
     name: str
     free: BoolArray
     resolution: float
     origin: Pose
+    planner: Planner | None = None
 
     def __post_init__(self) -> None:
         """Check it; raises FileError."""
@@ -76,7 +82,8 @@ class GridMap:
     def _text(self) -> str:
         # Origins in messages are rounded: their yaw is that of a quaternion.
         numbers = np.round([*self.free.shape, self.resolution, *self.origin], 6) + 0.0
-        return f"{self.name} ({hashlib.sha256(numbers.tobytes() + self.free.tobytes()).hexdigest()[:8]})"
+        digest = hashlib.sha256(numbers.tobytes() + self.free.tobytes()).hexdigest()[:8]
+        return f"{self.name} ({digest}{'' if self.planner is None else f', paths of {self.planner}'})"
 
     def __str__(self) -> str:
         """Return the name and a digest of the content."""

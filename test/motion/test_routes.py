@@ -1,5 +1,6 @@
 """Routes on a map: lengths, headings, margins, places that none leads to."""
 
+import dataclasses
 import math
 import time
 
@@ -8,7 +9,7 @@ import pytest
 from maps import hall
 
 from ator_ros.files import FileError
-from ator_ros.geometry import Pose, wrap_angles
+from ator_ros.geometry import FloatArray, Pose, wrap_angles
 from ator_ros.motion.routes import MARGINS, Routes, RouteSet
 from ator_ros.world.grid_map import GridMap
 
@@ -43,6 +44,30 @@ def test_a_route_leads_through_the_door_around_its_corners() -> None:
     assert found.turn == pytest.approx(2.0 * angle, abs=0.2)
     assert found.clearance == pytest.approx(near, abs=0.1)
     assert not found.straight
+
+
+def test_a_planner_replaces_the_search_and_is_asked_once_for_each_pair_of_places() -> None:
+    asked = []
+
+    def planner(start: tuple[float, float], goal: tuple[float, float]) -> FloatArray | None:
+        asked.append((start, goal))
+        corner = (0.0, 2.4)  # its steps are those of cells
+        path = np.concatenate([np.linspace(start, corner, 60), np.linspace(corner, goal, 60)])
+        return np.round(path / 0.05) * 0.05 if goal[1] > -3.0 else None
+
+    routes = Routes(dataclasses.replace(GRID, planner=planner), RADIUS)
+    pairs = [(-3.0, 0.0, 3.0, 0.0), (-3.0, 0.0, 3.0, -3.5), (-3.0, 2.4, 3.0, 2.4)]
+    for _ in range(2):
+        found = between(*pairs, *pairs, routes=routes)
+    assert sorted(asked) == sorted((pair[:2], pair[2:]) for pair in pairs)
+    angle = math.atan2(2.4, 3.0)
+    assert found.length[0] == pytest.approx(2.0 * math.hypot(3.0, 2.4), rel=0.1)
+    assert found.departure[0] == pytest.approx(angle, abs=0.15)
+    assert found.arrival[0] == pytest.approx(-angle, abs=0.15)
+    assert found.turn[0] == pytest.approx(2.0 * angle, abs=0.3)
+    assert found.clearance[0] == pytest.approx(0.4, abs=0.15)
+    assert np.isnan(found.length[1])
+    assert found.straight.tolist() == [False, False, True] * 2
 
 
 def test_many_starts_one_goal_and_the_reverse() -> None:

@@ -1,4 +1,4 @@
-"""The types of nav2_msgs that the node `waypoints` needs, with the fields of Jazzy, where ROS has none."""
+"""The types of nav2_msgs that the nodes need, with the fields of Jazzy, where ROS has none."""
 
 import ctypes
 import hashlib
@@ -43,14 +43,29 @@ int16 number_of_recoveries
 float32 distance_remaining
 int16 number_of_poses_remaining
 """,
+    "action/ComputePathToPose.action": """
+geometry_msgs/PoseStamped goal
+geometry_msgs/PoseStamped start
+string planner_id
+bool use_start
+---
+uint16 NONE=0
+nav_msgs/Path path
+builtin_interfaces/Duration planning_time
+uint16 error_code
+string error_msg
+---
+""",
     "CMakeLists.txt": """
 cmake_minimum_required(VERSION 3.20)
 project(nav2_msgs)
 find_package(ament_cmake REQUIRED)
 find_package(rosidl_default_generators REQUIRED)
 find_package(geometry_msgs REQUIRED)
+find_package(nav_msgs REQUIRED)
 rosidl_generate_interfaces(nav2_msgs msg/MissedWaypoint.msg action/FollowWaypoints.action
-  action/NavigateThroughPoses.action DEPENDENCIES builtin_interfaces geometry_msgs)
+  action/NavigateThroughPoses.action action/ComputePathToPose.action
+  DEPENDENCIES builtin_interfaces geometry_msgs nav_msgs)
 ament_package()
 """,
 }

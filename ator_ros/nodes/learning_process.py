@@ -1,0 +1,42 @@
+"""The process of one round of learning, which the node `learning` starts."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import rclpy
+
+from ator_ros.domains.domain import domain_for
+from ator_ros.learning.round import Source, learn
+from ator_ros.nodes.path_planner import PathPlanner
+
+NICE = 15
+
+
+def main() -> None:
+    """Do one round, after all other processes, and write its result to standard output.
+
+    Arguments, in a JSON list: the folder of records, domain, robot, models, map and planner as the parameters
+    of the node name them, and the time.
+    """
+    os.nice(NICE)
+    with suppress(OSError):  # Linux weighs sessions before processes, and this process has its own session
+        Path("/proc/self/autogroup").write_text(str(NICE), encoding="ascii")
+    folder, name, robot, models, grid, planner, time = json.loads(sys.argv[1])
+    domain = domain_for(name, robot).on_map(grid)
+    if planner and domain.grid is not None:
+        rclpy.init()
+        domain = domain.on_map(dataclasses.replace(domain.grid, planner=PathPlanner(planner)))
+    place = Path(models) if models else domain.shipped_models
+    source = Source(Path(folder), domain, domain.robot(robot or None), place)
+    sys.stdout.write(json.dumps(learn(source, time=time), allow_nan=False))
+    rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()
