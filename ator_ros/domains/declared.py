@@ -49,7 +49,6 @@ class DeclaredPlace:
     yaw: tuple[float, ...] = _ALL_ROUND
 
     def __post_init__(self) -> None:
-        """Check that all are numbers or ranges."""
         for name, most in (("x", FARTHEST), ("y", FARTHEST), ("yaw", math.tau)):
             spread = list(getattr(self, name))
             good = len(spread) in (1, 2) and spread == sorted(spread) and max(map(abs, spread)) <= most
@@ -187,7 +186,6 @@ class DeclaredStep:
     times: tuple[int, ...] = (1,)
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         times = self.times
         good = len(times) in (1, 2) and 0 <= times[0] <= times[-1] and 1 <= times[-1] <= LONGEST_CHAIN
         require(good, "times", f"[a number] or [least, greatest] from 0 to {LONGEST_CHAIN}", list(times))
@@ -206,7 +204,6 @@ class DeclaredChain:
     apart: Apart = 0.5
 
     def __post_init__(self) -> None:
-        """Check the number of steps."""
         least, most = (sum(step.times[end] for step in self.steps) for end in (0, -1))
         require(least >= 1 and most <= LONGEST_CHAIN, "steps", f"1 to {LONGEST_CHAIN} of them", (least, most))
 
@@ -293,7 +290,6 @@ class DeclaredAction:
     drives: DeclaredDrives | None = None
 
     def __post_init__(self) -> None:
-        """Check that either `local` or `remote` is given, and nothing else with `local`."""
         given = [kind for kind in ("local", "remote") if getattr(self, kind) is not None]
         require(len(given) == 1, "local, remote", "one of the two", given)
         for part in ("goal_variables", "stand_in", "drives"):
@@ -310,7 +306,6 @@ class DeclaredVariable:
     high: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the bounds."""
         both = (self.low, self.high)
         require((self.low is None) == (self.high is None), "low, high", "both or neither", both)
         if self.low is None or self.high is None:
@@ -352,7 +347,6 @@ class DeclaredServer:
     folder: str = ""
 
     def __post_init__(self) -> None:
-        """Check that there is either an executable or a command, and a folder only with a command."""
         if self.command:
             alone = not (self.package or self.executable)
             require(alone, "command", "none beside package and executable", self.command)
@@ -390,7 +384,6 @@ class DeclaredDomain:
     time_limit: Duration = TIME_LIMIT
 
     def __post_init__(self) -> None:
-        """Check that names come once, and that chains name TOPs that there are."""
         for part in ("tops", "actions", "objects", "variables", "chains"):
             names = [entry.name for entry in getattr(self, part) or ()]
             twice = sorted({name for name in names if names.count(name) > 1})

@@ -128,7 +128,6 @@ class Domain:
     grid: GridMap | None = None
 
     def __post_init__(self) -> None:
-        """Check that the parts agree."""
         try:
             self._check_objects_and_features()
             for top in self.tops:

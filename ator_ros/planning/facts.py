@@ -164,7 +164,6 @@ class Fact:
         return self.clause.violation(state, resolved(dict(self.binding), state))
 
     def __str__(self) -> str:
-        """Return it as text, with numbers for known goal variables."""
         clause = self.clause
         if not isinstance(clause, Statement):
             return str(clause)

@@ -22,11 +22,11 @@ class Range:
     low, high : float
         Bounds in the variable's unit (m, rad, m/s, or as declared).
     steps : int
-        How finely the first grid divides it, relative to other variables.
+        How finely the first grid of the search divides it, relative to other variables.
     periodic : bool
-        The bounds are the same value, as with an angle.
+        Whether the bounds are the same value, as with an angle.
     rest : float or None
-        The value that an unrefined chain takes; None: the one at which the action alone is cheapest.
+        The value that an unrefined chain takes; None: the one at which the action alone is fastest.
     """
 
     low: float
@@ -41,8 +41,7 @@ class Range:
         return math.isfinite(value) and (self.periodic or self.low - slack <= value <= self.high + slack)
 
 
-RangeOf = Callable[[Robot, Goal], Range]
-Ranges = Mapping[str, RangeOf]
+Ranges = Mapping[str, Callable[[Robot, Goal], Range]]
 """Goal variable to its range, given the robot and the goal; a variable without one is never free."""
 
 
