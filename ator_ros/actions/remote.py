@@ -68,16 +68,9 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True)
 class Success:
-    """The result of a server that means success.
+    """The final states of a goal, and the fields of its result, that mean success.
 
-    Attributes
-    ----------
-    status : tuple of str
-        Final states of its goal that mean success.
-    fields : tuple of Expectation
-        Fields of its result, and their values.
-    reason : str or None
-        A field of the result with the reason of a failure, for messages.
+    `reason` is a field of the result with the reason of a failure, for messages.
     """
 
     status: tuple[Literal["succeeded", "aborted", "canceled"], ...] = ("succeeded",)
@@ -90,47 +83,26 @@ class Success:
 
 @dataclass(frozen=True, slots=True)
 class Timeouts:
-    """How long a server may take.
+    """Timeouts in s, real time except that of the result, which is by the stamps of the states.
 
-    Attributes
-    ----------
-    server : float
-        Real s without a server, before the goal is sent and during its execution.
-    acceptance : float
-        Real s from the goal until it is accepted or rejected.
-    silence : float
-        Real s without feedback or a reply to a request during the execution of a goal. Six requests are sent
-        in that time. Only for servers that have replied before.
-    result : float
-        s, by the stamps of the states, from the acceptance until the result.
-    cancel : float
-        Real s from a cancellation until the server reports the end of the goal.
+    `silence` is the time without feedback or a reply to a request during the execution of a goal. Six
+    requests are sent in that time. It applies to servers that have replied before.
     """
 
-    server: Duration = 2.0
-    acceptance: Duration = 2.0
+    server: Duration = 2.0  # without a server, before the goal is sent and during its execution
+    acceptance: Duration = 2.0  # from the goal until it is accepted or rejected
     silence: Duration = 3.0
-    result: Duration = 120.0
-    cancel: Duration = 1.0
+    result: Duration = 120.0  # from the acceptance until the result
+    cancel: Duration = 1.0  # from a cancellation until the server reports the end of the goal
 
 
 @dataclass(frozen=True, slots=True)
 class RemoteCall:
-    """An action server, and the meaning of its goal and result.
+    """An action server, and the meaning of its goal and result."""
 
-    Attributes
-    ----------
-    server : str
-        Its name: relative to the node's namespace, or absolute.
-    type : str
-        Its type, as in nav2_msgs/action/NavigateToPose, which is imported at run time.
-    goal : tuple of Filling
-        How fields of its goal are filled; the others keep their defaults.
-    """
-
-    server: str
-    type: str
-    goal: tuple[Filling, ...]
+    server: str  # name, relative to the node's namespace, or absolute
+    type: str  # such as nav2_msgs/action/NavigateToPose, which is imported at run time
+    goal: tuple[Filling, ...]  # other fields keep their defaults
     success: Success = dataclasses.field(default_factory=Success)
     timeouts: Timeouts = dataclasses.field(default_factory=Timeouts)
 

@@ -158,22 +158,12 @@ class DeclaredDrives:
 
 @dataclass(frozen=True, slots=True)
 class DeclaredStep:
-    """Consecutive steps of a chain with the same TOP.
-
-    Attributes
-    ----------
-    goal : tuple of DeclaredPlace
-        Places, one of which is drawn for each step.
-    open : tuple of str
-        Goal variables that refinement may change.
-    times : tuple of int
-        The number of steps, or the least and the greatest.
-    """
+    """Consecutive steps of a chain with the same TOP."""
 
     top: str
-    goal: Places
-    open: tuple[str, ...] = ()
-    times: tuple[int, ...] = (1,)
+    goal: Places  # one of them is drawn for each step
+    open: tuple[str, ...] = ()  # goal variables that refinement may change
+    times: tuple[int, ...] = (1,)  # the number of steps, or the least and the greatest
 
     def __post_init__(self) -> None:
         times = self.times
@@ -253,24 +243,14 @@ class LocalAction:
 
 @dataclass(frozen=True, slots=True)
 class DeclaredAction:
-    """An action, either `local` or `remote`.
-
-    Attributes
-    ----------
-    goal_variables : tuple of GoalVariable
-        Of a remote action: goal variables beyond pose and speed.
-    stand_in : str or None
-        Of a remote action: the entry point of `STAND_INS` that replaces it in simulations without ROS.
-    drives : DeclaredDrives or None
-        Of a remote action: the drives from which experience is gathered.
-    """
+    """An action, either `local` or `remote`; the other fields are for remote actions only."""
 
     name: Annotated[str, NAME]
     local: LocalAction | None = None
     remote: RemoteCall | None = None
-    goal_variables: tuple[GoalVariable, ...] = ()
-    stand_in: str | None = None
-    drives: DeclaredDrives | None = None
+    goal_variables: tuple[GoalVariable, ...] = ()  # beyond pose and speed
+    stand_in: str | None = None  # entry point of `STAND_INS` that replaces it in simulations without ROS
+    drives: DeclaredDrives | None = None  # in which experience is gathered
 
     def __post_init__(self) -> None:
         given = [kind for kind in ("local", "remote") if getattr(self, kind) is not None]
@@ -312,20 +292,12 @@ class DeclaredVariable:
 
 @dataclass(frozen=True, slots=True)
 class DeclaredServer:
-    """An action server that tools start with our nodes: `ros2 run PACKAGE EXECUTABLE`, or a command.
-
-    Attributes
-    ----------
-    command : tuple of str
-        The words of the command.
-    folder : str
-        The working directory of the command; in a domain's file relative to the file.
-    """
+    """An action server that tools start with our nodes: `ros2 run PACKAGE EXECUTABLE`, or a command."""
 
     package: str = ""
     executable: str = ""
-    command: tuple[str, ...] = ()
-    folder: str = ""
+    command: tuple[str, ...] = ()  # in words
+    folder: str = ""  # working directory of the command; in a domain's file relative to the file
 
     def __post_init__(self) -> None:
         if self.command:

@@ -53,23 +53,14 @@ def _settle(simulation: Simulation, top: Top, goal: Goal) -> World:
 class Judgment:
     """How a TOP ended, by the true state.
 
-    Attributes
-    ----------
-    success : bool
-        Its action succeeded, and its post-condition holds.
-    reason : str
-        A sentence on how it ended.
-    error : float
-        Distance of the robot's point from the goal in m if the TOP places it there; else the greatest
-        violation of the post-condition, in the unit of the variable.
-    heading_error : float
-        Difference of headings in rad; NaN if the TOP does not place the robot.
+    `error` is the distance in m of the robot's point from the goal if the TOP places it there; else the
+    greatest violation of the post-condition, in the unit of the variable.
     """
 
-    success: bool
+    success: bool  # the action succeeded, and the post-condition holds
     reason: str
     error: float
-    heading_error: float
+    heading_error: float  # rad; NaN if the TOP does not place the robot
 
 
 def judge(simulation: Simulation, top: Top, goal: Goal, status: Status, message: str) -> Judgment:

@@ -18,24 +18,12 @@ _TELEPORT = 0.3  # m in one tick that no robot drives
 
 @dataclass(frozen=True, slots=True)
 class ObjectErrors:
-    """Errors in the observations of an object; by default none.
+    """Errors in the observations of an object; by default none."""
 
-    Attributes
-    ----------
-    noise : float
-        Standard deviation in m of each coordinate.
-    velocity_noise : float
-        Standard deviation in m/s of each component of the velocity.
-    delay : float
-        Time in s from an observation until it is known, rounded up to a tick.
-    dropouts : float
-        Probability in [0, 1) that the object is not observed in a tick.
-    """
-
-    noise: float = 0.0
-    velocity_noise: float = 0.0
-    delay: float = 0.0
-    dropouts: float = 0.0
+    noise: float = 0.0  # m, standard deviation of each coordinate
+    velocity_noise: float = 0.0  # m/s, standard deviation of each component
+    delay: float = 0.0  # s from an observation until it is known, rounded up to a tick
+    dropouts: float = 0.0  # probability in [0, 1) that the object is not observed in a tick
 
 
 @dataclass(frozen=True, slots=True)

@@ -209,7 +209,7 @@ class Statement(Clause):
         """Return the least and the greatest difference of the variable from `target`."""
 
     @property
-    def places(self) -> bool:
+    def is_at_target(self) -> bool:
         """Whether this places the variable at its target: the range is finite and contains 0."""
         low, high = self.reach(0.0)
         return -math.inf < low <= 0.0 <= high < math.inf

@@ -60,7 +60,7 @@ def object_fetched_by(top: Top) -> str | None:
 
 def _at(condition: Condition, place: str) -> str | None:
     """Return the first object, by name, that a condition places at `place`: both x and y."""
-    related = {_pair(term) for term in condition.terms if term.places}
+    related = {_pair(term) for term in condition.terms if term.is_at_target}
     names = sorted(condition.objects())
     return next((name for name in names if related >= _position_pairs(name, place)), None)
 

@@ -45,8 +45,7 @@ Ranges = Mapping[str, Callable[[Robot, Goal], Range]]
 """Goal variable to its range, given the robot and the goal; a variable without one is never free."""
 
 
-def heading(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
-    """Return the range of a heading: all of them."""
+def _heading(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
     return Range(-math.pi, math.pi, 36, periodic=True)
 
 
@@ -66,7 +65,7 @@ def _y(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
     return Range(y_min, y_max, 10)
 
 
-USUAL_RANGES: Ranges = MappingProxyType({"x": _x, "y": _y, "yaw": heading, "speed": arrival_speed})
+USUAL_RANGES: Ranges = MappingProxyType({"x": _x, "y": _y, "yaw": _heading, "speed": arrival_speed})
 """The ranges that the robot and its scene determine; a domain may have others."""
 
 

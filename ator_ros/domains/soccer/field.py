@@ -37,23 +37,13 @@ _CENTER_CIRCLE = 1.0  # m, radius
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """The field; its goals are on the two lines at right angles to the x axis.
+    """The field in m; its goals are on the two lines at right angles to the x axis."""
 
-    Attributes
-    ----------
-    length, width : float
-        Between the lines, in m.
-    goal_width, goal_depth : float
-        Inner sizes of both goals in m; 0 without goals.
-    x, y : float
-        The center in m.
-    """
-
-    length: float
+    length: float  # between the lines
     width: float
-    goal_width: float
+    goal_width: float  # inner sizes of both goals; 0 without goals
     goal_depth: float
-    x: float = 0.0
+    x: float = 0.0  # of the center
     y: float = 0.0
 
     @property

@@ -80,7 +80,7 @@ def ball_distances(poses: FloatArray, ball: ObjectState, robot: Robot) -> FloatA
 
 
 class Outline(NamedTuple):
-    """The robot's outline and the goals, in m; see `field.wall_distance`."""
+    """The robot's outline and the goals, in m; for the last three see `field.wall_distance`."""
 
     front: float
     rear: float
