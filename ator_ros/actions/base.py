@@ -72,7 +72,7 @@ class Step:
 
 
 class ActionError(ValueError):
-    """An action that cannot start; the message says what was expected and what came."""
+    """An action cannot start."""
 
 
 class Action(ABC):

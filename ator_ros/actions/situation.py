@@ -19,7 +19,7 @@ from ator_ros.world.state import ObjectState, RobotState
 
 T = TypeVar("T")
 
-_MOST_DRAWS = 10_000  # draws after which a sampler gives up; in scenes with enough room it needs a few tens
+_MOST_DRAWS = 10_000  # of a sampler, which needs a few tens in scenes with enough room
 
 SHORT = 0.5
 """Distance in m between start and goal below which a drive is short."""

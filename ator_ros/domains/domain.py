@@ -274,7 +274,7 @@ class Domain:
         return (*named, *(feature for feature in own if feature not in named), *self._of_map)
 
     def source(self, name: str) -> ObjectSource:
-        """Return where the state of an object comes from."""
+        """Return the topic of an object's state."""
         given = (source for source in self.sources if source.name == name)
         return next(given, ObjectSource(name, optional=True))
 

@@ -43,7 +43,7 @@ class DriveToStandIn(Action):
             self._sent = self._commanded and world.robot.is_standing
             self._commanded = True
         if not self._sent:
-            return Step(STOP, Status.RUNNING, "stopping, before the server takes over")
+            return Step(STOP, Status.RUNNING, "stopping before the goal is sent")
         if self._law.phase is Phase.ARRIVED:
             return finished(Status.SUCCEEDED, "arrived")
         if self._law.phase in (Phase.MISSED, Phase.TOO_LONG):

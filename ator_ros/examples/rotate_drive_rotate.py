@@ -95,7 +95,7 @@ class RotateDriveRotate:
         return self._v, self._w
 
     def _begin(self, state: State) -> None:
-        """Decide which way to drive, and whether to rotate in place first."""
+        """Choose between forward and backward, and whether to rotate in place first."""
         self._began = self._last = state.time
         self._start = (state.x, state.y)
         if self.distance < self.tuning.xy_goal_tolerance:
@@ -128,6 +128,7 @@ class RotateDriveRotate:
         return 0.0, 0.0
 
     def _at_goal(self, state: State) -> tuple[float, float]:
+        """Rotate to the goal's heading, then wait until the robot has stood there for a while."""
         error = _wrapped(self._goal[2] - state.yaw)
         if self.phase is Phase.ROTATING_TO_GOAL:
             if abs(error) > self.tuning.yaw_goal_tolerance:

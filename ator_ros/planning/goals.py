@@ -38,7 +38,7 @@ def check_goal(goal: Sequence[GoalStatement], known: Sequence[str]) -> None:
                 raise PlanningError(f"goal: expected one of {', '.join(known)}, got {quoted(name)}")
     names = [statement.variable for statement in goal]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise PlanningError(f"goal: expected each variable once, {', '.join(twice)} come twice")
+        raise PlanningError(f"goal: expected each variable once, got {', '.join(twice)} twice")
 
 
 def statement_from(text: str) -> GoalStatement:

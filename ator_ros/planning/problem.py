@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 from ator_ros.planning.facts import (
     AXES,
-    Binding,
     Fact,
     Symbol,
     Value,
@@ -73,7 +72,7 @@ def facts_of(goal: Sequence[GoalStatement], tops: Sequence[Top]) -> list[Fact]:
 
 def _achieved(statement: Unspecified, top: Top) -> Value | None:
     """Return the variable after a TOP relative to the target; None if the TOP does not bring it there."""
-    for binding in itertools.chain([{}], _reaching([statement], top)):
+    for binding in ({}, _reaching([statement], top)):
         values = after(top, binding)
         value, target = values.get(statement.variable), values.get(str(statement.target))
         target = target or Value(statement.target)
@@ -82,8 +81,8 @@ def _achieved(statement: Unspecified, top: Top) -> Value | None:
     return None
 
 
-def _reaching(goal: Sequence[GoalStatement], top: Top) -> Iterator[Binding]:
-    """Yield the goal with which a TOP achieves the most statements, if it achieves any."""
+def _reaching(goal: Sequence[GoalStatement], top: Top) -> dict[str, Symbol]:
+    """Return the goal with which a TOP achieves the most statements; empty if it achieves none."""
     names = {*top.pre.goal_names(), *top.post.goal_names(), *AXES, "speed"}
     values = after(top, {name: f"goal.{name}" for name in names})
     found: dict[str, Symbol] = {}
@@ -93,8 +92,7 @@ def _reaching(goal: Sequence[GoalStatement], top: Top) -> Iterator[Binding]:
         if symbol == f"goal.{name}" and name in names and not str(statement.target).startswith(_MOVING):
             target = statement.target
             found.setdefault(name, target if isinstance(target, str) else float(target))
-    if found:
-        yield found
+    return found
 
 
 def steps_for(goal: Sequence[Fact], tops: Sequence[Top]) -> list[PlannedStep]:
@@ -119,7 +117,7 @@ def _bindings(top: Top, groups: Sequence[Sequence[Statement]]) -> Iterator[tuple
     if own or not places_something:
         yield tuple(sorted(own.items()))
     for group in groups:
-        for found in _reaching(group, top):
+        if found := _reaching(group, top):
             yield tuple(sorted({**found, **own}.items()))
 
 
@@ -228,7 +226,7 @@ class PlanningProblem:
                 continue
             done.add(state)
             if len(done) > _MOST_STATES:
-                raise PlanningError(f"goal: expected at most {_MOST_STATES} states on the way, got more")
+                raise PlanningError(f"goal: expected at most {_MOST_STATES} states to search, got more")
             for number in usable:
                 operator = self.operators[number]
                 if operator.needs <= state:

@@ -42,7 +42,7 @@ class Simulation:
     robot : Robot
         The description of every robot, and the scene.
     robots : int
-        Their number. They stand far away until they are placed.
+        Number of robots. They are far away until they are placed.
 
     Notes
     -----

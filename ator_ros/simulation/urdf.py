@@ -16,9 +16,7 @@ _HEIGHT = 0.12  # m of the center of mass
 _LIGHT = 0.1  # ratio of mass times squared radius to the usual one, below which the motors are smaller
 _USUAL_MASS, _USUAL_RADIUS = 9.0, 0.0975  # kg, and m of a wheel
 _CENTER_OF_MASS, _CASTER = 0.06, 0.04  # m: center of mass behind the axle, caster from the body's end
-_BEHIND_SHARE = 0.3
-"""Greatest share of the way from the axle to the caster at which the center of mass lies: the wheels carry
-the rest of the weight, as `Robot.grip` takes them to."""
+_BEHIND_SHARE = 0.3  # greatest share of the weight on the caster; `Robot.grip` assumes the rest on the wheels
 _FINGER = (
     '<{tag}><origin xyz="{x:.6g} {side}{y:.6g} 0.12"/>'
     '<geometry><box size="{length:.6g} {thickness:.6g} 0.1"/></geometry>{material}</{tag}>'

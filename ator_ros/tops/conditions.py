@@ -73,7 +73,7 @@ class Clause(ABC):
 
     @abstractmethod
     def clearance(self, state: Values, goal: Values) -> Any:
-        """Return the margin by which this holds, negative where it does not; None if a variable is unknown.
+        """Return the margin by which this holds, negative if it does not; None if a variable is unknown.
 
         It is in m for places, else in the variable's unit; an array of shape (n,) if a variable is one.
         """
@@ -97,7 +97,7 @@ class Clause(ABC):
 
 @dataclass(frozen=True, slots=True)
 class Relation(Clause):
-    """A clause on where one place lies as seen from another.
+    """A clause on the position of one place relative to another.
 
     Attributes
     ----------

@@ -124,12 +124,12 @@ def _release(
     direction with cosine `c` and sine `s`. The time is infinite if ball or robot would miss the mouth.
     """
     ball_x, ball_y = x + shooting.hold * c, y + shooting.hold * s
-    way, crossing = (shooting.radius - ball_x) / c, ball_y - ball_x * s / c
-    if way < 0.0 or (shooting.half_width - abs(crossing)) * c - shooting.reach < _ROOM:
+    left, crossing = (shooting.radius - ball_x) / c, ball_y - ball_x * s / c
+    if left < 0.0 or (shooting.half_width - abs(crossing)) * c - shooting.reach < _ROOM:
         return 0.0, 0.0, np.inf
     rates, roll = shooting.rates, shooting.roll
-    gaining = (way - roll * speed * speed) / (1.0 + 2.0 * roll * rates.a)
-    pushed = max(gaining, way - roll * rates.v * rates.v, 0.0)
+    gaining = (left - roll * speed * speed) / (1.0 + 2.0 * roll * rates.a)
+    pushed = max(gaining, left - roll * rates.v * rates.v, 0.0)
     released = min(math.sqrt(speed * speed + 2.0 * rates.a * pushed), rates.v)
     # A turn may end beyond the place of the release, as long as the robot stops inside the goal.
     stop = pushed + released * released / (2.0 * shooting.brake)
@@ -138,13 +138,13 @@ def _release(
     if min(inside, beside) - shooting.reach < _ROOM:
         return 0.0, 0.0, np.inf
     time = drive_time(pushed, speed, released, rates)
-    return pushed, released, time + _rolling_time(shooting.rolling, released, way - pushed)
+    return pushed, released, time + _rolling_time(shooting.rolling, released, left - pushed)
 
 
 @compiled
-def _rolling_time(deceleration: float, speed: float, way: float) -> float:
-    """Return the time in s in which a ball released at `speed` (m/s) rolls `way` m."""
-    left = math.sqrt(max(speed * speed - 2.0 * deceleration * way, 0.0))
+def _rolling_time(deceleration: float, speed: float, distance: float) -> float:
+    """Return the time in s in which a ball that is released at `speed` (m/s) rolls `distance` m."""
+    left = math.sqrt(max(speed * speed - 2.0 * deceleration * distance, 0.0))
     return float((speed - left) / deceleration)
 
 
@@ -183,8 +183,8 @@ def _release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
 def _time_after(robot: Robot, mouth: Pose, released: Pose, speed: float) -> float:
     """Return the time in s from a release at `speed` (m/s) until the ball is behind the line."""
     ball, rolling = mouth.relative(released).ahead(robot.hold), robot.scene.objects[BALL]
-    way = (rolling.radius - ball.x) / math.cos(ball.yaw)
-    return _rolling_time(rolling.rolling_deceleration, float(speed), float(way))
+    distance = (rolling.radius - ball.x) / math.cos(ball.yaw)
+    return _rolling_time(rolling.rolling_deceleration, float(speed), float(distance))
 
 
 def _roll_of(robot: Robot) -> float:
