@@ -29,7 +29,7 @@ GoalStatement = Statement | Unspecified
 
 
 def check_goal(goal: Sequence[GoalStatement], known: Sequence[str]) -> None:
-    """Raise PlanningError unless a goal has 1 to `MOST_STATEMENTS` about known variables, each once."""
+    """Raise PlanningError unless a goal has 1 to 8 statements about known variables, each once."""
     if not 1 <= len(goal) <= MOST_STATEMENTS:
         raise PlanningError(f"goal: expected 1 to {MOST_STATEMENTS} statements, got {len(goal)}")
     for statement in goal:

@@ -23,10 +23,7 @@ def place(simulation: Simulation, world: World) -> None:
 
 
 def run(simulation: Simulation, step: Callable[[World], Step], *, ticks: int) -> Step | None:
-    """Execute the steps that `step` returns for up to `ticks` control ticks.
-
-    Return the last step, which is not RUNNING; None if there is none after `ticks`.
-    """
+    """Execute the steps that `step` returns until one is not RUNNING; return it, or None after `ticks`."""
     for _ in range(ticks):
         done = step(simulation.world())
         if done.status is not Status.RUNNING:

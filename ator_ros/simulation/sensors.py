@@ -13,7 +13,7 @@ import numpy as np
 from ator_ros.geometry import Pose
 from ator_ros.world.state import ObjectState, World
 
-_TELEPORT = 0.3  # m in one tick that no robot drives
+_TELEPORT = 0.3  # m; a robot that moves farther in a tick was placed
 
 
 @dataclass(frozen=True, slots=True)

@@ -148,7 +148,7 @@ def _sampled(curve: _Curve, goal: Pose) -> FloatArray:
 
 
 def _placed(local: FloatArray, goal: Pose) -> FloatArray:
-    """Return places in m, shape (n, 2), from the frame of `goal` in that of its coordinates."""
+    """Transform places in m, shape (n, 2), from the frame of `goal` to that in which `goal` is given."""
     c, s = math.cos(goal.yaw), math.sin(goal.yaw)
     return np.asarray(local @ np.array([[c, s], [-s, c]]) + (goal.x, goal.y))
 
@@ -169,7 +169,7 @@ _SLIGHT = 0.3  # rad on the circle below which it is driven faster, as rotation 
 class Driver:
     """Drives a robot in the state `start` to a pose along a Bezier curve that is recomputed at every tick.
 
-    With a `robot`, it keeps clear of the walls in its scene, and until the run-in of the `ball`.
+    It keeps clear of the walls in the scene of a `robot`, and until the run-in of a `ball`.
     """
 
     def __init__(
@@ -366,9 +366,9 @@ class BezierGoToPose(_BezierAction):
 
 
 _LOOSE, _TAKEN = 0.025, 0.01
-"""Distances in m of the ball before the hold. From beyond the first it would slip out in a turn: before, the
-robot drives straight ahead up to the second."""
-_TAKING = 0.3  # m/s at which it does so
+"""Distances in m of the ball before the hold. A ball beyond the first would slip out in a turn; so the robot
+first drives straight ahead, until the ball is within the second."""
+_TAKING = 0.3  # m/s of that drive
 _TURNING = 0.3  # rad that the robot may turn on the spot with the ball, once it is at the goal
 
 

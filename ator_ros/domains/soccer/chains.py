@@ -29,8 +29,8 @@ from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
 
-_SHOOTING_DISTANCE = (1.2, 2.0)  # m between a shooting position and the middle of the goal line
-_SHOOTING_BEARING = math.radians(50.0)  # greatest angle between that line and the axis of the field
+_SHOOTING_DISTANCE = (1.2, 2.0)  # m from the middle of the goal line to a shooting position
+_SHOOTING_BEARING = math.radians(50.0)  # greatest angle of that direction to the axis of the field
 _OF_TWO = 0.3  # share of the time limit for the straight path of each of two parts
 _ROLLING_SPEED = (0.5, 2.5)  # m/s of a ball that rolls at the start
 _OPEN_HEADING = frozenset({"yaw"})
@@ -100,10 +100,8 @@ def _shot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[
     x, y = field_of(robot).goal_center()
 
     def position() -> Pose:
-        distance, bearing = (
-            rng.uniform(*_SHOOTING_DISTANCE),
-            rng.uniform(-_SHOOTING_BEARING, _SHOOTING_BEARING),
-        )
+        distance = rng.uniform(*_SHOOTING_DISTANCE)
+        bearing = rng.uniform(-_SHOOTING_BEARING, _SHOOTING_BEARING)
         return Pose(x - distance * math.cos(bearing), y + distance * math.sin(bearing), -bearing)
 
     there = drawn_until(

@@ -87,7 +87,7 @@ def _area_text(robot: Robot) -> str:
 
 
 def _speed(robot: Robot, rng: np.random.Generator, share: float) -> float:
-    """Draw an arrival speed in m/s; it is 0 except in a `share` of the cases."""
+    """Draw a speed in m/s up to the greatest arrival speed; 0 except in a `share` of the cases."""
     speed = float(rng.uniform(0.0, greatest_arrival(robot)))
     return speed if rng.random() < share else 0.0
 

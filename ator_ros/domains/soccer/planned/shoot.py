@@ -30,7 +30,7 @@ from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import World
 
 _SLANT = math.radians(60.0)  # greatest angle between a shot and the goal's axis
-_ROLL_SHARE = 0.62  # ratio of the ball's distance from the goal at its release to its rolling distance
+_ROLL_SHARE = 0.62  # of the ball's rolling distance, at which it is released; the rest is for losses
 _ROOM = 0.05  # m between the robot and the goal's posts and walls
 _AIMS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # shares of half the goal's width
 _SLANTS = tuple(math.radians(angle) for angle in (-50.0, -25.0, 0.0, 25.0, 50.0))

@@ -14,7 +14,7 @@ from ator_ros.robot.response import ramped
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, RobotState, World
 
 _LEAST_LAG_SHARE = 0.8  # of the described acceleration: least one at which a lag is measured
-_FOLLOWS = 0.8  # share of the set speed's change above which a base lags, and below which it is weak
+_FOLLOWS = 0.8  # share of the set speed's change below which a base is weak
 _LEAST = 3  # ticks
 _SURPRISE = 0.03  # s above the described lag; at the Pioneer as described the estimate is 0.005 s more
 _MOST = 0.2  # s
