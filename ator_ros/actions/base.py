@@ -23,11 +23,11 @@ class Status(enum.Enum):
     SUCCEEDED = "succeeded"
     FAILED = "failed"
     REFUSED = "refused"
-    """Not executed: its action server did not take the goal. It is no experience."""
+    """Its action server did not accept the goal; nothing was executed, and nothing is learned from it."""
 
 
 class Point(enum.Enum):
-    """Reference point of the robot that is placed at the goal."""
+    """The point of the robot that arrives at the goal."""
 
     AXLE = "axle"
     HOLD = "hold"
@@ -44,9 +44,9 @@ class Goal:
     speed : float
         Translational velocity at arrival in m/s, not negative.
     point : Point
-        AXLE for plain navigation; HOLD where the position is that of the object in front of the robot.
+        AXLE, or HOLD if the position is that of an object in the robot's holder.
     values : mapping of str to float
-        The values of the goal variables that the action declares besides, by name; see `ActionSpec`.
+        The values of the goal variables that the action declares, by name; see `ActionSpec`.
     """
 
     pose: Pose
@@ -61,16 +61,9 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One tick of an action.
+    """One tick of an action, with the reason of its status as a sentence.
 
-    Attributes
-    ----------
-    command : Command or None
-        The velocity command; None if another program moves the robot: then nothing is published.
-    status : Status
-        Whether the action continues.
-    message : str
-        The reason, in a sentence.
+    `command` is None if another program moves the robot; then nothing is published.
     """
 
     command: Command | None
@@ -79,15 +72,14 @@ class Step:
 
 
 class ActionError(ValueError):
-    """An action that cannot start; the message says what was expected and what came."""
+    """An action cannot start."""
 
 
 class Action(ABC):
     """A control program: set up, started with a goal, stepped once per control tick, ended once.
 
-    Actions are black boxes: their performance is learned by observation alone. Each start is a new instance;
-    `setup` prepares all of them. Another instance may start with a new goal of the same step before this one
-    ends.
+    Actions are black boxes: their performance is learned by observation alone. Each start is a new instance,
+    which may start before the one with the previous goal of the same step ends.
     """
 
     name: ClassVar[str]
@@ -96,10 +88,9 @@ class Action(ABC):
         self.robot = robot
 
     def setup(self) -> None:  # noqa: B027
-        """Prepare what all instances need for this robot, so that the first tick is not slower than others.
+        """Prepare what all instances need for this robot, such as tables, before the first tick.
 
-        Called on the first instance that a TOP library makes, when a node starts, and before each run of an
-        action alone. It may be called several times: keep tables in a cache of the module.
+        It may be called several times: keep tables in a cache of the module.
 
         Raises
         ------
@@ -131,13 +122,8 @@ class Action(ABC):
     def end(self, reason: str) -> None:  # noqa: B027
         """Release what `start` has acquired, such as a connection or a goal of an action server.
 
-        Called exactly once after every `start` that did not raise, whatever ended the action: success,
-        failure, a time limit, a cancellation, another goal, a lost input, the fence, the end of the program.
-
-        Parameters
-        ----------
-        reason : str
-            The reason, in a sentence.
+        Called exactly once after every `start` that did not raise, whatever ended the action; `reason` is a
+        sentence.
         """
 
 

@@ -6,7 +6,6 @@ import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from ator_ros.actions.base import Goal
 from ator_ros.files import is_name
@@ -31,16 +30,8 @@ class GoalVariable:
         Its SI unit; empty for a number without one. An angle does not wrap.
     low, high : float
         The values that a goal may have, and that refinement searches.
-    steps : int
-        How finely the first grid of the search divides them, relative to other variables.
-    rest : float or None
-        The value that an unrefined chain takes where a plan opens it; None: the one at which the action alone
-        is cheapest.
-
-    Raises
-    ------
-    ValueError
-        The name is not an identifier or is that of a variable of every goal, or the range is empty.
+    steps, rest
+        See `ator_ros.tops.ranges.Range`.
     """
 
     name: str
@@ -51,7 +42,6 @@ class GoalVariable:
     rest: float | None = None
 
     def __post_init__(self) -> None:
-        """Check name and range."""
         require(is_name(self.name), "name", "a name of letters, digits and _", self.name)
         others = f"none of {', '.join(GOAL_VARIABLES)}, which every goal has"
         require(self.name not in GOAL_VARIABLES, "name", others, self.name)
@@ -77,16 +67,14 @@ def goal_values(goal: Goal) -> dict[str, float]:
 def with_values(goal: Goal, values: Mapping[str, float]) -> Goal:
     """Return `goal` with the goal variables in `values` replaced."""
     plain = {name: float(value) for name, value in values.items()}
-    pose = goal.pose._replace(**{name: value for name, value in plain.items() if name in goal.pose._fields})
-    changed: dict[str, Any] = {"speed": plain["speed"]} if "speed" in plain else {}
+    pose = goal.pose._replace(**{name: plain[name] for name in goal.pose._fields if name in plain})
     declared = {name: value for name, value in plain.items() if name not in GOAL_VARIABLES}
-    if declared:
-        changed["values"] = {**goal.values, **declared}
-    return dataclasses.replace(goal, pose=pose, **changed)
+    speed, others = plain.get("speed", goal.speed), {**goal.values, **declared}
+    return dataclasses.replace(goal, pose=pose, speed=speed, values=others if declared else goal.values)
 
 
 def direct_name(name: str) -> str:
-    """Return the direct variable of features and experience that holds a goal variable: yaw gives yawg."""
+    """Return the name of a goal variable in features and experience: that of yaw is yawg."""
     return f"{name}g"
 
 

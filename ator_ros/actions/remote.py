@@ -18,7 +18,6 @@ from ator_ros.world.state import World
 
 Scalar = bool | int | float | str
 _SOURCES = ("goal", *(f"goal.{name}" for name in GOAL_VARIABLES), "frame")
-"""Sources of a field of the server's goal: the goal's pose, one of its variables, or the frame."""
 _TYPE = re.compile(r"[a-z]\w*/action/[A-Z]\w*")
 LONGEST = 86_400.0
 """Greatest timeout in s: a day, longer than a robot drives on one charge."""
@@ -27,23 +26,16 @@ Duration = Annotated[float, Within(0.001, LONGEST)]
 
 @dataclass(frozen=True, slots=True)
 class Filling:
-    """How one field of the server's goal is filled: from the goal, or with a constant.
+    """How one field of the server's goal is filled: either from a source or with a constant.
 
     Attributes
     ----------
     field : str
-        The field: names joined by dots. [0] makes the only item of a sequence, as in poses[0].pose.
+        Names joined by dots. [0] makes the only item of a sequence, as in poses[0].pose.
     source : str or None
         "goal" (its pose), "goal.NAME" (one of its variables, also one that the action declares), or "frame".
-    constant : bool, int, float, str or None
-        The value itself.
     frame : str or None
-        With the source "goal": the pose's frame; None: the frame that the node estimates the state in.
-
-    Raises
-    ------
-    ValueError
-        There is not exactly one value, the source is unknown, or there is a frame without a pose.
+        With the source "goal": the pose's frame; None: the frame in which the node estimates the state.
     """
 
     field: str
@@ -52,7 +44,6 @@ class Filling:
     frame: str | None = None
 
     def __post_init__(self) -> None:
-        """Check that there is one value."""
         both = [name for name in (self.source, self.constant) if name is not None]
         require(len(both) == 1, "source, constant", "one of the two", both)
         named = self.source in (None, *_SOURCES) or self.goal_variable is not None
@@ -77,16 +68,9 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True)
 class Success:
-    """The result of a server that means success.
+    """The final states of a goal, and the fields of its result, that mean success.
 
-    Attributes
-    ----------
-    status : tuple of str
-        Final states of its goal that mean success.
-    fields : tuple of Expectation
-        Fields of its result, and their values.
-    reason : str or None
-        A field of the result with the reason of a failure, for messages.
+    `reason` is a field of the result with the reason of a failure, for messages.
     """
 
     status: tuple[Literal["succeeded", "aborted", "canceled"], ...] = ("succeeded",)
@@ -94,58 +78,35 @@ class Success:
     reason: str | None = None
 
     def __post_init__(self) -> None:
-        """Check that some state means success."""
         require(bool(self.status), "status", "at least one state", list(self.status))
 
 
 @dataclass(frozen=True, slots=True)
 class Timeouts:
-    """How long a server may take.
+    """Timeouts in s, real time except that of the result, which is by the stamps of the states.
 
-    Attributes
-    ----------
-    server : float
-        Real s without a server, before the goal is sent and while it is executed.
-    acceptance : float
-        Real s from the goal until it is accepted or rejected.
-    silence : float
-        Real s without feedback or a reply to our requests, six of which are sent in that time, while it
-        executes a goal; only for servers that have replied before.
-    result : float
-        s, by the stamps of the states, from the acceptance until the result.
-    cancel : float
-        Real s from a cancellation until the server reports the end of the goal.
+    `silence` is the time without feedback or a reply to a request during the execution of a goal. Six
+    requests are sent in that time. It applies to servers that have replied before.
     """
 
-    server: Duration = 2.0
-    acceptance: Duration = 2.0
+    server: Duration = 2.0  # without a server, before the goal is sent and during its execution
+    acceptance: Duration = 2.0  # from the goal until it is accepted or rejected
     silence: Duration = 3.0
-    result: Duration = 120.0
-    cancel: Duration = 1.0
+    result: Duration = 120.0  # from the acceptance until the result
+    cancel: Duration = 1.0  # from a cancellation until the server reports the end of the goal
 
 
 @dataclass(frozen=True, slots=True)
 class RemoteCall:
-    """An action server, and the meaning of its goal and result.
+    """An action server, and the meaning of its goal and result."""
 
-    Attributes
-    ----------
-    server : str
-        Its name: relative to the node's namespace, or absolute.
-    type : str
-        Its type, as in nav2_msgs/action/NavigateToPose, which is imported at run time.
-    goal : tuple of Filling
-        How fields of its goal are filled; the others keep their defaults.
-    """
-
-    server: str
-    type: str
-    goal: tuple[Filling, ...]
+    server: str  # name, relative to the node's namespace, or absolute
+    type: str  # such as nav2_msgs/action/NavigateToPose, which is imported at run time
+    goal: tuple[Filling, ...]  # other fields keep their defaults
     success: Success = dataclasses.field(default_factory=Success)
     timeouts: Timeouts = dataclasses.field(default_factory=Timeouts)
 
     def __post_init__(self) -> None:
-        """Check type and fields."""
         require(bool(_TYPE.fullmatch(self.type)), "type", "a type as in a_package/action/AType", self.type)
         fields = [filling.field for filling in self.goal]
         require(bool(fields), "goal", "at least one field", fields)
@@ -161,12 +122,9 @@ class UnreachableAction(Action):
         """Raise ActionError."""
         raise ActionError("its action server can be used over ROS only")
 
-    def step(self, world: World) -> Step:  # noqa: ARG002
-        """Raise ActionError: it never starts."""
-        raise ActionError("its action server can be used over ROS only")
-
-
-# Results
+    def step(self, world: World) -> Step:
+        """Not called, as it never starts."""
+        raise NotImplementedError
 
 
 _STATUS = ("unknown", "accepted", "executing", "canceling", "succeeded", "canceled", "aborted")
@@ -174,7 +132,7 @@ _STATUS = ("unknown", "accepted", "executing", "canceling", "succeeded", "cancel
 
 
 def status_name(status: int) -> str:
-    """Return the name of a goal's state."""
+    """Return the name of a goal's state; its number if it has none."""
     return _STATUS[status] if 0 <= status < len(_STATUS) else str(status)
 
 
@@ -183,7 +141,7 @@ def failure_in(call: RemoteCall, status: int, result: Any) -> str | None:
     success = call.success
     wrong = [] if status_name(status) in success.status else [f"its goal is {status_name(status)}"]
     for expected in success.fields:
-        value, name = value_at(result, expected.field), constant_name(result, expected.field)
+        value, name = value_at(result, expected.field), _constant_name(result, expected.field)
         if isinstance(expected.equals, float) and isinstance(value, int | float):
             equal = math.isclose(value, expected.equals, rel_tol=1e-6, abs_tol=1e-9)
         else:
@@ -197,21 +155,21 @@ def failure_in(call: RemoteCall, status: int, result: Any) -> str | None:
     return "; ".join(wrong) + (f" ({printable(reason, 200)})" if reason else "")
 
 
-def constant_name(result: Any, path: str) -> str:
-    """Return the constant that an integer of a result has the value of; empty if that is not one constant.
+def _constant_name(result: Any, path: str) -> str:
+    """Return the name of the only constant with the value of an integer in a result; else an empty text.
 
-    It is one of the message that holds the integer or else, with the name of its action, of another action of
-    the package: Nav2's navigators forward the codes of the planner and the controller.
+    Constants of the message that holds the integer come first. Those of other actions of the package follow:
+    Nav2's navigators forward the codes of the planner and the controller.
     """
-    way, _, _ = path.rpartition(".")
-    value, owner = value_at(result, path), type(value_at(result, way) if way else result)
+    parent, _, _ = path.rpartition(".")
+    value, owner = value_at(result, path), type(value_at(result, parent) if parent else result)
     package = sys.modules.get(type(result).__module__.rpartition(".")[0])
     actions = vars(package) if package else {}
-    others = {name: kind.Result for name, kind in actions.items() if hasattr(kind, "Result")}
+    others = {f" of {name}": kind.Result for name, kind in actions.items() if hasattr(kind, "Result")}
     for kinds in ({"": owner}, others):
         found = [
-            f"{name} of {action}" if action else name
-            for action, kind in kinds.items()
+            f"{name}{of_action}"
+            for of_action, kind in kinds.items()
             for name, constant in vars(kind).items()
             if name.isupper() and type(constant) is type(value) is int and constant == value
         ]
@@ -226,7 +184,7 @@ def parts(path: str) -> list[tuple[str, bool]]:
 
 
 def value_at(message: Any, path: str) -> Any:
-    """Return the value at a path; None where a sequence on the way is empty."""
+    """Return the value at a path; None if a sequence in the path is empty."""
     for name, indexed in parts(path):
         message = getattr(message, name)
         if indexed and not len(message):

@@ -19,7 +19,7 @@ from ator_ros.world.state import ObjectState, RobotState
 
 T = TypeVar("T")
 
-_MOST_DRAWS = 10_000  # draws after which a sampler gives up; in scenes with enough room it needs a few tens
+_MOST_DRAWS = 10_000  # of a sampler, which needs a few tens in scenes with enough room
 
 SHORT = 0.5
 """Distance in m between start and goal below which a drive is short."""
@@ -45,21 +45,12 @@ class Situation:
 def drawn_until(
     draw: Callable[[], T], fits: Callable[[T], bool], expected: Callable[[], str], *, most: int = _MOST_DRAWS
 ) -> T:
-    """Draw until something fits.
-
-    Parameters
-    ----------
-    draw, fits : callable
-        Draw one, and return whether it can be used.
-    expected : callable
-        Returns the message of the error.
-    most : int
-        Draws after which to give up.
+    """Draw until `fits` returns true.
 
     Raises
     ------
     NoPlaceError
-        Nothing fitted.
+        None of `most` draws fitted; the message begins with what `expected` returns.
     """
     for _ in range(most):
         found = draw()
@@ -69,20 +60,10 @@ def drawn_until(
 
 
 def short_goal(start: Pose, rng: np.random.Generator, *, turns: bool = True) -> Pose | None:
-    """Draw a goal near a start, in about one of seven cases; None in the others.
+    """Draw a goal near the start of the robot, or of the object that it holds; None in six of seven cases.
 
-    Parameters
-    ----------
-    start : Pose
-        Where the robot, or the object that it holds, starts.
-    turns : bool
-        Whether turns on the spot are among them.
-
-    Returns
-    -------
-    Pose or None
-        A turn on the spot by any angle, a goal closer than `SHORT` in any direction with any heading, or the
-        start itself, exactly or within centimeters.
+    It is a turn on the spot by any angle (if `turns`), a goal closer than `SHORT` in any direction with any
+    heading, or the start itself, exactly or within centimeters.
     """
     share, heading = rng.random(), float(rng.uniform(-math.pi, math.pi))
     if share < _TURNS:
@@ -113,16 +94,16 @@ class ActionSpec:
     Attributes
     ----------
     name : str
-        Name of the action, as TOPs name it; the same in every set.
+        Name of the action in TOPs; the same in every set.
     factory : callable
         Makes the action for a robot, such as the class of the action.
     sample : callable
-        Draws a situation to learn in, for a robot, with a generator. It must not request what the robot
-        cannot do: such episodes fail, and nothing is learned from them.
+        Draws a situation to learn in. It must be one that the robot can handle: nothing is learned from
+        episodes that fail.
     features : tuple of str
         Names of the candidate features of its performance model, from which the model tree selects: general
         ones (`ator_ros.performance.features.GENERAL`) and those that the domain adds (`Domain.features`).
-        Empty: `CANDIDATES`. The action's own goal variables are candidates besides.
+        Empty: `CANDIDATES`. The action's own goal variables are always candidates.
     remote : RemoteCall or None
         The action server that executes it; None: the action of the factory executes it.
     goal_variables : tuple of GoalVariable
@@ -137,13 +118,7 @@ class ActionSpec:
     goal_variables: tuple[GoalVariable, ...] = ()
 
     def situation(self, robot: Robot, rng: np.random.Generator) -> Situation:
-        """Draw a situation to learn in; on a map, one whose places are free, with a route to the goal.
-
-        Raises
-        ------
-        NoPlaceError
-            There is none.
-        """
+        """Draw a situation to learn in; on a map, one with a route to the goal. May raise NoPlaceError."""
         return drawn_until(
             lambda: self.sample(robot, rng),
             lambda found: reachable([found.robot.pose, found.goal.robot_pose(robot)], robot),

@@ -1,4 +1,4 @@
-"""What the YAML file of a domain declares, each class one kind of entry; and how its situations are drawn."""
+"""Schema of a domain's YAML file (docs/remote_actions.md), and the sampling of its drives and chains."""
 
 from __future__ import annotations
 
@@ -36,27 +36,26 @@ T = TypeVar("T")
 
 _MOST_PLACES = 1000  # draws of one place before all places of a drive or a chain are drawn again
 _MOST_SEQUENCES = 100  # draws of all places of a drive or a chain
-_BESIDE = 0.05
+_BESIDE = 0.05  # m
 _ALL_ROUND = (-math.pi, math.pi)
 
 
 @dataclass(frozen=True, slots=True)
 class DeclaredPlace:
-    """A pose (m, rad): each coordinate a number, or a range from which it is drawn evenly."""
+    """A pose (m, rad): each coordinate is a number, or a range from which it is drawn evenly."""
 
     x: tuple[float, ...]
     y: tuple[float, ...]
     yaw: tuple[float, ...] = _ALL_ROUND
 
     def __post_init__(self) -> None:
-        """Check that all are numbers or ranges."""
         for name, most in (("x", FARTHEST), ("y", FARTHEST), ("yaw", math.tau)):
             spread = list(getattr(self, name))
             good = len(spread) in (1, 2) and spread == sorted(spread) and max(map(abs, spread)) <= most
             require(good, name, f"[a number] or [least, greatest], none beyond {most:g}", spread)
 
     def contains(self, pose: Pose) -> bool:
-        """Return whether a position lies in the place, or beside it by up to `_BESIDE` m."""
+        """Return whether a position lies in the place, or up to `_BESIDE` from it."""
         return all(
             spread[0] - _BESIDE <= value <= spread[-1] + _BESIDE
             for value, spread in ((pose.x, self.x), (pose.y, self.y))
@@ -73,7 +72,7 @@ Apart = Annotated[float, Within(0.0, FARTHEST)]
 
 
 def _is_fixed(places: Places) -> bool:
-    """Return whether x and y can only be drawn in one way."""
+    """Return whether there is only one position to draw."""
     return len(places) == len(places[0].x) == len(places[0].y) == 1
 
 
@@ -92,19 +91,11 @@ def _drawn(
 def _drawn_in_time(
     where: str, draw: Callable[[], T], length: Callable[[T], float], robot: Robot, time_limit: float
 ) -> T:
-    """Draw a drive or a chain whose straight ways take at most `time_limit` (s) at full speed.
-
-    All places are drawn again while one of them is too near the one before: a place may be fixed, or too
-    small for all that can precede it; then the one before must move.
-
-    Raises
-    ------
-    NoPlaceError
-        There is none; the message begins with `where`.
-    """
+    """Draw a drive or a chain that takes at most `time_limit` (s) straight ahead at full speed."""
     most = robot.limits.v * time_limit
 
     def drawn() -> T:
+        # A place may be fixed, or too small for some places before it: then all are drawn again.
         for _ in range(_MOST_SEQUENCES - 1):
             with suppress(NoPlaceError):
                 return draw()
@@ -115,7 +106,7 @@ def _drawn_in_time(
             drawn,
             lambda found: length(found) <= most,
             lambda: (
-                f"expected a way of {most:.2f} m at most, which robot {robot.name} drives at "
+                f"expected a path of {most:.2f} m at most, which robot {robot.name} drives at "
                 f"{robot.limits.v:g} m/s in the {time_limit:g} s of time_limit"
             ),
         )
@@ -125,7 +116,7 @@ def _drawn_in_time(
 
 @dataclass(frozen=True, slots=True)
 class DeclaredDrives:
-    """Where drives of an action begin and lead, to gather experience: from rest, at least `apart` m."""
+    """Starts and goals of the drives that give an action experience: from rest, at least `apart` m."""
 
     start: Places
     goal: Places
@@ -141,10 +132,10 @@ class DeclaredDrives:
         *,
         time_limit: float,
     ) -> Situation:
-        """Draw a drive of an action, in one of seven cases with a goal near its start.
+        """Draw a drive that takes at most `time_limit` (s) straight ahead at full speed.
 
-        None is drawn that takes longer than `time_limit` (s) straight ahead at full speed. Goal variables
-        that the action declares are drawn evenly from their ranges.
+        In one of seven cases the goal is near the start. Goal variables that the action declares are drawn
+        evenly from their ranges.
 
         Raises
         ------
@@ -157,37 +148,24 @@ class DeclaredDrives:
             return start, _drawn(self.goal, rng, apart=self.apart, before=start)
 
         where = f"drives of {action}"
-        start, destination = _drawn_in_time(
-            where, drawn, lambda way: way[0].distance(way[1]), robot, time_limit
-        )
+        start, goal = _drawn_in_time(where, drawn, lambda ends: ends[0].distance(ends[1]), robot, time_limit)
         short = short_goal(start, rng)
         if short is not None and any(place.contains(short) for place in (*self.start, *self.goal)):
-            destination = short
+            goal = short
         values = {item.name: float(rng.uniform(item.low, item.high)) for item in variables}
-        return Situation(action, RobotState(start), {}, Goal(destination, 0.0, point, values))
+        return Situation(action, RobotState(start), {}, Goal(goal, 0.0, point, values))
 
 
 @dataclass(frozen=True, slots=True)
 class DeclaredStep:
-    """Steps of a chain: their TOP, where they lead, and what they leave open.
-
-    Attributes
-    ----------
-    goal : tuple of DeclaredPlace
-        One of which is drawn for each step.
-    open : tuple of str
-        Goal variables that refinement may change.
-    times : tuple of int
-        How many such steps follow each other: a number, or the least and the greatest.
-    """
+    """Consecutive steps of a chain with the same TOP."""
 
     top: str
-    goal: Places
-    open: tuple[str, ...] = ()
-    times: tuple[int, ...] = (1,)
+    goal: Places  # one of them is drawn for each step
+    open: tuple[str, ...] = ()  # goal variables that refinement may change
+    times: tuple[int, ...] = (1,)  # the number of steps, or the least and the greatest
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         times = self.times
         good = len(times) in (1, 2) and 0 <= times[0] <= times[-1] and 1 <= times[-1] <= LONGEST_CHAIN
         require(good, "times", f"[a number] or [least, greatest] from 0 to {LONGEST_CHAIN}", list(times))
@@ -195,10 +173,7 @@ class DeclaredStep:
 
 @dataclass(frozen=True, slots=True)
 class DeclaredChain:
-    """Random chains: where the robot starts, and the steps, each at least `apart` m from the one before.
-
-    Two fixed places that follow each other may be nearer.
-    """
+    """Random chains; each step is at least `apart` m from the place before, unless both places are fixed."""
 
     name: Annotated[str, NAME]
     start: Places
@@ -206,14 +181,13 @@ class DeclaredChain:
     apart: Apart = 0.5
 
     def __post_init__(self) -> None:
-        """Check the number of steps."""
         least, most = (sum(step.times[end] for step in self.steps) for end in (0, -1))
         require(least >= 1 and most <= LONGEST_CHAIN, "steps", f"1 to {LONGEST_CHAIN} of them", (least, most))
 
     def sample(
         self, robot: Robot, library: TopLibrary, rng: np.random.Generator, *, time_limit: float
     ) -> tuple[World, TopChain]:
-        """Draw a situation and a chain whose straight ways take at most `time_limit` (s) at full speed.
+        """Draw a situation and a chain that takes at most `time_limit` (s) straight ahead at full speed.
 
         Raises
         ------
@@ -235,9 +209,8 @@ class DeclaredChain:
         for step in self.steps:
             is_fixed = _is_fixed(step.goal)
             for _ in range(int(rng.integers(step.times[0], step.times[-1] + 1))):
-                apart = 0.0 if was_fixed and is_fixed else self.apart
+                apart, top = 0.0 if was_fixed and is_fixed else self.apart, library[step.top]
                 before, was_fixed = _drawn(step.goal, rng, apart=apart, before=before), is_fixed
-                top = library[step.top]
                 calls.append(TopCall(top, library.goal(top, before), frozenset(step.open)))
         return World(0.0, RobotState(start)), TopChain(tuple(calls))
 
@@ -251,7 +224,7 @@ class DeclaredTop:
     post: Annotated[tuple[Term | Region, ...], NOT_EMPTY]  # success is the post-condition
     pre: tuple[Term | Region, ...] = ()
     point: Literal["axle", "hold"] = "axle"
-    # A robot that has stopped oscillates for seconds; a longer wait is an action of its own.
+    # After a stop a robot oscillates for seconds; a longer wait is an action of its own.
     settles: Annotated[float, Within(0.0, 60.0)] = 0.0
 
     def top(self) -> Top:
@@ -262,7 +235,7 @@ class DeclaredTop:
 
 @dataclass(frozen=True, slots=True)
 class LocalAction:
-    """The action of the same name in a set of an installed domain."""
+    """The installed domain and its action set that have an action of the same name."""
 
     domain: str
     action_set: str = DEFAULT_SET
@@ -270,30 +243,16 @@ class LocalAction:
 
 @dataclass(frozen=True, slots=True)
 class DeclaredAction:
-    """An action: of an installed domain, or on an action server.
-
-    Attributes
-    ----------
-    local, remote : optional
-        One of both.
-    goal_variables : tuple of GoalVariable
-        Of a remote action: goal variables of its own beyond pose and speed.
-    stand_in : str or None
-        Of a remote action: the installed action that drives as the server does, for simulations without ROS:
-        an entry point of `STAND_INS`.
-    drives : DeclaredDrives or None
-        Of a remote action: the drives from which experience is gathered.
-    """
+    """An action, either `local` or `remote`; the other fields are for remote actions only."""
 
     name: Annotated[str, NAME]
     local: LocalAction | None = None
     remote: RemoteCall | None = None
-    goal_variables: tuple[GoalVariable, ...] = ()
-    stand_in: str | None = None
-    drives: DeclaredDrives | None = None
+    goal_variables: tuple[GoalVariable, ...] = ()  # beyond pose and speed
+    stand_in: str | None = None  # entry point of `STAND_INS` that replaces it in simulations without ROS
+    drives: DeclaredDrives | None = None  # in which experience is gathered
 
     def __post_init__(self) -> None:
-        """Check that either `local` or `remote` is given, and nothing else with `local`."""
         given = [kind for kind in ("local", "remote") if getattr(self, kind) is not None]
         require(len(given) == 1, "local, remote", "one of the two", given)
         for part in ("goal_variables", "stand_in", "drives"):
@@ -310,7 +269,6 @@ class DeclaredVariable:
     high: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the bounds."""
         both = (self.low, self.high)
         require((self.low is None) == (self.high is None), "low, high", "both or neither", both)
         if self.low is None or self.high is None:
@@ -321,7 +279,7 @@ class DeclaredVariable:
         require(self.name != "speed" or self.low >= 0.0, "low", "a speed that is not negative", self.low)
 
     def range(self, robot: Robot, goal: Goal) -> Range:
-        """Return the values that it may take; a speed is at most what `robot` is searched with."""
+        """Return the range of a goal's variable; a speed is at most the usual one of `robot`."""
         usual = USUAL_RANGES[self.name](robot, goal)
         if self.low is None or self.high is None:
             return usual
@@ -334,25 +292,14 @@ class DeclaredVariable:
 
 @dataclass(frozen=True, slots=True)
 class DeclaredServer:
-    """An action server that tools start beside our nodes: an executable of a ROS package, or a command.
-
-    Attributes
-    ----------
-    package, executable : str
-        As `ros2 run PACKAGE EXECUTABLE` starts it.
-    command : tuple of str
-        In place of both: the words of a command.
-    folder : str
-        The folder in which the command runs; in a domain's file relative to the file.
-    """
+    """An action server that tools start with our nodes: `ros2 run PACKAGE EXECUTABLE`, or a command."""
 
     package: str = ""
     executable: str = ""
-    command: tuple[str, ...] = ()
-    folder: str = ""
+    command: tuple[str, ...] = ()  # in words
+    folder: str = ""  # working directory of the command; in a domain's file relative to the file
 
     def __post_init__(self) -> None:
-        """Check that there is either an executable or a command, and a folder only with a command."""
         if self.command:
             alone = not (self.package or self.executable)
             require(alone, "command", "none beside package and executable", self.command)
@@ -363,7 +310,7 @@ class DeclaredServer:
         require(named is not None, "executable", "an executable as for `ros2 run`", self.executable)
 
     def beside(self, file: Path) -> DeclaredServer:
-        """Return the server with its folder, which `file`, perhaps a link, gives relative to itself."""
+        """Return the server with a folder that is relative to `file`, or to the target of a link."""
         folder = str((file.resolve().parent / self.folder).resolve()) if self.command else self.folder
         return dataclasses.replace(self, folder=folder)
 
@@ -390,7 +337,6 @@ class DeclaredDomain:
     time_limit: Duration = TIME_LIMIT
 
     def __post_init__(self) -> None:
-        """Check that names come once, and that chains name TOPs that there are."""
         for part in ("tops", "actions", "objects", "variables", "chains"):
             names = [entry.name for entry in getattr(self, part) or ()]
             twice = sorted({name for name in names if names.count(name) > 1})

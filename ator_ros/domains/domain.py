@@ -1,4 +1,4 @@
-"""Domains: their parts, how installed ones are found, and how YAML files declare them."""
+"""Domains, and how they are found: by entry points, or in YAML files."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ from ator_ros.world.scene import Bay, RoundObject, Scene
 from ator_ros.world.state import World
 
 GROUP = "ator_ros.domains"
-"""Entry points of this group name the installed domains."""
-_LONGEST_REASON = 200
-_LARGEST_FILE = 200_000  # bytes of a file; one with a dozen TOPs has 5 kB
+"""Group of entry points: the installed domains."""
 STAND_INS = "ator_ros.stand_ins"
-"""Entry points of this group are actions that replace external action servers where ROS is missing."""
+"""Group of entry points: actions that replace action servers in simulations without ROS."""
+_LONGEST_REASON = 200  # characters
+_LARGEST_FILE = 200_000  # bytes; a file with a dozen TOPs has 5 kB
 _ENDINGS = (".yaml", ".yml")
 _NONE: Mapping[str, ActionFactory] = MappingProxyType({})
 
@@ -54,7 +54,7 @@ Line = Sequence[tuple[float, float]]
 
 
 class DomainError(ValueError):
-    """A domain that cannot be used; the message says what was expected and what came."""
+    """A domain that cannot be used."""
 
 
 @dataclass(frozen=True)
@@ -66,21 +66,20 @@ class Domain:
     tops : tuple of Top
         The TOPs that plans consist of, with the tolerances for a usual robot; see `tops_for`.
     action_sets : mapping of str to tuple of ActionSpec
-        Sets of actions by name; one is called "default". TOPs whose action a set lacks are left out with it.
+        Sets of actions by name, "default" among them. A set may lack the action of a TOP; see `library`.
     objects : tuple of str
-        Names of the objects that conditions name, by default none; each has a topic of that name.
+        Names of the objects that conditions name; each has a topic of that name.
     chains : mapping of str to callable
-        Samplers of situations with a chain to execute in them, by name; evaluations need one.
+        Samplers of situations with a chain to execute, by name; evaluations need one.
     variables : mapping of str to callable
-        Goal variables that refinement may change where a plan opens them, with their ranges; by default
-        place, heading and arrival speed, in the scene's area and within the robot's limits. What an action
-        declares besides (`ActionSpec.goal_variables`) brings its own range.
+        Ranges of the goal variables that refinement may change where a plan opens them: by default place,
+        heading and arrival speed, in the scene's area and within the robot's limits. Those that actions
+        declare (`ActionSpec.goal_variables`) are added.
     bodies : mapping of str to RoundObject
-        The sizes of `objects`, by name, for robots whose descriptions lack them. An object without a size
-        is a point, and not simulated.
+        Sizes of objects that a robot's description lacks, by name. An object without a size is a point, and
+        not simulated.
     bays : callable
-        Returns the bays of a scene for this domain; raises ConfigError if the scene does not suit. By
-        default none.
+        Returns the bays of a scene for this domain; raises ConfigError if the scene is unsuitable.
     sources : tuple of ObjectSource
         Topics of objects; an object without one has the topic of its name, with Odometry.
     features : tuple of Feature
@@ -88,25 +87,23 @@ class Domain:
     description : Path or None
         File of the default robot and its scene; None: the shipped one.
     lines : callable
-        Returns the lines on the floor that a view shows beside the scene's area and bays. By default none.
+        Returns the lines on the floor that a view draws beside the scene's area and bays.
     servers : tuple of DeclaredServer
-        Action servers that its actions need; tools that start our nodes start them too.
+        Action servers that tools start with our nodes.
     time_limit : float
         Time in s that an action or a chain may take in a simulation without ROS.
     goals : callable
-        Returns, for a robot in its scene, the goals that plans may be asked for by name: conditions whose
-        targets are numbers or state variables. By default none.
+        Returns, for a robot in its scene, the goals of plans by name: conditions whose targets are numbers or
+        state variables.
     fitted : callable, optional
-        Returns the same TOPs with the tolerances and regions of a robot and its scene; by default `tops`.
+        Returns TOPs with the tolerances and regions of a robot and its scene, which replace those in `tops`.
     grid : GridMap or None
         The map of the building; see `on_map`.
 
     Raises
     ------
     DomainError
-        There is no default set of actions, a condition or a source names an object that `objects` lacks, a
-        condition names a goal variable that the TOP's action lacks, an action names an unknown feature, two
-        features have one name, or two actions declare one goal variable differently.
+        The parts do not agree, as when a condition names an object that `objects` lacks.
     """
 
     name: str
@@ -128,7 +125,6 @@ class Domain:
     grid: GridMap | None = None
 
     def __post_init__(self) -> None:
-        """Check that the parts agree."""
         try:
             self._check_objects_and_features()
             for top in self.tops:
@@ -181,18 +177,18 @@ class Domain:
 
     @cached_property
     def goal_variables(self) -> Mapping[str, GoalVariable]:
-        """The goal variables that actions declare, by name; each is the same in all actions."""
+        """The goal variables that actions declare, by name."""
         specs = itertools.chain.from_iterable(self.action_sets.values())
         return {variable.name: variable for spec in specs for variable in spec.goal_variables}
 
     @cached_property
     def ranges(self) -> Ranges:
-        """The ranges of all goal variables that refinement may change: `variables` and the declared ones."""
+        """The ranges of `variables` and of the goal variables that actions declare."""
         return {**self.variables, **declared_ranges(self.goal_variables.values())}
 
     @cached_property
     def known_features(self) -> Mapping[str, Feature]:
-        """All features that model files may name: the general ones, the domain's own, its goal variables."""
+        """All features that model files may name: general ones, those of the domain, its goal variables."""
         own = (*self.features, *map(goal_feature, self.goal_variables.values()), *self._of_map)
         return {**GENERAL, **{feature.name: feature for feature in own}}
 
@@ -201,7 +197,7 @@ class Domain:
         return () if self.grid is None else ROUTE_FEATURES
 
     def on_map(self, grid: GridMap | Path | str) -> Domain:
-        """Return this domain in the building of a map or of a map_server file; "": itself.
+        """Return this domain on a map or on that of a map_server file; itself for an empty name.
 
         Raises
         ------
@@ -214,7 +210,7 @@ class Domain:
 
     @property
     def shipped_models(self) -> Path:
-        """The default folder of models: each domain has its own."""
+        """The default folder of this domain's models."""
         models = resource_path("models")
         return models if self.name == DEFAULT else models / self.name
 
@@ -234,10 +230,10 @@ class Domain:
             raise ConfigError(f"{path or 'the shipped robot'}: domain {self.name}: {error}") from error
 
     def equip(self, robot: Robot) -> Robot:
-        """Return `robot` in this domain's scene, and on its map.
+        """Return `robot` in this domain's scene: with its objects, bays and map, and the area as described.
 
-        The area is the description's, and so are objects that it describes; the bays are the domain's.
-        Raises FileError if no place of the map has room for the robot.
+        Objects that the robot's description contains have precedence over `bodies`. Raises FileError if no
+        place on the map has room for the robot.
         """
         known = {**self.bodies, **robot.scene.objects}
         objects = {name: known[name] for name in self.objects if name in known}
@@ -266,9 +262,9 @@ class Domain:
         return tuple(dict.fromkeys(call.server for call in remote if call is not None))
 
     def candidates(self, action: str, action_set: str = DEFAULT_SET) -> tuple[Feature, ...]:
-        """Return the candidate features of an action, its goal variables and those of a map among them.
+        """Return the candidate features of an action: those of its specification, or the general ones.
 
-        Where the domain names none, they are the general ones.
+        Features of its goal variables and of the map are added.
         """
         spec = {spec.name: spec for spec in self.action_sets.get(action_set, ())}.get(action)
         if spec is None:
@@ -278,7 +274,7 @@ class Domain:
         return (*named, *(feature for feature in own if feature not in named), *self._of_map)
 
     def source(self, name: str) -> ObjectSource:
-        """Return where the state of an object comes from."""
+        """Return the topic of an object's state."""
         given = (source for source in self.sources if source.name == name)
         return next(given, ObjectSource(name, optional=True))
 
@@ -290,7 +286,7 @@ class Domain:
     def library(
         self, robot: Robot, action_set: str = DEFAULT_SET, factories: Mapping[str, ActionFactory] = _NONE
     ) -> TopLibrary:
-        """Return the TOPs of the domain with the actions of one set; those without are left out.
+        """Return the TOPs with the actions of one set; TOPs whose action it lacks are left out.
 
         `factories` replace those of the specifications, by the names of the actions.
 
@@ -316,31 +312,29 @@ def entry_points_of(group: str) -> dict[str, EntryPoint]:
 
 
 def domain_for(name: str, robot: Path | str | None) -> Domain:
-    """Return the domain of this name as `find_domain` does, or the one for a robot if `name` is empty.
+    """Return the domain of this name as `find_domain` does; by default the one that suits a robot.
 
-    That is soccer if the robot has a holder and its scene has a ball, and otherwise `drive`.
-
-    `robot` is the file of a robot's description; None or empty: the shipped one.
+    That is soccer if the robot has a holder and its scene has a ball, and otherwise `drive`. `robot` is the
+    file of its description; None or empty: the shipped one.
     """
     if name:
         return find_domain(name)
     soccer = find_domain(DEFAULT)
     try:
         described = load_robot(robot or None)
-    except ConfigError:  # raised again where the file is read for the domain
+    except ConfigError:  # raised again when the file is read for the domain
         return soccer
     plays = described.holder is not None and described.scene.objects.keys() >= set(soccer.objects)
     return soccer if plays else find_domain(DRIVE)
 
 
 def find_domain(name: str = DEFAULT) -> Domain:
-    """Return an installed domain by its name, or one that a YAML file declares by the path of the file.
+    """Return an installed domain by its name, or one from a YAML file by the path of the file.
 
     Raises
     ------
     DomainError
-        No entry point of the group `ator_ros.domains` has this name, it cannot be imported, or it is not a
-        `Domain`; or the file cannot be used.
+        There is no such domain, or it cannot be used.
     """
     if "/" in name or name.endswith(_ENDINGS):
         domain = declared_domain(Path(name))
@@ -357,7 +351,7 @@ def find_domain(name: str = DEFAULT) -> Domain:
 
 
 def _loaded(group: str, name: str, place: str) -> Any:
-    """Return what the entry point of this name refers to; raise DomainError if there is none."""
+    """Import the entry point of this name; raise DomainError if it is missing or the import fails."""
     found = entry_points_of(group)
     if name not in found:
         raise DomainError(
@@ -371,12 +365,12 @@ def _loaded(group: str, name: str, place: str) -> Any:
 
 
 def declared_domain(path: Path) -> Domain:
-    """Read a domain from a YAML file (docs/remote_actions.md describes it), whatever its name is.
+    """Read a domain from a YAML file (docs/remote_actions.md), which may have the name of an installed one.
 
     Raises
     ------
     DomainError
-        The file cannot be used; the message names file, field, what was expected and what came.
+        The file cannot be used.
     """
     try:
         data = content_with_optional_header(read_yaml(path, largest=_LARGEST_FILE), "domain")
@@ -389,14 +383,13 @@ def declared_domain(path: Path) -> Domain:
 
 def _made(declared: DeclaredDomain, path: Path) -> Domain:
     points = {top.action: Point(top.point) for top in reversed(declared.tops)}
+    variables, limit = declared.variables, declared.time_limit
     specs: list[ActionSpec] = []
     features: dict[str, Feature] = {}
     for number, action in enumerate(declared.actions):
         where = f"actions[{number}]"
         if action.local is None:
-            specs.append(
-                _remote_spec(action, points.get(action.name, Point.AXLE), declared.time_limit, where)
-            )
+            specs.append(_remote_spec(action, points.get(action.name, Point.AXLE), limit, where))
             continue
         try:
             domain = find_domain(action.local.domain)
@@ -407,38 +400,32 @@ def _made(declared: DeclaredDomain, path: Path) -> Domain:
             raise DomainError(f"{where}.name: expected one of {', '.join(found)}, got {action.name!r}")
         specs.append(found[action.name])
         features |= {item.name: item for item in domain.features if item.name in specs[-1].features}
-    variables = declared.variables
     return Domain(
         declared.name,
         tops=tuple(top.top() for top in declared.tops),
         action_sets={DEFAULT_SET: tuple(specs)},
         objects=tuple(item.name for item in declared.objects),
-        chains={
-            chain.name: partial(chain.sample, time_limit=declared.time_limit) for chain in declared.chains
-        },
+        chains={chain.name: partial(chain.sample, time_limit=limit) for chain in declared.chains},
         sources=declared.objects,
         variables=USUAL_RANGES if variables is None else {item.name: item.range for item in variables},
         features=tuple(features.values()),
         bays=lambda scene: scene.bays if declared.bays else (),
         description=None if declared.robot is None else path.parent / declared.robot,
         servers=tuple(server.beside(path) for server in declared.servers),
-        time_limit=declared.time_limit,
+        time_limit=limit,
         grid=None if declared.map is None else load_map(path.parent / declared.map),
     )
 
 
 def _remote_spec(action: DeclaredAction, point: Point, time_limit: float, where: str) -> ActionSpec:
+    name, variables = action.name, action.goal_variables
     factory: ActionFactory = UnreachableAction
     if action.stand_in is not None:
         factory = _loaded(STAND_INS, action.stand_in, f"{where}.stand_in")
     sample: Sampler = _no_sampler
     if action.drives is not None:
-        sample = partial(
-            action.drives.sample, action.name, point, action.goal_variables, time_limit=time_limit
-        )
-    return ActionSpec(
-        action.name, factory, sample, remote=action.remote, goal_variables=action.goal_variables
-    )
+        sample = partial(action.drives.sample, name, point, variables, time_limit=time_limit)
+    return ActionSpec(name, factory, sample, remote=action.remote, goal_variables=variables)
 
 
 def _no_sampler(_robot: Robot, _rng: np.random.Generator) -> Situation:

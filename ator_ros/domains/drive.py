@@ -1,4 +1,4 @@
-"""The domain `drive`: a robot with two driven wheels goes to poses; there are no objects."""
+"""The domain `drive`: a robot with two driven wheels drives to poses; there are no objects."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ from ator_ros.world.state import CONTROL_PERIOD
 
 TIME_LIMIT = 120.0
 """Time in s that a drive or a chain may take: at 0.05 m/s a robot drives 6 m."""
-_TOLERANCE, _OFF_THE_WAY = 0.06, 0.01
-"""In m: least tolerance of a place, and how far the robot may be beside its path."""
+_TOLERANCE, _BESIDE_PATH = 0.06, 0.01  # m: least tolerance of a place, greatest distance from the path
 _ARRIVAL_SHARE = 2.0 / 3.0  # greatest arrival speed, in situations and searches, as a share of the limit
 
 
@@ -39,7 +38,7 @@ RANGES: Ranges = {
 
 
 def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
-    """Draw a drive to a pose; one goal in two is passed at a speed, unless it is near the start."""
+    """Draw a drive to a pose; every second goal that is not near the start has an arrival speed."""
     situation = situations.go_to_pose(robot, rng, time_limit=TIME_LIMIT)
     if situation.robot.pose.distance(situation.goal.pose) < SHORT:
         return situation
@@ -48,8 +47,8 @@ def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
 
 
 def tops_for(robot: Robot) -> tuple[Top, ...]:
-    """Return the TOPs; a place that is passed at a speed is judged once per control tick."""
-    tolerance = max(_TOLERANCE, arrival_limit(robot) * CONTROL_PERIOD + _OFF_THE_WAY)
+    """Return the TOPs, whose tolerance includes how far the robot drives in a tick at its arrival speed."""
+    tolerance = max(_TOLERANCE, arrival_limit(robot) * CONTROL_PERIOD + _BESIDE_PATH)
     terms = (
         Term(term.variable, term.target, tolerance) if term.variable in ("robot.x", "robot.y") else term
         for term in GO_TO_POSE.post.terms

@@ -1,4 +1,4 @@
-"""The example servers' laws as actions in the simulation without ROS, timed as with the executor."""
+"""The control laws of the example servers as actions of the simulation without ROS, timed as over ROS."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from ator_ros.world.state import STOP, Command, World
 
 
 class DriveToStandIn(Action):
-    """Drives as the server `drive_to_server` does when the executor sends it a goal.
+    """Drives as the server `drive_to_server` does.
 
-    The executor commands the robot to stand, then sends the goal; the server answers the odometry of that
-    tick itself, and its result is known one tick after its last command.
+    The executor stops the robot, then sends the goal. The server publishes a command in the same tick; the
+    executor receives its result one tick after the last command.
     """
 
     name = "drive_to_stand_in"
@@ -37,13 +37,13 @@ class DriveToStandIn(Action):
         return RotateDriveRotate(goal)
 
     def step(self, world: World) -> Step:
-        """Return the command of the server, or what the executor does before and after."""
+        """Return the command of the server, or that of the executor before and after."""
         assert self._law is not None
         if not self._sent:
             self._sent = self._commanded and world.robot.is_standing
             self._commanded = True
         if not self._sent:
-            return Step(STOP, Status.RUNNING, "stopping, before the server takes over")
+            return Step(STOP, Status.RUNNING, "stopping before the goal is sent")
         if self._law.phase is Phase.ARRIVED:
             return finished(Status.SUCCEEDED, "arrived")
         if self._law.phase in (Phase.MISSED, Phase.TOO_LONG):

@@ -1,1 +1,1 @@
-"""The action servers of the domains tour and pursuit; they stand for your own: nothing else is imported."""
+"""The action servers of the domains tour and pursuit, as examples of external servers."""

@@ -1,8 +1,7 @@
-"""An action server that drives a differential base to a pose, written like such servers.
+"""An action server that drives a differential base to a pose, as an example of an external server.
 
-It is independent of TOPs, chains and models, and imports nothing of ator_ros but its control law. It computes
-a command for each odometry message, by its stamp, so that it works in simulated time too: a timer in real
-time would fire once in twenty ticks of a simulation that runs twenty times faster than real time.
+It imports nothing of ator_ros but its control law. It computes a command for each odometry message, by its
+stamp, so that it also works in a simulation that is faster than real time.
 """
 
 from __future__ import annotations
@@ -32,9 +31,6 @@ _CODES = {
     Phase.MISSED: DriveTo.Result.MISSED,
     Phase.TOO_LONG: DriveTo.Result.TOO_LONG,
 }
-"""The codes of the phases in which a drive has ended."""
-
-
 LawOf = Callable[[tuple[float, float, float]], Law]
 
 
@@ -50,21 +46,16 @@ class _Drive:
 
 
 class DriveToServer(Node):
-    """Drives to one goal at a time; a newer one takes over.
+    """Drives to one goal at a time; a newer goal preempts it.
 
-    Parameters
-    ----------
-    name, action : str
-        Names of the node and of its action.
-    law : callable
-        Makes the control law for a goal: x, y (m) and yaw (rad).
+    `law` returns the control law for a goal: x, y (m) and yaw (rad).
 
     Action server
-        drive_to (ator_interfaces/DriveTo), or the name that is given.
+        drive_to (ator_interfaces/DriveTo), or the name `action`.
     Subscribes to
         odom (nav_msgs/Odometry).
     Publishes
-        cmd_vel (geometry_msgs/Twist): while it has a goal, one for each odometry.
+        cmd_vel (geometry_msgs/Twist): one for each odometry message while a goal is active.
     """
 
     def __init__(
@@ -84,7 +75,7 @@ class DriveToServer(Node):
         )  # fmt: skip
 
     def _consider(self, request: Any) -> GoalResponse:
-        """Accept a goal that is a pose in the frame of odometry."""
+        """Accept a pose in the frame of odometry."""
         pose, frame = request.goal.pose, request.goal.header.frame_id
         finite = all(map(math.isfinite, (pose.position.x, pose.position.y, yaw_of(pose.orientation))))
         known = not self._frame or frame in ("", self._frame)
@@ -94,7 +85,7 @@ class DriveToServer(Node):
         return GoalResponse.REJECT
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
-        """Drive from the newest odometry on; later odometry ends the drive."""
+        """Start the drive with the newest odometry; return when later odometry has ended it."""
         drive = _Drive(handle, self._law)
         former, self._drive = self._drive, drive
         if former is not None:
@@ -107,10 +98,9 @@ class DriveToServer(Node):
 
     def _take_odom(self, message: Odometry) -> None:
         pose, twist, stamp = message.pose.pose, message.twist.twist, message.header.stamp
-        yaw = yaw_of(pose.orientation)
-        time = stamp.sec + 1e-9 * stamp.nanosec
+        place = pose.position.x, pose.position.y, yaw_of(pose.orientation)
         self._frame = message.header.frame_id
-        self._state = State(time, pose.position.x, pose.position.y, yaw, twist.linear.x, twist.angular.z)
+        self._state = State(stamp.sec + 1e-9 * stamp.nanosec, *place, twist.linear.x, twist.angular.z)
         self._steer()
 
     def _steer(self) -> None:

@@ -1,6 +1,8 @@
-"""A planner on a grid, written after Nav2's NavFn: costs near walls, potentials, a path down their slope.
+"""Path planning on a grid after Nav2's NavFn: inflated costs, a navigation function, gradient descent.
 
-Like the control laws it is independent of ator_ros, but for the compiler, and of ROS.
+Source: nav2_navfn_planner and the inflation layer of nav2_costmap_2d; K. Konolige, A gradient method for
+realtime robot control, IROS 2000. NavFn expands a wavefront; here the potential is swept until it is final.
+Apart from the compiler this is independent of ator_ros, and of ROS.
 """
 
 from __future__ import annotations
@@ -13,17 +15,18 @@ from numpy.typing import NDArray
 
 from ator_ros.compiled import compiled
 
-_NEUTRAL, _FACTOR, _INSCRIBED = 50.0, 0.8, 252.0  # NavFn's costs of a cell
-_SCALING, _INFLATION = 5.0, 0.62  # cost_scaling_factor and inflation_radius (m): fitted to 106 plans of Nav2
-_STEP = 0.5  # cells between the points of a path
+_COST_NEUTRAL, _COST_FACTOR = 50.0, 0.8  # NavFn: the cost of a cell is 50 + 0.8 times that in the costmap
+_INSCRIBED = 252.0  # cost in the costmap at the distance of the robot's radius
+_COST_SCALING_FACTOR, _INFLATION_RADIUS = 5.0, 0.62  # 1/m and m; fitted to 106 plans of Nav2
+_PATH_STEP = 0.5  # cells between the points of a path
 _SETTLED = 0.01  # change of a potential below which it is final
-_MOST_KEPT = 50  # potentials
-_DIRECTIONS = ((1, 1), (1, -1), (-1, -1), (-1, 1))
+_MOST_CACHED = 50  # potentials
+_SWEEPS = ((1, 1), (1, -1), (-1, -1), (-1, 1))
 Grid = NDArray[np.float64]
 
 
 class NavFn:
-    """Plans paths on one map; potentials of the last goals are cached.
+    """Plan shortest paths that keep away from walls, on one map.
 
     Parameters
     ----------
@@ -34,7 +37,7 @@ class NavFn:
     origin : tuple of float
         x, y (m) and yaw (rad) of the outer corner of the first cell.
     radius : float
-        Of the robot in m.
+        Of the robot in m; cells up to so far from a wall or the edge of the map are blocked.
     """
 
     def __init__(
@@ -44,25 +47,31 @@ class NavFn:
 
         self._resolution, self._origin = resolution, origin
         away = resolution * ndimage.distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]
-        inflated = _INSCRIBED * np.exp(-_SCALING * (away - radius))
-        self._cost = _NEUTRAL + _FACTOR * np.where(away < _INFLATION, inflated, 0.0)
+        inflated = _INSCRIBED * np.exp(-_COST_SCALING_FACTOR * (away - radius))
+        self._cost = _COST_NEUTRAL + _COST_FACTOR * np.where(away < _INFLATION_RADIUS, inflated, 0.0)
         self._cost[away <= radius] = math.inf
-        self._kept: OrderedDict[tuple[int, int], Grid] = OrderedDict()
+        self._potentials: OrderedDict[tuple[int, int], Grid] = OrderedDict()  # of the last goals
         _descend(_potential(np.ones((2, 2)), 0, 0), 1 + 1j, 0j)  # loads compiled code
 
     def path(self, start: tuple[float, float], goal: tuple[float, float]) -> Grid | None:
-        """Return the points (m) of a path, shape (n, 2), half a cell apart; None if there is none."""
+        """Return a path from `start` to `goal`, both x, y in m.
+
+        Returns
+        -------
+        ndarray, shape (n, 2), or None
+            Points in m, half a cell apart, the last one at the goal; None if there is no path.
+        """
         here, there = self._cell(*start), self._cell(*goal)
         target = round(there.imag), round(there.real)
         rows, columns = self._cost.shape
         if not (0 <= target[0] < rows and 0 <= target[1] < columns and math.isfinite(self._cost[target])):
             return None
-        if target not in self._kept:
-            self._kept[target] = _potential(self._cost, *target)
-            if len(self._kept) > _MOST_KEPT:
-                self._kept.popitem(last=False)
-        self._kept.move_to_end(target)
-        cells = _descend(self._kept[target], here, there)
+        if target not in self._potentials:
+            self._potentials[target] = _potential(self._cost, *target)
+            if len(self._potentials) > _MOST_CACHED:
+                self._potentials.popitem(last=False)
+        self._potentials.move_to_end(target)
+        cells = _descend(self._potentials[target], here, there)
         if not len(cells):
             return None
         x, y, yaw = self._origin
@@ -70,7 +79,7 @@ class NavFn:
         return np.stack([places.real, places.imag], axis=1)
 
     def _cell(self, x: float, y: float) -> complex:
-        """Return a place in cells, along a row and across; whole numbers are the middles of cells."""
+        """Return (x, y) m in cells: column + row i, whole numbers in the middle of a cell."""
         x0, y0, yaw = self._origin
         turned = complex(x - x0, y - y0) * complex(math.cos(yaw), -math.sin(yaw))
         return turned / self._resolution - (0.5 + 0.5j)
@@ -78,20 +87,24 @@ class NavFn:
 
 @compiled
 def _at(potential: Grid, row: int, column: int) -> float:
+    """Return the potential of a cell; infinite outside the map."""
     rows, columns = potential.shape
     return potential[row, column] if 0 <= row < rows and 0 <= column < columns else math.inf
 
 
 @compiled
 def _potential(cost: Grid, row: int, column: int) -> Grid:
-    """Return the cost of the path from each cell to one cell, as NavFn interpolates it; infinite if none."""
+    """Return the cost of the path from each cell to the goal's cell; infinite without a path.
+
+    The update is NavFn's quadratic approximation of a wave that arrives between two neighbors of a cell.
+    """
     rows, columns = cost.shape
     potential = np.full((rows, columns), math.inf)
     potential[row, column] = 0.0
     changed = True
     while changed:
         changed = False
-        for down, right in _DIRECTIONS:
+        for down, right in _SWEEPS:
             for i in range(rows):
                 r = i if down > 0 else rows - 1 - i
                 for j in range(columns):
@@ -114,7 +127,7 @@ def _potential(cost: Grid, row: int, column: int) -> Grid:
 
 @compiled
 def _slope(potential: Grid, row: int, column: int) -> complex:
-    """Return the unit vector along which the potential falls from a cell; 0 if it falls nowhere."""
+    """Return the unit vector (column + row i) in which the potential of a cell falls; 0 where it is flat."""
     own = _at(potential, row, column)
     if own == math.inf:
         return 0j
@@ -128,7 +141,7 @@ def _slope(potential: Grid, row: int, column: int) -> complex:
 
 @compiled
 def _lowest(potential: Grid, here: complex, reach: int) -> complex:
-    """Return the cell with the lowest potential around a place, at most `reach` cells away."""
+    """Return the cell with the lowest potential among those at most `reach` cells from `here`."""
     row, column = round(here.imag), round(here.real)
     found, least = here, math.inf
     for r in range(row - reach, row + reach + 1):
@@ -140,11 +153,11 @@ def _lowest(potential: Grid, here: complex, reach: int) -> complex:
 
 @compiled
 def _descend(potential: Grid, start: complex, goal: complex) -> NDArray[np.complex128]:
-    """Return the points of a path down the potential, in cells, shape (n,); empty if there is none."""
+    """Return a path down the interpolated gradient as points in cells, shape (n,); empty without a path."""
     cells = np.empty(potential.size + 2, dtype=np.complex128)
     cells[0], count, here = start, 1, start
     if _at(potential, round(start.imag), round(start.real)) == math.inf:
-        here = _lowest(potential, start, 4)  # the robot stands too near to an obstacle
+        here = _lowest(potential, start, 4)  # the robot is too near to an obstacle
         if _at(potential, round(here.imag), round(here.real)) == math.inf:
             return cells[:0]
     while abs(goal - here) > 1.0 and count < len(cells) - 1:
@@ -154,7 +167,7 @@ def _descend(potential: Grid, start: complex, goal: complex) -> NDArray[np.compl
         for r, c in ((0, 0), (0, 1), (1, 0), (1, 1)):
             share = (up if r else 1.0 - up) * (right if c else 1.0 - right)
             slope += share * _slope(potential, row + r, column + c)
-        after = here + _STEP * slope / abs(slope) if abs(slope) > 0.1 else _lowest(potential, here, 1)
+        after = here + _PATH_STEP * slope / abs(slope) if abs(slope) > 0.1 else _lowest(potential, here, 1)
         before = _at(potential, round(here.imag), round(here.real))
         if _at(potential, round(after.imag), round(after.real)) > before:
             after = _lowest(potential, here, 1)

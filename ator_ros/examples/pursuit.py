@@ -1,7 +1,7 @@
-"""A second driver's control law: regulated pure pursuit behind a rotation shim, as Nav2 documents them.
+"""Control law of the server `pursuit_server`: Nav2's regulated pure pursuit controller with a rotation shim.
 
-On a map it follows the path of a planner, `navfn`. Without a map the path is straight, but for the bias of
-a planner on a grid. Like the first law it is independent of ator_ros and of ROS.
+On a map it follows a path of `NavFn`; without a map the path is straight. Like `RotateDriveRotate` it is
+independent of ator_ros and of ROS. Source: the configuration guide of Nav2 (docs.nav2.org).
 """
 
 from __future__ import annotations
@@ -17,7 +17,12 @@ from ator_ros.examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotat
 
 @dataclass(frozen=True)
 class Tuning:
-    """Parameters with Nav2's names and defaults, except where a comment says otherwise; SI units, radians."""
+    """Parameters with Nav2's names, SI units, and Nav2's defaults unless a comment says otherwise.
+
+    They are those of the regulated pure pursuit controller, the rotation shim controller (from
+    `angular_dist_threshold` on, without acceleration to `rotate_to_heading_angular_vel`), the simple goal
+    checker, the simple progress checker and the controller server.
+    """
 
     desired_linear_vel: float = 0.6  # as in the recorded drives of Nav2
     lookahead_dist: float = 0.6
@@ -34,11 +39,11 @@ class Tuning:
     controller_frequency: float = 20.0
     required_movement_radius: float = 0.5
     movement_time_allowance: float = 10.0  # the drive fails if the robot stays in that radius for longer
-    grid_bias: float = 0.05  # greatest angle between path and straight line; fitted to 104 recorded drives
+    grid_bias: float = 0.05  # not Nav2's: greatest angle of a path to the straight line, fitted to 104 drives
 
 
 class Pursuit:
-    """Drives to one goal, x, y (m) and yaw (rad), on a planned path or straight; one instance for each."""
+    """Drives to one goal, x, y (m) and yaw (rad), on a planned path or straight."""
 
     tuning = Tuning()
 
@@ -52,7 +57,7 @@ class Pursuit:
         self._moved_at = State(-math.inf, math.inf, math.inf, 0.0)
 
     def step(self, state: State) -> tuple[float, float]:
-        """Return the velocities (m/s, rad/s) for a state; `phase` shows whether the drive has ended."""
+        """Return the velocities (m/s, rad/s) for a state; `phase` is in `ENDED` after the end."""
         self.distance = math.hypot(self._goal[0] - state.x, self._goal[1] - state.y)
         v = 0.0
         if self._planner is not None and self._path is None and self.phase not in ENDED:
@@ -99,16 +104,12 @@ class Pursuit:
         return math.remainder(self._goal[2] - state.yaw, math.tau)
 
     def _angle_to_path(self, state: State) -> float:
-        """Return the angle from the robot's heading to the lookahead point.
-
-        NavFn plans on the grid of the map: its path leaves the robot closer to an axis of the grid than the
-        straight line to the goal does.
-        """
+        """Return the angle (rad) from the robot's heading to the lookahead point."""
         if self._path is not None:
             x, y = self._path.ahead(state.x, state.y, self.tuning.lookahead_dist)
             return math.remainder(math.atan2(y - state.y, x - state.x) - state.yaw, math.tau)
         direction = math.atan2(self._goal[1] - state.y, self._goal[0] - state.x)
-        if self.distance > self.tuning.lookahead_dist:
+        if self.distance > self.tuning.lookahead_dist:  # NavFn's paths begin nearer to an axis of the grid
             direction -= self.tuning.grid_bias * math.sin(4.0 * direction)
         return math.remainder(direction - state.yaw, math.tau)
 
@@ -125,14 +126,14 @@ class Pursuit:
         return v, v * curvature
 
     def _rotate(self, angle: float) -> float:
-        """Return the turn rate of a rotation in place, accelerated from the command before."""
+        """Return the turn rate of a rotation in place, accelerated from the previous command."""
         change = self.tuning.max_angular_accel / self.tuning.controller_frequency
         wanted = math.copysign(self.tuning.rotate_to_heading_angular_vel, angle)
         return max(self._w - change, min(self._w + change, wanted))
 
 
 class _Path:
-    """A planned path, and how far along it the robot is."""
+    """A planned path, and the robot's progress on it."""
 
     def __init__(self, points: Grid) -> None:
         self._points = points
@@ -146,18 +147,17 @@ class _Path:
         return float(self._left[self._near])
 
     def follow(self, x: float, y: float) -> None:
-        """Take the point next to (x, y) m, up to 1 m ahead of the last one."""
+        """Advance to the point next to (x, y) m, up to 1 m ahead of the last one."""
         last = self._near + np.searchsorted(-self._left[self._near :], 1.0 - self._left[self._near], "right")
         away = np.hypot(*(self._points[self._near : last] - (x, y)).T)
         self._near += int(np.argmin(away))
 
     def ahead(self, x: float, y: float, lookahead: float) -> tuple[float, float]:
-        """Return the first point from there on that is `lookahead` m away from (x, y), or the goal."""
-        away = np.hypot(*(self._points[self._near :] - (x, y)).T)
-        far = np.flatnonzero(away >= lookahead)
-        x, y = self._points[self._near + far[0] if len(far) else -1]
-        return float(x), float(y)
+        """Return the first point of the rest that is `lookahead` m away from (x, y), or the goal."""
+        rest = self._points[self._near :]
+        far = np.flatnonzero(np.hypot(*(rest - (x, y)).T) >= lookahead)
+        x, y = rest[far[0] if len(far) else -1].tolist()
+        return x, y
 
 
 Law = RotateDriveRotate | Pursuit
-"""A control law, for the server and for the simulation without ROS."""

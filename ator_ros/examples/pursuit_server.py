@@ -1,7 +1,7 @@
 """An action server that drives a differential base to a pose as Nav2 does, without Nav2.
 
-It differs from `drive_to_server` in the name of its action, `pursue`, and in its control law, which plans on
-a map. While `map` has a publisher, goals are rejected until its first map was received.
+It differs from `drive_to_server` in its action, `pursue`, and in its control law, which plans on a map. If
+`map` has a publisher, goals are rejected until the first map was received.
 """
 
 from __future__ import annotations

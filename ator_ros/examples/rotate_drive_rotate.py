@@ -1,7 +1,7 @@
-"""A driver's control law: rotate to the path, follow it, rotate to the goal's heading.
+"""Control law of the server `drive_to_server`: rotate to the path, follow it, rotate to the goal's heading.
 
-It is written like such drivers, with tolerances and rules of its own, and independent of ator_ros and of ROS:
-the example server wraps it, and a simulation without ROS runs the same law.
+It has its own tolerances and rules, and is independent of ator_ros and of ROS. A simulation without ROS
+executes the same law.
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Tuning:
-    """Parameters for tuning; SI units, radians."""
+    """Parameters in SI units; those that Nav2's controllers have, too, have their names."""
 
     v: float = 0.7  # speed forward
     v_reverse: float = 0.4  # speed backward
     a: float = 0.5  # acceleration
-    brake: float = 0.4  # deceleration by which the speed near the goal is planned
-    w_path: float = 1.2  # turn rate in place: to the path
-    w_goal: float = 0.7  # turn rate in place: to the goal's heading, for precision slower
+    brake: float = 0.4  # planned deceleration before the goal
+    w_path: float = 1.2  # turn rate in place, to the path
+    w_goal: float = 0.7  # turn rate in place, to the goal's heading
     aw: float = 1.6  # angular acceleration
-    rotate_above: float = 0.7  # heading error above which it rotates in place before it drives
-    aligned: float = 0.12  # heading error at which rotating to the path ends
-    reverse_above: float = 2.1  # it drives backward to a goal that lies farther aside than this angle
-    lookahead: float = 0.6  # distance along the path to the point that it steers to
+    rotate_above: float = 0.7  # heading error above which the drive begins with a rotation in place
+    aligned: float = 0.12  # heading error at which that rotation ends
+    reverse_above: float = 2.1  # angle to the goal above which the robot drives backward
+    lookahead_dist: float = 0.6
     pause: float = 0.6  # standstill after rotating to the path
-    xy_tolerance: float = 0.06  # error at which it has arrived; within it the position is not corrected
-    yaw_tolerance: float = 0.08  # error at which it has arrived
-    settle: float = 0.2  # time for which it must have stood at the goal's heading
-    time_limit: float = 60.0  # time after which it fails
+    xy_goal_tolerance: float = 0.06  # within it the position is not corrected
+    yaw_goal_tolerance: float = 0.08
+    settle: float = 0.2  # standstill at the goal's heading before the result
+    time_limit: float = 60.0  # time after which the drive fails
 
 
 class Phase(enum.Enum):
@@ -47,10 +47,10 @@ class Phase(enum.Enum):
 
 
 ENDED = (Phase.ARRIVED, Phase.MISSED, Phase.TOO_LONG)
-_MISSED = 3.0  # xy tolerances from the goal at the end of the path
-_TURN_GAIN, _FOLLOW_GAIN = 3.0, 2.0
+_MISSED = 3.0  # ratio of the distance to the goal at the end of the path to its tolerance: the drive failed
+_TURN_GAIN, _FOLLOW_GAIN = 3.0, 2.0  # 1/s
 _SLOWEST = 0.06  # m/s
-_STANDS = (0.02, 0.04)
+_STANDS = (0.02, 0.04)  # m/s and rad/s
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class State:
 
 
 class RotateDriveRotate:
-    """Drives to one goal, x, y (m) and yaw (rad); one instance for each."""
+    """Drives to one goal, x, y (m) and yaw (rad)."""
 
     def __init__(self, goal: tuple[float, float, float], tuning: Tuning | None = None) -> None:
         self.tuning = tuning or Tuning()
@@ -80,10 +80,10 @@ class RotateDriveRotate:
         self._v = self._w = 0.0
 
     def step(self, state: State) -> tuple[float, float]:
-        """Return the velocities (m/s, rad/s) for a state; `phase` shows whether the drive has ended."""
+        """Return the velocities (m/s, rad/s) for a state; `phase` is in `ENDED` after the end."""
+        self.distance = math.hypot(self._goal[0] - state.x, self._goal[1] - state.y)
         if self._began is None:
             self._begin(state)
-        self.distance = math.hypot(self._goal[0] - state.x, self._goal[1] - state.y)
         if state.time - (self._began or 0.0) > self.tuning.time_limit:
             self._enter(Phase.TOO_LONG, state)
         v, w = self._wanted(state)
@@ -95,11 +95,10 @@ class RotateDriveRotate:
         return self._v, self._w
 
     def _begin(self, state: State) -> None:
-        """Decide which way to drive, and whether to rotate in place first."""
+        """Choose between forward and backward, and whether to rotate in place first."""
         self._began = self._last = state.time
         self._start = (state.x, state.y)
-        far = math.hypot(self._goal[0] - state.x, self._goal[1] - state.y)
-        if far < self.tuning.xy_tolerance:
+        if self.distance < self.tuning.xy_goal_tolerance:
             self._enter(Phase.ROTATING_TO_GOAL, state)
             return
         self._sign = -1.0 if abs(self._bearing(state)) > self.tuning.reverse_above else 1.0
@@ -120,29 +119,30 @@ class RotateDriveRotate:
             self._enter(Phase.FOLLOWING, state)
         if self.phase is Phase.FOLLOWING:
             left = self._left(state)
-            if self.distance > tuning.xy_tolerance and left > 0.0:
+            if self.distance > tuning.xy_goal_tolerance and left > 0.0:
                 return self._following(state, left)
-            missed = self.distance > _MISSED * tuning.xy_tolerance
+            missed = self.distance > _MISSED * tuning.xy_goal_tolerance
             self._enter(Phase.MISSED if missed else Phase.ROTATING_TO_GOAL, state)
         if self.phase in (Phase.ROTATING_TO_GOAL, Phase.SETTLING):
             return self._at_goal(state)
         return 0.0, 0.0
 
     def _at_goal(self, state: State) -> tuple[float, float]:
+        """Rotate to the goal's heading, then wait until the robot has stood there for a while."""
         error = _wrapped(self._goal[2] - state.yaw)
         if self.phase is Phase.ROTATING_TO_GOAL:
-            if abs(error) > self.tuning.yaw_tolerance:
+            if abs(error) > self.tuning.yaw_goal_tolerance:
                 return 0.0, self._turning(error, self.tuning.w_goal)
             self._enter(Phase.SETTLING, state)
         if abs(state.v) > _STANDS[0] or abs(state.w) > _STANDS[1]:
             self._since = state.time
         if state.time - self._since >= self.tuning.settle:
-            stands_right = abs(error) <= 2.0 * self.tuning.yaw_tolerance
+            stands_right = abs(error) <= 2.0 * self.tuning.yaw_goal_tolerance
             self._enter(Phase.ARRIVED if stands_right else Phase.ROTATING_TO_GOAL, state)
         return 0.0, 0.0
 
     def _following(self, state: State, left: float) -> tuple[float, float]:
-        """Head for a point on the path ahead; slower where it has to turn much, and near the goal."""
+        """Steer to a point on the path ahead, slower at large heading errors and near the goal."""
         tuning, (x, y) = self.tuning, self._ahead(left)
         error = self._heading_error(state, x, y)
         most = tuning.v if self._sign > 0.0 else tuning.v_reverse
@@ -152,10 +152,10 @@ class RotateDriveRotate:
         return self._sign * speed, turn
 
     def _ahead(self, left: float) -> tuple[float, float]:
-        """Return the point of the path, a straight line, that lies `lookahead` ahead of the robot."""
+        """Return the point of the path, a straight line, `lookahead_dist` ahead of the robot."""
         (x0, y0), (x1, y1, _) = self._start, self._goal
         length = math.hypot(x1 - x0, y1 - y0)
-        share = (max(0.0, left - self.tuning.lookahead)) / length
+        share = (max(0.0, left - self.tuning.lookahead_dist)) / length
         return x1 - share * (x1 - x0), y1 - share * (y1 - y0)
 
     def _left(self, state: State) -> float:
@@ -165,15 +165,16 @@ class RotateDriveRotate:
         return ((x1 - state.x) * (x1 - x0) + (y1 - state.y) * (y1 - y0)) / length
 
     def _bearing(self, state: State) -> float:
-        """Return by how much to turn until the goal lies ahead, or behind where it drives backward."""
+        """Return the heading error to the goal in rad."""
         return self._heading_error(state, self._goal[0], self._goal[1])
 
     def _heading_error(self, state: State, x: float, y: float) -> float:
+        """Return by how much (rad) to turn until (x, y) lies ahead, or behind in a drive backward."""
         flipped = 0.0 if self._sign > 0.0 else math.pi
         return _wrapped(math.atan2(y - state.y, x - state.x) + flipped - state.yaw)
 
     def _turning(self, error: float, most: float) -> float:
-        """Return a turn rate from which it can stop at the error 0."""
+        """Return a turn rate from which the robot can stop at the error 0."""
         rate = min(most, _TURN_GAIN * abs(error), math.sqrt(2.0 * 0.8 * self.tuning.aw * abs(error)))
         return math.copysign(rate, error)
 
@@ -182,7 +183,7 @@ class RotateDriveRotate:
 
 
 def _toward(value: float, target: float, most: float, *, slowing: float) -> float:
-    """Return `value` moved toward `target`: by at most `most`, or `slowing` where its size falls."""
+    """Return `value` moved toward `target` by at most `most`, or `slowing` if its absolute value falls."""
     step = slowing if abs(target) < abs(value) and target * value >= 0.0 else most
     return value + max(-step, min(step, target - value))
 

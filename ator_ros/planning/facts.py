@@ -1,7 +1,7 @@
-"""Facts: clauses of conditions, bound to the goal of a TOP, and whether they hold after a TOP.
+"""Facts: clauses of conditions for the goal of a TOP, and whether they hold after a TOP.
 
 A goal variable is bound to a symbol: a number, the present value of a state variable ("object.x" before the
-TOP), or a place that is chosen later. Variables with the same symbol have the same value, perhaps unknown.
+TOP), or a place that is chosen later. Variables with the same symbol have the same value.
 """
 
 from __future__ import annotations
@@ -19,13 +19,12 @@ Symbol = float | str
 Binding = Mapping[str, Symbol]
 """Symbols of the goal variables of a TOP, by name. A missing one is chosen later."""
 AXES = ("x", "y", "yaw")
-_ANYWHERE = (-math.inf, math.inf)
 _SLACK = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """A symbol, and the range of the variable's difference from it, `low` to `high`."""
+    """The value of a variable: `low` to `high` above a symbol."""
 
     symbol: Symbol
     low: float = 0.0
@@ -33,7 +32,7 @@ class Value:
 
     @property
     def nominal(self) -> float:
-        """The difference from the symbol in projections: the least possible."""
+        """The difference from the symbol in projections: the least in the range."""
         return min(max(0.0, self.low), self.high)
 
 
@@ -42,21 +41,24 @@ def after(top: Top, binding: Binding) -> dict[str, Value]:
     values: dict[str, Value] = {}
     goal = {name: binding.get(name, _chosen(top.name, name)) for name in AXES}
     goal["speed"] = binding.get("speed", 0.0)
-    for name, by in top.arrival().items() if top.arrives else ():  # no condition bounds its errors
+    for name, by in top.arrival().items() if top.arrives else ():
         known = [goal[each] for each in by] or [0.0]
         symbol = known[0] if len(known) == 1 else f"{known[0]} beside, heading {known[1]}"
-        values[name] = Value(symbol, *_ANYWHERE)
+        values[name] = Value(symbol, -math.inf, math.inf)  # unless a condition bounds the error
     arrived = frozenset(values)
-    for term in top.post.terms:
+    for term in sorted(top.post.terms, key=lambda term: term.variable not in arrived):
         if term.variable in arrived:
-            symbol = values[term.variable].symbol
-            values[term.variable] = Value(symbol, *reach_about(term, symbol))
-    for term in top.post.terms:
-        if term.variable not in arrived:
+            target = Value(values[term.variable].symbol)
+        else:
             target = target_of(term, values, binding, top.name)
-            low, high = reach_about(term, target.symbol)
-            values[term.variable] = Value(target.symbol, target.low + low, target.high + high)
+        values[term.variable] = _near(term, target)
     return values
+
+
+def _near(term: Statement, target: Value) -> Value:
+    """Return the values at which a statement about a target holds."""
+    low, high = term.reach(math.inf if isinstance(target.symbol, str) else target.symbol)
+    return Value(target.symbol, target.low + low, target.high + high)
 
 
 def _chosen(top: str, name: str) -> str:
@@ -69,7 +71,7 @@ def is_chosen(symbol: Symbol) -> bool:
 
 
 def target_of(term: Statement, values: Mapping[str, Value], binding: Binding, top: str) -> Value:
-    """Return the target of a statement in a state in which `values` have changed."""
+    """Return the target of a statement after `values` have changed."""
     if not isinstance(term.target, str):
         return Value(float(term.target))
     if term.target.startswith("goal."):
@@ -78,13 +80,8 @@ def target_of(term: Statement, values: Mapping[str, Value], binding: Binding, to
     return values.get(term.target, Value(term.target))
 
 
-def reach_about(term: Statement, target: Symbol) -> tuple[float, float]:
-    """Return the range of a statement around its target; it may depend on the target's sign."""
-    return term.reach(math.inf if isinstance(target, str) else target)
-
-
 def difference(variable: str, value: Value, target: Value) -> float | None:
-    """Return by how much two symbols differ, 0 where they are the same; None where that is unknown."""
+    """Return the difference of two symbols; None if it is unknown."""
     if value.symbol == target.symbol:
         return 0.0
     if isinstance(value.symbol, str) or isinstance(target.symbol, str):
@@ -98,28 +95,26 @@ def _satisfied(term: Statement, values: Mapping[str, Value], binding: Binding, *
     apart = difference(term.variable, value, target)
     if apart is None:
         return False
-    low, high = reach_about(term, target.symbol)
+    allowed = _near(term, Value(target.symbol))
     if surely:
         least, most = apart + value.low - target.high, apart + value.high - target.low
     else:
         least = most = apart + value.nominal - target.nominal
-    return low - _SLACK <= least and most <= high + _SLACK
+    return allowed.low - _SLACK <= least and most <= allowed.high + _SLACK
 
 
 @dataclass(frozen=True)
 class Fact:
-    """A clause of a condition, bound to a goal.
+    """A clause of a condition for a goal.
 
     Attributes
     ----------
-    clause : Term, Region, Distance or Bearing
-        The statement or relation.
     binding : tuple
-        The goal variables that it names, as pairs of name and symbol.
+        The goal variables that the clause names, as pairs of name and symbol.
     region : str
         Name of the region of places at which it holds; empty if it concerns no place to choose.
     surely : bool
-        Whether it must hold within all tolerances of a TOP, like the goal of a plan; otherwise it must hold
+        Whether it must hold within all tolerances of a TOP, as the goal of a plan; otherwise it must hold
         for projected values.
     """
 
@@ -138,7 +133,7 @@ class Fact:
 
     @property
     def depends(self) -> frozenset[str]:
-        """The state variables that it depends on, with those of its binding."""
+        """The state variables that determine whether it holds."""
         return self._variables | {symbol for _, symbol in self.binding if isinstance(symbol, str)}
 
     def holds_after(self, values: Mapping[str, Value]) -> bool:
@@ -150,11 +145,8 @@ class Fact:
             return True
         if isinstance(self.clause, Statement):
             return _satisfied(self.clause, values, dict(self.binding), surely=self.surely)
-        numbers = {
-            name: value.symbol + value.nominal
-            for name, value in values.items()
-            if isinstance(value.symbol, float)
-        }
+        known = ((name, value.symbol, value.nominal) for name, value in values.items())
+        numbers = {name: symbol + more for name, symbol, more in known if isinstance(symbol, float)}
         goal = {name: symbol for name, symbol in self.binding if isinstance(symbol, float)}
         clearance = self.clause.clearance(numbers, goal)
         return clearance is not None and bool(clearance >= -_SLACK)
@@ -164,7 +156,6 @@ class Fact:
         return self.clause.violation(state, resolved(dict(self.binding), state))
 
     def __str__(self) -> str:
-        """Return it as text, with numbers for known goal variables."""
         clause = self.clause
         if not isinstance(clause, Statement):
             return str(clause)
@@ -177,23 +168,21 @@ class Fact:
 
 
 def resolved(binding: Binding, state: State) -> dict[str, float]:
-    """Return the goal variables whose values are numbers in `state`."""
-    found = {
-        name: state.get(symbol) if isinstance(symbol, str) else symbol for name, symbol in binding.items()
-    }
-    return {name: value for name, value in found.items() if value is not None}
+    """Return the goal variables whose values are known in `state`."""
+    values = {name: state.get(each) if isinstance(each, str) else each for name, each in binding.items()}
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def region_name(top: Top, binding: Binding, thing: str) -> str:
-    """Return the name of the region of places for `thing` from which a TOP with this goal may start."""
+    """Return a name for the places of `thing` from which a TOP with this goal may start."""
     there = ", ".join(f"{name} {symbol}" for name, symbol in sorted(binding.items()) if name in "xy")
     return f"place of {thing} for {top.name} ({there})"
 
 
 def preconditions(top: Top, binding: Binding) -> list[Fact]:
-    """Return the facts that a TOP with this goal needs.
+    """Return the facts that a TOP with this goal needs and that do not always hold.
 
-    Those are left out that always hold, or that concern an unbound goal variable.
+    Clauses about unbound goal variables are left out.
     """
     facts = []
     clauses: tuple[Statement | Relation, ...] = (*top.pre.terms, *top.pre.relations)
@@ -217,7 +206,7 @@ def preconditions(top: Top, binding: Binding) -> list[Fact]:
 
 
 def placed_thing(clause: Statement | Relation) -> str | None:
-    """Return what a clause places near the goal: "robot", "hold", an object, or None."""
+    """Return what a clause places near the goal: "robot", "hold" or an object; None if nothing."""
     if not isinstance(clause, Statement):
         others = [place for place in clause.places if place != "goal"]
         return others[0] if len(others) == 1 else None

@@ -1,4 +1,4 @@
-"""Goals of plans: statements about state variables that shall hold at the end."""
+"""Goals of plans: statements about state variables that must hold at the end."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ MOST_STATEMENTS = 8
 
 
 class PlanningError(ValueError):
-    """A goal that is invalid or has no plan; the message names the condition that no TOP achieves."""
+    """A goal that is invalid or has no plan."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Unspecified:
-    """A statement without a tolerance: it gets the smallest one that a TOP achieves."""
+    """A statement without a tolerance: the smallest one that a TOP achieves applies."""
 
     variable: str
     target: str | float
@@ -29,13 +29,7 @@ GoalStatement = Statement | Unspecified
 
 
 def check_goal(goal: Sequence[GoalStatement], known: Sequence[str]) -> None:
-    """Check that a goal is about known variables, each once.
-
-    Raises
-    ------
-    PlanningError
-        It has no statements or too many, names an unknown variable, or one variable twice.
-    """
+    """Raise PlanningError unless a goal has 1 to 8 statements about known variables, each once."""
     if not 1 <= len(goal) <= MOST_STATEMENTS:
         raise PlanningError(f"goal: expected 1 to {MOST_STATEMENTS} statements, got {len(goal)}")
     for statement in goal:
@@ -44,17 +38,11 @@ def check_goal(goal: Sequence[GoalStatement], known: Sequence[str]) -> None:
                 raise PlanningError(f"goal: expected one of {', '.join(known)}, got {quoted(name)}")
     names = [statement.variable for statement in goal]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise PlanningError(f"goal: expected each variable once, {', '.join(twice)} come twice")
+        raise PlanningError(f"goal: expected each variable once, got {', '.join(twice)} twice")
 
 
 def statement_from(text: str) -> GoalStatement:
-    """Read a statement: VARIABLE=VALUE or VARIABLE=VALUE:LOW:HIGH; a value is a number or a variable.
-
-    Raises
-    ------
-    PlanningError
-        The text is no statement.
-    """
+    """Read VARIABLE=VALUE or VARIABLE=VALUE:LOW:HIGH; raise PlanningError if the text is none of these."""
     variable, _, rest = text.partition("=")
     target, *bounds = rest.split(":")
     try:

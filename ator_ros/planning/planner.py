@@ -1,7 +1,6 @@
 """Chains for a goal, from the conditions of the TOPs in a library.
 
-What the plan does not determine is open in its steps; values of open variables are placeholders, which
-refinement replaces.
+Goal variables that the plan does not determine are open; refinement replaces their preliminary values.
 """
 
 from __future__ import annotations
@@ -26,11 +25,8 @@ from ator_ros.tops.objects import missing_object
 from ator_ros.tops.ranges import USUAL_RANGES
 from ator_ros.world.state import World
 
-MOST_CHAINS = 1 + MOST_ALTERNATIVES
-"""Chains for one goal: as many as a request to refinement may hold."""
-_MOST_PLANS = 16  # symbolic plans that are searched; some cannot be used as there is no place for a step
-_SPACING, _MOST_INTERVALS = 0.1, 400
-"""Grid of candidate places: spacing in m, and greatest number of intervals along a side of the area."""
+_MOST_PLANS = 16  # symbolic plans that are searched; for some of them there is no place for a step
+_SPACING, _MOST_INTERVALS = 0.1, 400  # of the grid of candidate places: m, and along a side of the area
 _LEAST_DISTANCE = 0.5  # m: preferred least distance of a place from the present one
 
 
@@ -41,14 +37,14 @@ def chains_for(
     objects: Sequence[str],
     fence: Fence | None = None,
 ) -> list[TopChain]:
-    """Return chains for a goal, those with fewest steps first; none if it holds already.
+    """Return as many chains as a request to refinement may have, the shortest first; none if the goal holds.
 
     Parameters
     ----------
     goal : sequence
-        Statements that shall hold at the end.
+        Statements that must hold at the end.
     objects : sequence of str
-        Names of the objects that the domain has.
+        Names of the objects of the domain.
     fence : Fence, optional
         Bounds of the chains; by default around the scene's area.
 
@@ -83,13 +79,13 @@ def chains_for(
             reasons.append(str(error))
     if not found:
         raise PlanningError("; ".join(dict.fromkeys(reasons)))
-    return sorted(found, key=len)[:MOST_CHAINS]
+    return sorted(found, key=len)[: 1 + MOST_ALTERNATIVES]
 
 
 def _valid_chain(
     steps: Sequence[PlannedStep], goal: Sequence[Fact], world: World, library: TopLibrary, fence: Fence
 ) -> TopChain:
-    """Return the chain of a plan; raises PlanningError if it is no valid plan from the situation."""
+    """Return the chain of a plan; raise PlanningError if it is not valid in the situation."""
     robot = library.robot
     if len(steps) > LONGEST_CHAIN:
         raise PlanningError(f"plan of {len(steps)} steps: expected at most {LONGEST_CHAIN}")
@@ -110,7 +106,7 @@ def _valid_chain(
 
 
 def _why_unreachable(problem: PlanningProblem) -> str:
-    """Return which conditions no TOP achieves, or that no sequence of TOPs achieves all at once."""
+    """Return the conditions that no TOP achieves, or that no sequence of TOPs achieves all at once."""
     met = problem.within_reach().union(*(operator.adds for operator in problem.operators))
     needed = dict.fromkeys(sorted(problem.goal), "")
     for number in problem.useful():
@@ -155,23 +151,19 @@ def _call(step: PlannedStep, world: World, library: TopLibrary, fence: Fence, *,
 def _place_in(
     region: Sequence[Fact], top: Top, state: State, edges: tuple[float, float, float, float]
 ) -> tuple[float, float] | None:
-    """Return the place (m) in a region that is nearest to the present place of its thing, or None.
+    """Return the place (m) in a region, and in `edges`, that is nearest to the present one of its thing.
 
-    It keeps the tolerance of the TOP that brings the thing there from the edge, if possible, and lies within
-    the `edges` x_min, y_min, x_max, y_max (m).
+    If possible it keeps the tolerance of the TOP that brings the thing there from the edge of the region.
     """
     thing = placed_thing(region[0].clause)
-    goal = resolved(dict(region[0].binding), state)
-    places = _candidates(edges, goal)
+    places = _candidates(edges, resolved(dict(region[0].binding), state))
     there = {**state, f"{thing}.x": places[:, 0], f"{thing}.y": places[:, 1]}
     margins = [fact.clause.clearance(there, resolved(dict(fact.binding), state)) for fact in region]
     least = np.min([-np.inf if margin is None else margin for margin in margins], axis=0)
     for margin in (top.place_tolerance, 0.0):
         good = places[np.broadcast_to(least >= margin - 1e-9, len(places))]
         if len(good):
-            away = np.hypot(
-                good[:, 0] - state.get(f"{thing}.x", 0.0), good[:, 1] - state.get(f"{thing}.y", 0.0)
-            )
+            away = np.hypot(*(good - [state.get(f"{thing}.{axis}", 0.0) for axis in "xy"]).T)
             far = away >= _LEAST_DISTANCE
             index = int(np.argmin(np.where(far, away, np.inf)) if far.any() else np.argmax(away))
             return float(good[index, 0]), float(good[index, 1])
@@ -179,7 +171,7 @@ def _place_in(
 
 
 def _candidates(edges: tuple[float, float, float, float], goal: Mapping[str, float]) -> FloatArray:
-    """Return places inside the edges, shape (n, 2), and the goal itself."""
+    """Return a grid of places inside the edges x_min, y_min, x_max, y_max (m), and the goal, shape (n, 2)."""
     x_min, y_min, x_max, y_max = edges
     spacing = max(_SPACING, (x_max - x_min) / _MOST_INTERVALS, (y_max - y_min) / _MOST_INTERVALS)
     xs = np.arange(x_min, x_max + spacing / 2, spacing)

@@ -1,4 +1,4 @@
-"""The symbolic planning problem of a goal: candidate steps, what each makes true and false, the search."""
+"""The symbolic planning problem of a goal: candidate steps, their effects on facts, and the search."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 from ator_ros.planning.facts import (
     AXES,
-    Binding,
     Fact,
     Symbol,
     Value,
@@ -27,10 +26,10 @@ from ator_ros.tops.conditions import Region, State, Statement
 from ator_ros.tops.objects import followed
 
 Plan = tuple[int, ...]
-"""The indices of operators, in their order."""
-MOST_SEARCHES, MOST_STATES = 60, 20_000
-"""Bounds for one goal; the shipped domains need about ten searches of less than a hundred states."""
-_MOVING = ("robot.", "hold.")  # variables that are no destination, as they change on the way
+"""Indices of operators."""
+# Bounds for one goal; the shipped domains need about ten searches of less than a hundred states.
+_MOST_SEARCHES, _MOST_STATES = 60, 20_000
+_MOVING = ("robot.", "hold.")  # variables that are no destination, as they change during a step
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +39,9 @@ class PlannedStep:
     Attributes
     ----------
     binding : tuple
-        Its goal variables, as pairs of name and symbol; missing ones are chosen later.
+        Goal variables as pairs of name and symbol; missing ones are chosen later.
     region : tuple of Fact
-        Facts that a later TOP needs of the place that is chosen; empty if the goal is determined otherwise.
+        Facts that a later TOP needs at the place that is chosen; empty if no place is chosen.
     """
 
     top: Top
@@ -66,15 +65,14 @@ def facts_of(goal: Sequence[GoalStatement], tops: Sequence[Top]) -> list[Fact]:
             values = [value for top in tops if (value := _achieved(statement, top)) is not None]
             ranges = [(each.low, each.high) for each in values if math.isfinite(each.high - each.low)]
             low, high = min(ranges, key=lambda ends: ends[1] - ends[0], default=(0.0, 0.0))
-            facts.append(Fact(Region(statement.variable, statement.target, low, high), surely=True))
-        else:
-            facts.append(Fact(statement, surely=True))
+            statement = Region(statement.variable, statement.target, low, high)
+        facts.append(Fact(statement, surely=True))
     return facts
 
 
 def _achieved(statement: Unspecified, top: Top) -> Value | None:
-    """Return the value of the variable after a TOP, if the TOP can bring it to the target."""
-    for binding in itertools.chain([{}], _reaching([statement], top)):
+    """Return the variable after a TOP relative to the target; None if the TOP does not bring it there."""
+    for binding in ({}, _reaching([statement], top)):
         values = after(top, binding)
         value, target = values.get(statement.variable), values.get(str(statement.target))
         target = target or Value(statement.target)
@@ -83,8 +81,8 @@ def _achieved(statement: Unspecified, top: Top) -> Value | None:
     return None
 
 
-def _reaching(goal: Sequence[GoalStatement], top: Top) -> Iterator[Binding]:
-    """Yield the goal with which a TOP achieves as many statements as it can, if any."""
+def _reaching(goal: Sequence[GoalStatement], top: Top) -> dict[str, Symbol]:
+    """Return the goal with which a TOP achieves the most statements; empty if it achieves none."""
     names = {*top.pre.goal_names(), *top.post.goal_names(), *AXES, "speed"}
     values = after(top, {name: f"goal.{name}" for name in names})
     found: dict[str, Symbol] = {}
@@ -94,15 +92,14 @@ def _reaching(goal: Sequence[GoalStatement], top: Top) -> Iterator[Binding]:
         if symbol == f"goal.{name}" and name in names and not str(statement.target).startswith(_MOVING):
             target = statement.target
             found.setdefault(name, target if isinstance(target, str) else float(target))
-    if found:
-        yield found
+    return found
 
 
 def steps_for(goal: Sequence[Fact], tops: Sequence[Top]) -> list[PlannedStep]:
     """Return candidate steps: TOPs with goals.
 
-    The goal of a TOP is the place of the object that it follows, a place that the goal of the plan names, or
-    a place from which another of these steps may start.
+    The goal of a TOP is the place of the object that it follows, a place in the goal of the plan, or a place
+    from which another of these steps may start.
     """
     groups: dict[str, list[Statement]] = {}  # by robot, hold or object
     for fact in goal:
@@ -120,33 +117,27 @@ def _bindings(top: Top, groups: Sequence[Sequence[Statement]]) -> Iterator[tuple
     if own or not places_something:
         yield tuple(sorted(own.items()))
     for group in groups:
-        for found in _reaching(group, top):
+        if found := _reaching(group, top):
             yield tuple(sorted({**found, **own}.items()))
 
 
 def _toward(top: Top, target: PlannedStep) -> Iterator[PlannedStep]:
-    """Yield `top` with goals from which `target` may start, one for each thing that it needs at a place."""
+    """Yield `top` with goals from which `target` may start, one for each thing that this needs at a place."""
     if followed(top) is not None:
         return
     facts = target.needs()
     for thing in dict.fromkeys(filter(None, (placed_thing(fact.clause) for fact in facts))):
         region = region_name(target.top, dict(target.binding), thing)
-        step = PlannedStep(
-            top,
-            tuple((axis, f"{region}.{axis}") for axis in "xy"),
-            tuple(fact for fact in facts if fact.region == region),
-        )
-        placed = step.values()
-        if all(
-            f"{thing}.{axis}" in placed and placed[f"{thing}.{axis}"].symbol == symbol
-            for axis, symbol in step.binding
-        ):
+        binding = tuple((axis, f"{region}.{axis}") for axis in "xy")
+        step = PlannedStep(top, binding, tuple(fact for fact in facts if fact.region == region))
+        placed = {name: value.symbol for name, value in step.values().items()}
+        if all(placed.get(f"{thing}.{axis}") == symbol for axis, symbol in binding):
             yield step
 
 
 @dataclass(frozen=True, slots=True)
 class Operator:
-    """An operator of STRIPS: facts, by number, that must be true before, and are true or false after."""
+    """An operator of STRIPS: numbers of the facts that it needs, adds and deletes."""
 
     needs: frozenset[int]
     adds: frozenset[int]
@@ -155,14 +146,14 @@ class Operator:
 
 @dataclass(frozen=True, slots=True)
 class PlanningProblem:
-    """A symbolic problem: facts by number, operators with their steps, initial facts, facts of the goal.
+    """A STRIPS problem: operators, and the numbers of the facts that hold initially and of the goal.
 
     Attributes
     ----------
     facts : tuple of Fact
         By number; facts with higher numbers say that a region contains an object from the start.
     steps : tuple
-        The step of each operator; None for leaving an object at its place.
+        The step of each operator; None if it leaves an object in its region.
     """
 
     facts: tuple[Fact, ...]
@@ -172,7 +163,7 @@ class PlanningProblem:
     goal: frozenset[int]
 
     def within_reach(self) -> frozenset[int]:
-        """Return the facts that are reachable if operators delete nothing."""
+        """Return the facts that would be reachable if operators deleted nothing."""
         reached, before = self.initial, None
         while reached != before:
             before = reached
@@ -180,7 +171,7 @@ class PlanningProblem:
         return reached
 
     def useful(self) -> list[int]:
-        """Return the indices of operators on which the goal depends, directly or not."""
+        """Return the indices of operators on which the goal depends, directly or indirectly."""
         needed, before = self.goal, None
         while needed != before:
             before = needed
@@ -196,7 +187,7 @@ class PlanningProblem:
         Raises
         ------
         PlanningError
-            More than `MOST_STATES` states were searched.
+            More than `_MOST_STATES` states were searched.
         """
         if not self.goal <= self.within_reach():
             return []
@@ -204,7 +195,7 @@ class PlanningProblem:
         unsolvable: list[frozenset[int]] = []
         waiting, seen = deque([frozenset[int]()]), {frozenset[int]()}
         useful, searches = self.useful(), 0
-        while waiting and len(found) < most and searches < MOST_SEARCHES:
+        while waiting and len(found) < most and searches < _MOST_SEARCHES:
             banned = waiting.popleft()
             if any(known <= banned for known in unsolvable):
                 continue
@@ -234,8 +225,8 @@ class PlanningProblem:
             if state in done:
                 continue
             done.add(state)
-            if len(done) > MOST_STATES:
-                raise PlanningError(f"goal: expected at most {MOST_STATES} states on the way, got more")
+            if len(done) > _MOST_STATES:
+                raise PlanningError(f"goal: expected at most {_MOST_STATES} states to search, got more")
             for number in usable:
                 operator = self.operators[number]
                 if operator.needs <= state:
@@ -247,12 +238,9 @@ class PlanningProblem:
 
 
 def planning_problem(goal: Sequence[Fact], steps: Sequence[PlannedStep], state: State) -> PlanningProblem:
-    """Return the symbolic problem of a goal.
+    """Return the symbolic problem of a goal from the state variables at the start, see `state_of`.
 
-    Leaving an object in its region is an operator without steps, so that such plans differ from those that
-    move it.
-
-    `state` are the variables at the start, see `state_of`.
+    Leaving an object in its region is an operator of its own, so that plans that move it are alternatives.
     """
     needs = [fact for step in steps for fact in step.needs()]
     facts = list(dict.fromkeys((*goal, *needs)))

@@ -25,14 +25,13 @@ WALL_HEIGHT = 0.4
 
 
 class BulletClient:
-    """A new world, with the functions and constants of pybullet; `pybullet_utils` has one that prints."""
+    """A new world, with the functions and constants of pybullet."""
 
     def __init__(self) -> None:
         self._pybullet = _imported_without_banner("pybullet")
         self._number = self._pybullet.connect(self._pybullet.DIRECT)
 
     def __getattr__(self, name: str) -> Any:
-        """Return what pybullet has under a name, for this world."""
         found = getattr(self._pybullet, name)
         if callable(found):
             found = functools.partial(found, physicsClientId=self._number)
@@ -41,7 +40,7 @@ class BulletClient:
 
 
 def _imported_without_banner(module: str) -> Any:
-    """Import a module and suppress its output to the process's stderr."""
+    """Import a module without what it prints on stderr."""
     try:
         kept = os.dup(2)
     except OSError:  # a process without stderr
@@ -70,17 +69,13 @@ def make_bay(client: BulletClient, bay: Bay) -> list[int]:
     half_depth, half_width = bay.depth / 2, bay.width / 2
     side = _box(client, half_depth, WALL_THICKNESS / 2)
     back = _box(client, WALL_THICKNESS / 2, half_width)
-    # Rounded, so that what faces along an axis lies exactly along it.
+    # Rounded, so that a bay that faces along an axis lies exactly along it.
     c, s = round(math.cos(bay.yaw), 12), round(math.sin(bay.yaw), 12)
     turned = math.atan2(s, c) % math.pi  # a box that is turned by half a turn is the same box
     beside = half_width + WALL_THICKNESS / 2
     left, right = (beside, -beside) if c >= 0.0 else (-beside, beside)
-    walls = []
-    for shape, ahead, aside in (
-        (side, half_depth, left),
-        (side, half_depth, right),
-        (back, bay.depth + WALL_THICKNESS / 2, 0.0),
-    ):
+    behind, walls = bay.depth + WALL_THICKNESS / 2, []
+    for shape, ahead, aside in (side, half_depth, left), (side, half_depth, right), (back, behind, 0.0):
         place = [bay.x + c * ahead - s * aside, bay.y + s * ahead + c * aside, WALL_HEIGHT / 2]
         walls.append(int(client.createMultiBody(0, shape, -1, place, quaternion_from_yaw(turned))))
     return walls

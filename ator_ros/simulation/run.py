@@ -1,4 +1,4 @@
-"""Simulated runs: everything that executes something in the simulator goes through here."""
+"""Runs in the simulator: the tick loop, and the judgment of how a TOP ended."""
 
 from __future__ import annotations
 
@@ -16,25 +16,14 @@ from ator_ros.world.state import STOP, World
 
 
 def place(simulation: Simulation, world: World) -> None:
-    """Put the robot and the objects of `world` into the simulation, those without a size excepted."""
-    robot = world.robot
-    simulation.place_robot(robot.pose, v=robot.v, w=robot.w)
+    """Put the robot and the objects of `world` that have a size into the simulation."""
+    simulation.place_robot(world.robot.pose, v=world.robot.v, w=world.robot.w)
     known = simulation.robot.scene.objects
     simulation.place_objects({name: there for name, there in world.objects.items() if name in known})
 
 
 def run(simulation: Simulation, step: Callable[[World], Step], *, ticks: int) -> Step | None:
-    """Steer the robot tick by tick until `step` ends; everything has been placed in the simulation.
-
-    Parameters
-    ----------
-    step : callable
-        Returns what to do in a state.
-    ticks : int
-        Greatest number of control ticks.
-
-    Return the last step, which is not running; None if `ticks` are over before.
-    """
+    """Execute the steps that `step` returns until one is not RUNNING; return it, or None after `ticks`."""
     for _ in range(ticks):
         done = step(simulation.world())
         if done.status is not Status.RUNNING:
@@ -45,11 +34,8 @@ def run(simulation: Simulation, step: Callable[[World], Step], *, ticks: int) ->
     return None
 
 
-def settle(simulation: Simulation, top: Top, goal: Goal) -> World:
-    """Let objects move on, with the robot stopping, as long as `top` allows; return the true state then.
-
-    It ends as soon as the post-condition holds or all its objects rest.
-    """
+def _settle(simulation: Simulation, top: Top, goal: Goal) -> World:
+    """Stop until the post-condition holds, its objects rest or `top.settles` is over; return the state."""
     world = simulation.world()
     for _ in range(round(top.settles * CONTROL_RATE)):
         if not top.may_settle(world) or not top.unmet(world, goal, simulation.robot):
@@ -64,32 +50,23 @@ def settle(simulation: Simulation, top: Top, goal: Goal) -> World:
 class Judgment:
     """How a TOP ended, by the true state.
 
-    Attributes
-    ----------
-    success : bool
-        Its action succeeded, and its post-condition holds.
-    reason : str
-        A sentence on how it ended.
-    error : float
-        Distance of the robot's point from the goal in m where the TOP places it there; else how far the world
-        is from the post-condition, in the unit of the worst variable.
-    heading_error : float
-        Difference of headings in rad; NaN where the TOP does not place the robot.
+    `error` is the distance in m of the robot's point from the goal if the TOP places it there; else the
+    greatest violation of the post-condition, in the unit of the variable.
     """
 
-    success: bool
+    success: bool  # the action succeeded, and the post-condition holds
     reason: str
     error: float
-    heading_error: float
+    heading_error: float  # rad; NaN if the TOP does not place the robot
 
 
 def judge(simulation: Simulation, top: Top, goal: Goal, status: Status, message: str) -> Judgment:
-    """Judge a TOP by its post-condition, which alone decides whether an action that succeeded has done so.
+    """Judge a TOP by its post-condition, after objects have settled.
 
-    `status` and `message` are how the action ended: RUNNING if it was broken off; then nothing settles.
+    `status` and `message` are those of the last step of the action; after RUNNING, nothing settles.
     """
     robot, ended_well = simulation.robot, status is Status.SUCCEEDED
-    world = simulation.world() if status is Status.RUNNING else settle(simulation, top, goal)
+    world = simulation.world() if status is Status.RUNNING else _settle(simulation, top, goal)
     lacks = top.unmet(world, goal, robot)
     reason = f"{message}; but {top.failure(lacks)}" if lacks and ended_well else message
     error, heading_error = top.shortfall(world, goal, robot), math.nan
@@ -109,18 +86,9 @@ def run_action(
     time_limit: float = TIME_LIMIT,
     step: Callable[[Action, World], Step] | None = None,
 ) -> Step:
-    """Execute one action from here until it ends; return its last step, RUNNING at the time limit.
+    """Set up, start, step and end an action; return its last step, RUNNING after `time_limit` (s).
 
-    Parameters
-    ----------
-    simulation : Simulation
-        The world, in which everything has been placed.
-    action : Action
-        Set up and started here, and ended whatever happens.
-    time_limit : float
-        Time in s that it may take.
-    step : callable, optional
-        Called in each tick instead of `Action.step`, to observe it.
+    `step` is called in each tick instead of `Action.step`, to observe it.
 
     Raises
     ------

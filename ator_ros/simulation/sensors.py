@@ -13,29 +13,17 @@ import numpy as np
 from ator_ros.geometry import Pose
 from ator_ros.world.state import ObjectState, World
 
-_TELEPORT = 0.3
+_TELEPORT = 0.3  # m; a robot that moves farther in a tick was placed
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectErrors:
-    """Errors in the observations of an object; by default none.
+    """Errors in the observations of an object; by default none."""
 
-    Attributes
-    ----------
-    noise : float
-        Standard deviation in m of each coordinate.
-    velocity_noise : float
-        Standard deviation in m/s of each component of the velocity.
-    delay : float
-        Time in s from an observation until it is known, rounded up to a tick.
-    dropouts : float
-        Probability in [0, 1) that the object is not observed in a tick.
-    """
-
-    noise: float = 0.0
-    velocity_noise: float = 0.0
-    delay: float = 0.0
-    dropouts: float = 0.0
+    noise: float = 0.0  # m, standard deviation of each coordinate
+    velocity_noise: float = 0.0  # m/s, standard deviation of each component
+    delay: float = 0.0  # s from an observation until it is known, rounded up to a tick
+    dropouts: float = 0.0  # probability in [0, 1) that the object is not observed in a tick
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,11 +37,10 @@ class SensorConfig:
     heading_drift : float
         Standard deviation in rad of the odometry's heading after 1 m of driving; grows likewise.
     latency : float
-        Time in s from a state to its messages, rounded up to a tick: odometry and objects arrive that late,
-        with the time of the state; `ObjectErrors.delay` is added to it. The first state, and the first after
-        a reset or a placement of the robot, arrives at once, and then nothing newer for that time.
+        Time in s from a state to its messages, which have the time of the state, rounded up to a tick;
+        `ObjectErrors.delay` is added to it. The first state, also after a reset, arrives at once.
     objects : mapping of str to ObjectErrors
-        Errors of each object by its name; others are observed exactly.
+        Errors of objects by name; others are observed exactly.
     """
 
     drift: float = 0.0
@@ -73,54 +60,42 @@ class _ObservedObject:
 
     def __init__(self, errors: ObjectErrors, rng: np.random.Generator) -> None:
         self._errors, self._rng = errors, rng
-        self._pending: deque[tuple[float, ObjectState]] = deque()
-        self._known: tuple[float, ObjectState] | None = None
+        self._observed: deque[tuple[float, ObjectState]] = deque()  # the known one first, then delayed ones
 
     def observe(
-        self, time: float, there: ObjectState | None, true: Pose, believed: Pose
+        self, time: float, there: ObjectState | None, robot: Pose, odometry: Pose
     ) -> ObjectState | None:
-        """Return the estimate at `time` (s) of an object that is `there`; None if it is unknown.
-
-        `true` is the robot's pose, and `believed` that of its odometry.
-        """
-        numbers = self._rng.normal(size=4)
-        missed = self._rng.random() < self._errors.dropouts and self._known is not None
+        """Return the estimate at `time` (s) of an object that is `there`; None if it is nowhere."""
+        numbers = self._rng.normal(size=4).tolist()
+        missed = self._rng.random() < self._errors.dropouts
         if there is None:
-            self._pending.clear()
-            self._known = None
+            self._observed.clear()
             return None
-        if not missed:
-            self._pending.append((time, self._measured(there, numbers.tolist(), true, believed)))
-        while self._pending and time - self._pending[0][0] >= self._errors.delay - 1e-9:
-            self._known = self._pending.popleft()
-        if self._known is None and self._pending:
-            self._known = self._pending[0]  # without delay, just after the object has appeared
-        if self._known is None:
-            return None
-        last, state = self._known
+        if not (missed and self._observed):  # the first observation is neither missed nor delayed
+            self._observed.append((time, self._measured(there, numbers, robot, odometry)))
+        while len(self._observed) > 1 and time - self._observed[1][0] >= self._errors.delay - 1e-9:
+            self._observed.popleft()
+        last, state = self._observed[0]
         return state.after(time - last)
 
-    def _measured(self, there: ObjectState, numbers: list[float], true: Pose, believed: Pose) -> ObjectState:
-        """Return the object in the frame of the believed pose, with noise."""
-        errors = self._errors
-        moving = Pose(true.x + there.vx, true.y + there.vy, true.yaw)
-        place = believed.compose(true.relative(Pose(there.x, there.y, 0.0)))
-        velocity = believed.compose(true.relative(moving))
-        x, y, vx, vy = numbers
+    def _measured(self, there: ObjectState, numbers: list[float], robot: Pose, odometry: Pose) -> ObjectState:
+        """Return the object in the frame of odometry, with noise; `robot` is the true pose."""
+        errors, (x, y, vx, vy) = self._errors, numbers
+        moving = Pose(robot.x + there.vx, robot.y + there.vy, robot.yaw)
+        place = odometry.compose(robot.relative(Pose(there.x, there.y, 0.0)))
+        velocity = odometry.compose(robot.relative(moving))
         return ObjectState(
             place.x + errors.noise * x,
             place.y + errors.noise * y,
-            velocity.x - believed.x + errors.velocity_noise * vx,
-            velocity.y - believed.y + errors.velocity_noise * vy,
+            velocity.x - odometry.x + errors.velocity_noise * vx,
+            velocity.y - odometry.y + errors.velocity_noise * vy,
         )
 
 
 class Sensors:
-    """Observes a world, once per control tick.
+    """Observes a world, once per control tick; the same seed and worlds give the same observations.
 
     Objects are observed from the robot, so that their estimates drift with the odometry.
-
-    The same seed and worlds give the same observations.
     """
 
     def __init__(self, config: SensorConfig, seed: int = 0) -> None:
@@ -129,14 +104,14 @@ class Sensors:
         self.reset()
 
     def reset(self) -> None:
-        """Reset odometry to the next true pose, and forget all observations."""
+        """Reset odometry to the next true pose, and delete all observations."""
         self._true: Pose | None = None
-        self._believed = Pose(0.0, 0.0, 0.0)
+        self._odometry = Pose(0.0, 0.0, 0.0)
         self._observed: dict[str, _ObservedObject] = {}
-        self._coming: deque[World] = deque()
+        self._delayed: deque[World] = deque()
 
     def placed(self, name: str) -> None:
-        """Forget the observations of an object that was placed or removed."""
+        """Delete the observations of an object that was placed or removed."""
         self._observed.pop(name, None)
 
     def observe(self, world: World) -> World:
@@ -147,21 +122,20 @@ class Sensors:
         if self.config.exact:
             return world
         pose = world.robot.pose
-        self._believed, self._true = self._dead_reckoning(pose), pose
+        self._odometry, self._true = self._dead_reckoning(pose), pose
         for name in (*self.config.objects, *world.objects):
             if name not in self._observed:
                 errors = self.config.objects.get(name, ObjectErrors())
                 self._observed[name] = _ObservedObject(errors, self._rng)
-        seen = {
-            name: item.observe(world.time, world.objects.get(name), pose, self._believed)
-            for name, item in self._observed.items()
-        }
-        robot = dataclasses.replace(world.robot, pose=self._believed)
-        known = {name: state for name, state in seen.items() if state is not None}
-        self._coming.append(World(world.time, robot, known))
-        while len(self._coming) > 1 and world.time - self._coming[1].time >= self.config.latency - 1e-9:
-            self._coming.popleft()
-        return self._coming[0]
+        known = {}
+        for name, item in self._observed.items():
+            state = item.observe(world.time, world.objects.get(name), pose, self._odometry)
+            if state is not None:
+                known[name] = state
+        self._delayed.append(World(world.time, dataclasses.replace(world.robot, pose=self._odometry), known))
+        while len(self._delayed) > 1 and world.time - self._delayed[1].time >= self.config.latency - 1e-9:
+            self._delayed.popleft()
+        return self._delayed[0]
 
     def _dead_reckoning(self, pose: Pose) -> Pose:
         if self._true is None or self._true.distance(pose) > _TELEPORT:
@@ -171,4 +145,4 @@ class Sensors:
         x, y, yaw = self._rng.normal(size=3) * root
         drift, heading_drift = self.config.drift, self.config.heading_drift
         error = Pose(moved.x + drift * x, moved.y + drift * y, moved.yaw + heading_drift * yaw)
-        return self._believed.compose(error)
+        return self._odometry.compose(error)

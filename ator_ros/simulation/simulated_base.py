@@ -14,17 +14,15 @@ from ator_ros.world.state import STOP, Command, RobotState
 COMMAND_TIMEOUT = 0.15
 """Time in s that a command holds: three ticks."""
 _ROUNDING = 1e-6
-_BLOCKED_BELOW = 0.05  # rad/s of a wheel that is to stand: then the firmware holds it in its place
+_BLOCKED_BELOW = 0.05  # rad/s; the firmware holds the position of a wheel below this whose setpoint is 0
 _HOLDING_GAIN = 0.1
 
 
 class SimulatedBase:
-    """A base with two driven wheels, and the firmware that makes wheel speeds of velocity commands.
+    """A base with two driven wheels, and the firmware that converts velocity commands to wheel speeds.
 
-    Where the command is to stand, or none has come for 0.15 s, the base brakes as hard as it can without
-    tipping: it stands 0.5 s after the last command.
-
-    `period` is the time of a physics step in s, `body` the body id.
+    It brakes as hard as it can without tipping for the command 0, and without a command for 0.15 s. So it
+    stands 0.5 s after the last command. `period` is the time of a physics step in s, `body` the body id.
     """
 
     def __init__(self, client: BulletClient, robot: Robot, *, period: float) -> None:
@@ -37,10 +35,7 @@ class SimulatedBase:
         self._held: list[float] | None = None
 
     def ignore(self, floor: int, others: Iterable[int]) -> None:
-        """Leave out pairs of bodies that never touch, which cost time.
-
-        They are the body with the floor, and the wheels with all but the floor.
-        """
+        """Leave out pairs that never touch: the body with the floor, the wheels with all other bodies."""
         self._bullet.setCollisionFilterPair(self.body, floor, -1, -1, 0)
         links = {other: self._bullet.getNumJoints(other) for other in others}
         for wheel in self._wheels:
@@ -68,13 +63,13 @@ class SimulatedBase:
         self._bullet.resetBasePositionAndOrientation(self.body, position, quaternion_from_yaw(pose.yaw))
 
     def command(self, command: Command, time: float) -> None:
-        """Accept a command at `time` (s); it holds for 0.15 s."""
+        """Execute a command for 0.15 s from `time` (s) on."""
         limits = self.robot.limits
         self._command = Command(clip(command.v, limits.v), clip(command.w, limits.w))
         self._expires = time + COMMAND_TIMEOUT - _ROUNDING
 
     def commanded(self, time: float) -> Command | None:
-        """Return the command that holds at `time` (s); None if none does."""
+        """Return the command that the base executes at `time` (s); None without one."""
         return self._command if time < self._expires else None
 
     def ramp(self, time: float, dt: float) -> None:

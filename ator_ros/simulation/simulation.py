@@ -34,15 +34,15 @@ _DISTANCE = 8  # index in what getClosestPoints returns
 class Simulation:
     """One world: a robot or several, the objects and bays of a scene, the walls of a map, and a floor.
 
-    Deterministic: the same placements and commands give bit-identical trajectories. Robots are numbered from
-    0 on; where no number is given, the first one is meant.
+    Deterministic: the same placements and commands give bit-identical trajectories. Robots have numbers from
+    0 on.
 
     Parameters
     ----------
     robot : Robot
         The description of every robot, and the scene.
     robots : int
-        How many there are. They stand far away until they are placed.
+        Number of robots. They are far away until they are placed.
 
     Notes
     -----
@@ -57,7 +57,7 @@ class Simulation:
         self._area = robot.scene.area
         self._away = max(_AWAY, self._area.width / 2 + self._area.margin + _AWAY / 2)
         self._build(robots)
-        for number in range(len(self._bases)):
+        for number in range(robots):
             self.place_robot(self._area.at(0.0, -self._away * number), number=number)
         for name in self._bodies:
             self.remove_object(name)
@@ -78,7 +78,7 @@ class Simulation:
         if self.robot.grid is not None:
             self._walls += make_walls(bullet, self.robot.grid, area)
         self._bodies = {name: make_object(bullet, item) for name, item in scene.objects.items()}
-        self._present: dict[str, bool] = {}
+        self._present = dict.fromkeys(self._bodies, False)
         self._bases = [SimulatedBase(bullet, self.robot, period=1.0 / PHYSICS_RATE) for _ in range(robots)]
         for base in self._bases:
             rest = [other.body for other in self._bases if other is not base]
@@ -142,9 +142,8 @@ class Simulation:
             **{base.body: f"robot {base.robot.name}" for base in self._bases},
             **dict.fromkeys(self._walls, "a wall"),
         }
+        others.pop(body, None)
         for other, name in others.items():
-            if other == body:
-                continue
             contacts = self._bullet.getClosestPoints(body, other, 0.0, -1, -1)
             if any(contact[_DISTANCE] < -_DEEPEST for contact in contacts):
                 return name
@@ -164,11 +163,11 @@ class Simulation:
         self._bullet.resetBaseVelocity(body, (vx, vy, 0.0), (-vy / radius, vx / radius, 0.0))
 
     def command(self, command: Command, *, number: int = 0) -> None:
-        """Send a base a velocity command; it holds for 0.15 s and is clipped to the limits."""
+        """Send a robot a velocity command, which holds for 0.15 s and is clipped to the limits."""
         self._bases[number].command(command, self.time)
 
     def commanded(self, *, number: int = 0) -> Command | None:
-        """Return the command that holds for a robot now; None if none does."""
+        """Return the command that a robot executes now; None without one."""
         return self._bases[number].commanded(self.time)
 
     def tick(self) -> None:
@@ -180,7 +179,7 @@ class Simulation:
         self._ticks += 1
 
     def world(self, *, number: int = 0) -> World:
-        """Return the true state: time, a robot, and the objects that are there."""
+        """Return the true state: time, a robot, and the objects on the floor."""
         objects = {}
         for name, body in self._bodies.items():
             if self._present[name]:
@@ -188,8 +187,7 @@ class Simulation:
                 (vx, vy, _), _ = self._bullet.getBaseVelocity(body)
                 objects[name] = ObjectState(*self._area.at(x, y)[:2], vx, vy)
         state = self._bases[number].state()
-        x, y, yaw = state.pose
-        return World(self.time, dataclasses.replace(state, pose=self._area.at(x, y, yaw)), objects)
+        return World(self.time, dataclasses.replace(state, pose=self._area.at(*state.pose)), objects)
 
     def wheel_angles(self, number: int = 0) -> list[float]:
         """Return the angles of a robot's left and right wheel in rad."""

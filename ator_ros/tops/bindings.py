@@ -21,7 +21,7 @@ Variable = tuple[int, str]
 
 
 class _Value(NamedTuple):
-    """A symbolic value: equal texts are equal values; `depends` are the goal variables that determine it."""
+    """A symbolic value, and the goal variables that determine it; equal texts are equal values."""
 
     text: str
     depends: frozenset[Variable]
@@ -46,7 +46,7 @@ def bindings(tops: tuple[Top, ...]) -> Mapping[Variable, str]:
 
 
 def _collect(found: dict[Variable, str], condition: Condition, state: _State, step: int, source: str) -> None:
-    """Add what `condition` binds in `state`; the first reason counts."""
+    """Add the variables that `condition` binds in `state`; the first reason is kept."""
     for term in condition.terms:
         if isinstance(term, Region) and term.bounds:
             continue

@@ -18,8 +18,6 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.conditions import Condition, Term, arrived, state_of
 from ator_ros.world.state import ObjectState, RobotState, World
 
-# Teleo-operators
-
 
 @dataclass(frozen=True, slots=True)
 class Top:
@@ -28,7 +26,7 @@ class Top:
     Attributes
     ----------
     pre : Condition
-        Region from which executing the action will eventually make `post` hold.
+        States from which the action will eventually make `post` hold.
     post : Condition
         Intended effect; the goal variables that it names define the purpose of the step.
     point : Point
@@ -45,7 +43,7 @@ class Top:
     settles: float = 0.0
 
     def lacks(self, robot: Robot) -> str | None:
-        """Return a message if the robot lacks the holder that goal or conditions refer to; else None."""
+        """Return a message if the goal or the conditions need a holder and the robot has none; else None."""
         holds = self.point is Point.HOLD or "hold" in self.pre.things() | self.post.things()
         lacking = holds and robot.holder is None
         return f"{self.name} needs a holder; robot {robot.name} has none" if lacking else None
@@ -62,7 +60,7 @@ class Top:
         return any(term.variable in ("robot.x", "hold.x") for term in self.post.terms)
 
     def arrival(self) -> dict[str, tuple[str, ...]]:
-        """Return the robot's variables after an arrival, each with the goal variables that determine it."""
+        """Return the goal variables that determine each of the robot's variables after an arrival."""
         at, other = ("hold", "robot") if self.point is Point.HOLD else ("robot", "hold")
         beside = {f"{other}.{axis}": (axis, "yaw") for axis in "xy"}
         robot = {"robot.yaw": ("yaw",), "robot.v": ("speed",), "robot.w": ()}
@@ -86,9 +84,6 @@ class Top:
         return any(there is not None and not there.is_resting for there in objects)
 
 
-# Chains
-
-
 EVERYTHING = "*"
 """Opens all goal variables but those that the post-condition names."""
 
@@ -104,10 +99,10 @@ class TopCall:
     Attributes
     ----------
     goal : Goal
-        Its goal; the values of opened variables are preliminary.
+        The values of opened variables are preliminary.
     open : frozenset of str
-        The goal variables (x, y, yaw, speed, declared ones) that may be changed; `EVERYTHING` opens all but
-        those that the TOP's post-condition names. The plan commits to the others.
+        The goal variables (x, y, yaw, speed, declared ones) that refinement may change, or `EVERYTHING`. The
+        plan commits to the others.
     """
 
     top: Top
@@ -142,13 +137,12 @@ class TopChain:
         if lacking:
             return lacking[:1]
         found = []
+        when = "now"
         for number, call in enumerate(self.calls, start=1):
+            where = f"pre-condition of step {number} ({call.top.name}) {when}"
             reasons = call.top.pre.violations(state_of(world, robot), goal_values(call.goal))
-            when = "now" if number == 1 else f"after step {number - 1} ({self.calls[number - 2].top.name})"
-            found += [
-                f"pre-condition of step {number} ({call.top.name}) {when}: {reason}" for reason in reasons
-            ]
-            world = projected(world, call, robot)
+            found += [f"{where}: {reason}" for reason in reasons]
+            when, world = f"after step {number} ({call.top.name})", projected(world, call, robot)
         return found
 
 

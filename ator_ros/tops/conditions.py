@@ -44,14 +44,8 @@ def state_of(world: World, robot: Robot) -> dict[str, float]:
         a robot with a holder would hold an object; of each known object, with its name before the dot, x,
         y (m), vx, vy (m/s).
     """
-    pose = world.robot.pose
-    state = {
-        "robot.x": pose.x,
-        "robot.y": pose.y,
-        "robot.yaw": pose.yaw,
-        "robot.v": world.robot.v,
-        "robot.w": world.robot.w,
-    }
+    pose, v, w = world.robot.pose, world.robot.v, world.robot.w
+    state = {"robot.x": pose.x, "robot.y": pose.y, "robot.yaw": pose.yaw, "robot.v": v, "robot.w": w}
     if robot.holder is not None:
         hold = robot.hold_point(pose)
         state |= {"hold.x": hold.x, "hold.y": hold.y}
@@ -73,13 +67,13 @@ Values = Mapping[str, Any]
 
 
 class Clause(ABC):
-    """One requirement of a condition: a statement on a variable, or a relation between places."""
+    """A clause of a condition: a statement on a variable, or a relation between places."""
 
     __slots__ = ()
 
     @abstractmethod
     def clearance(self, state: Values, goal: Values) -> Any:
-        """Return the margin by which this holds, negative where it does not; None if a variable is unknown.
+        """Return the margin by which this holds, negative if it does not; None if a variable is unknown.
 
         It is in m for places, else in the variable's unit; an array of shape (n,) if a variable is one.
         """
@@ -90,7 +84,7 @@ class Clause(ABC):
         return math.inf if clearance is None else max(0.0, -float(clearance))
 
     def violation(self, state: State, goal: State) -> str | None:
-        """Return in words why this does not hold; None where it holds."""
+        """Return why this does not hold, as text; None if it holds."""
         excess = self.excess(state, goal)
         if excess == 0.0:
             return None
@@ -103,12 +97,12 @@ class Clause(ABC):
 
 @dataclass(frozen=True, slots=True)
 class Relation(Clause):
-    """A clause on where one place lies as seen from another.
+    """A clause on the position of one place relative to another.
 
     Attributes
     ----------
     place, origin : str
-        What has an x and a y: "robot", "hold", "goal", or an object.
+        "robot", "hold", "goal", or the name of an object.
     """
 
     place: str
@@ -116,7 +110,7 @@ class Relation(Clause):
 
     @property
     def places(self) -> tuple[str, str]:
-        """The places that it relates."""
+        """Both places."""
         return self.place, self.origin
 
     def clearance(self, state: Values, goal: Values) -> Any:
@@ -138,19 +132,12 @@ class Relation(Clause):
 
 @dataclass(frozen=True, slots=True)
 class Distance(Relation):
-    """The distance between two places lies in a range, `low` to `high`, in m.
-
-    Raises
-    ------
-    ValueError
-        `low` is negative or above `high`.
-    """
+    """The distance between two places lies in a range, `low` to `high`, in m; 0 <= `low` <= `high`."""
 
     low: float = 0.0
     high: float = math.inf
 
     def __post_init__(self) -> None:
-        """Check the range."""
         where, bounds = f"distance from {self.place} to {self.origin}", (self.low, self.high)
         require(0.0 <= self.low <= self.high, where, "0 <= low <= high", bounds)
 
@@ -161,7 +148,6 @@ class Distance(Relation):
         return np.minimum(within, self.high - distance)
 
     def __str__(self) -> str:
-        """Return it in words."""
         return f"distance from {self.place} to {self.origin} {self.low:g} to {self.high:g} m"
 
 
@@ -176,14 +162,7 @@ class Bearing(Relation):
     axis : float
         Direction of the axis in rad, for an origin at x >= `center`.
     mirrored : bool
-        Whether the axis is mirrored for an origin at x < `center`, as those of facing bays are.
-    center : float
-        See `mirrored`; in m.
-
-    Raises
-    ------
-    ValueError
-        `most` is not from 0 to pi / 2.
+        Whether the axis is mirrored for an origin at x < `center` (m), as those of facing bays are.
     """
 
     most: float
@@ -192,7 +171,6 @@ class Bearing(Relation):
     center: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the angle."""
         where = f"bearing of {self.place} from {self.origin}"
         require(0.0 < self.most <= math.pi / 2.0, where, "an angle above 0 and at most pi / 2", self.most)
 
@@ -205,7 +183,6 @@ class Bearing(Relation):
         return np.hypot(dx, dy) * np.sin(np.clip(left, -math.pi / 2.0, math.pi / 2.0))
 
     def __str__(self) -> str:
-        """Return it in words."""
         return f"bearing of {self.place} from {self.origin} within {math.degrees(self.most):g} degrees"
 
 
@@ -232,14 +209,14 @@ class Statement(Clause):
         """Return the least and the greatest difference of the variable from `target`."""
 
     @property
-    def places(self) -> bool:
-        """Whether the variable lies at its target: the range is finite and contains it."""
+    def is_at_target(self) -> bool:
+        """Whether this places the variable at its target: the range is finite and contains 0."""
         low, high = self.reach(0.0)
         return -math.inf < low <= 0.0 <= high < math.inf
 
     @property
     def offset(self) -> float:
-        """The difference from the target, or outward from it, once this holds: the least possible."""
+        """The least difference from the target (outward, if that is how it counts) at which this holds."""
         low, high = self.reach(math.inf)
         return min(max(0.0, low), high)
 
@@ -250,25 +227,19 @@ class Statement(Clause):
         name = self.target.removeprefix("goal.")
         return state.get(name) if name == self.target else goal.get(name)
 
-    def difference(self, state: Values, goal: Values) -> Any:
-        """Return the variable minus its target, an angle wrapped; None where one of the two is unknown."""
+    def clearance(self, state: Values, goal: Values) -> Any:
+        """Return how far the variable may move until this is violated; see `Clause.clearance`."""
         value, target = state.get(self.variable), self.target_in(state, goal)
         if value is None or target is None:
             return None
-        return wrap_angle(value - target) if self.variable.endswith("yaw") else value - target
-
-    def clearance(self, state: Values, goal: Values) -> Any:
-        """Return how far the variable may move until this is violated; see `Clause.clearance`."""
-        difference = self.difference(state, goal)
-        if difference is None:
-            return None
-        low, high = self.reach(self.target_in(state, goal))
+        difference = wrap_angle(value - target) if self.variable.endswith("yaw") else value - target
+        low, high = self.reach(target)
         return np.minimum(difference - low, high - difference)
 
 
 @dataclass(frozen=True, slots=True)
 class Term(Statement):
-    """One statement of a condition: a variable is near a target, up to `tolerance` in the variable's unit."""
+    """A variable is near a target: up to `tolerance`, in the variable's unit, from it."""
 
     tolerance: Annotated[float, Within(0.0)]
 
@@ -277,13 +248,12 @@ class Term(Statement):
         return -self.tolerance, self.tolerance
 
     def __str__(self) -> str:
-        """Return it in words."""
         return f"{self.variable} within {self.tolerance:g} of {self.target}"
 
 
 @dataclass(frozen=True, slots=True)
 class Region(Statement):
-    """One statement of a condition: a variable lies in a range about a target.
+    """A variable lies in a given range about a target; `low` <= `high`.
 
     Attributes
     ----------
@@ -293,13 +263,6 @@ class Region(Statement):
     outward : bool
         Whether differences count away from `center`: with a center of 0 a variable of 5 is 1 beyond a target
         of 4, and one of -5 is 1 beyond a target of -4.
-    center : float
-        See `outward`; in the variable's unit.
-
-    Raises
-    ------
-    ValueError
-        `low` is not a number less than or equal to `high`.
     """
 
     low: float = -math.inf
@@ -308,12 +271,11 @@ class Region(Statement):
     center: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the range."""
         require(self.low <= self.high, f"range of {self.variable}", "low <= high", (self.low, self.high))
 
     @property
     def bounds(self) -> bool:
-        """Whether it bounds the variable by numbers alone."""
+        """Whether it bounds the variable about a number instead of relating it to another variable."""
         return not isinstance(self.target, str)
 
     def reach(self, target: float) -> tuple[float, float]:
@@ -322,7 +284,6 @@ class Region(Statement):
         return (-self.high, -self.low) if downward else (self.low, self.high)
 
     def __str__(self) -> str:
-        """Return it in words."""
         beyond = " outward" if self.outward else ""
         return f"{self.variable} {self.low:g} to {self.high:g}{beyond} of {self.target}"
 
@@ -343,7 +304,7 @@ class Condition:
         return frozenset(target.removeprefix("goal.") for target in targets if target.startswith("goal."))
 
     def things(self) -> frozenset[str]:
-        """Return what this condition is about: the names of objects, and perhaps robot, hold and goal."""
+        """Return the names before the dots of its variables: objects, robot, hold and goal."""
         names = (
             name for term in self.terms for name in (term.variable, term.target) if isinstance(name, str)
         )
@@ -354,23 +315,23 @@ class Condition:
         """Return the names of the objects whose variables this condition names."""
         return self.things().difference(RESERVED)
 
-    def violations(self, state: State, goal: Mapping[str, float]) -> list[str]:
-        """Return why the condition does not hold, a text for each violated term; empty if it holds."""
-        violations = (clause.violation(state, goal) for clause in (*self.terms, *self.relations))
-        return [violation for violation in violations if violation is not None]
+    def violations(self, state: State, goal: State) -> list[str]:
+        """Return why the condition does not hold, a text for each violated clause; empty if it holds."""
+        clauses = (*self.terms, *self.relations)
+        return [reason for clause in clauses if (reason := clause.violation(state, goal)) is not None]
 
-    def shortfall(self, state: State, goal: Mapping[str, float]) -> float:
-        """Return the greatest excess over all terms, 0 if all hold; infinite if a variable is unknown."""
-        excesses = (clause.excess(state, goal) for clause in (*self.terms, *self.relations))
-        return max(excesses, default=0.0)
+    def shortfall(self, state: State, goal: State) -> float:
+        """Return the greatest excess over all clauses, 0 if all hold; infinite if a variable is unknown."""
+        return max((clause.excess(state, goal) for clause in (*self.terms, *self.relations)), default=0.0)
 
     def apply(self, state: Values, goal: Values) -> dict[str, Any]:
         """Return the state with every variable at its target, or as near to it as its range allows."""
         result = dict(state)
         for term in self.terms:
             target, offset = term.target_in(state, goal), term.offset
-            if target is not None and offset and isinstance(term, Region) and term.outward:
+            if target is None:
+                continue
+            if offset and isinstance(term, Region) and term.outward:
                 offset *= np.copysign(1.0, target - term.center)
-            if target is not None:
-                result[term.variable] = target + offset if term.offset else target
+            result[term.variable] = target + offset if term.offset else target
         return result

@@ -25,18 +25,16 @@ class LeftOutError(ConfigError, KeyError):
 
 
 class TopLibrary(Mapping[str, Top]):
-    """TOPs by name, and the actions that execute them; a TOP whose action is missing is left out.
+    """TOPs by name, and the actions that execute them.
 
-    `left_out` are the reasons, by the names of TOPs whose action the set lacks.
+    TOPs whose action the set lacks are left out: `left_out` has the reasons by the names of these TOPs.
 
     Parameters
     ----------
     actions : mapping
-        Makers of the actions by name, each called with the robot.
-    ranges : mapping, optional
-        Ranges of the goal variables; by default those that robot and scene determine.
+        Factories of the actions by name, each called with the robot.
     goal_variables : mapping, optional
-        The goal variables that actions declare beyond pose and speed, by the actions' names.
+        The goal variables that actions declare beyond pose and speed, by the names of the actions.
     """
 
     def __init__(
@@ -88,13 +86,7 @@ class TopLibrary(Mapping[str, Top]):
         return [top for top in self.values() if top.lacks(self.robot) is None]
 
     def action(self, top: Top) -> Action:
-        """Make a new action that executes `top`; the first one is set up.
-
-        Raises
-        ------
-        ActionError
-            It cannot be set up.
-        """
+        """Return a new action that executes `top`; the first is set up, which may raise ActionError."""
         action = self._actions[top.action](self.robot)
         if top.action not in self._set_up:
             action.setup()
@@ -112,10 +104,9 @@ class TopLibrary(Mapping[str, Top]):
 
 
 def top_of(situation: Situation, tops: Sequence[Top], robot: Robot) -> Top:
-    """Return the TOP that fits a situation.
+    """Return the TOP of a situation: one with its action and point, and without other objects.
 
-    It has the same action and the same point of the robot, and names no object that the situation lacks.
-    Among several, it is the first with the fewest violations of its pre-condition.
+    Of several it is the first with the fewest violations of its pre-condition.
 
     Raises
     ------

@@ -13,8 +13,8 @@ from ator_ros.tops.chain import Top, TopCall
 from ator_ros.tops.conditions import Condition, Statement, state_of
 from ator_ros.world.state import World
 
-_TOUCHING = 0.08  # m from the hold, beyond the length of the holder, within which an object counts as touched
-_SLACK = 1.2  # hysteresis: distance beyond which a held object is lost, over that up to which it is held
+_TOUCHING = 0.08  # m beyond the length of the holder, from the hold, up to which an object counts as touched
+_SLACK = 1.2  # hysteresis: ratio of the distance at which a held object is lost to that at which it is held
 
 
 def objects_in(top: Top) -> list[str]:
@@ -49,7 +49,7 @@ def kept(top: Top) -> str | None:
 
 
 def followed(top: Top) -> str | None:
-    """Return the object that a TOP's pre-condition places at the goal; the goal moves with it. Else None."""
+    """Return the object that the pre-condition places at the goal, which moves with it; None if none."""
     return _at(top.pre, "goal")
 
 
@@ -59,14 +59,14 @@ def object_fetched_by(top: Top) -> str | None:
 
 
 def _at(condition: Condition, place: str) -> str | None:
-    """Return the first object, by name, whose x and y a condition relates to those of `place`."""
-    related = {_pair(term) for term in condition.terms if term.places}
+    """Return the first object, by name, that a condition places at `place`: both x and y."""
+    related = {_pair(term) for term in condition.terms if term.is_at_target}
     names = sorted(condition.objects())
     return next((name for name in names if related >= _position_pairs(name, place)), None)
 
 
 def _pair(term: Statement) -> frozenset[str]:
-    """Return both sides of a term: "a near b" and "b near a" are the same."""
+    """Return both sides of a term as a set: "a near b" is the same as "b near a"."""
     return frozenset((term.variable, str(term.target)))
 
 

@@ -22,11 +22,11 @@ class Range:
     low, high : float
         Bounds in the variable's unit (m, rad, m/s, or as declared).
     steps : int
-        How finely the first grid divides it, relative to other variables.
+        How finely the first grid of the search divides it, relative to other variables.
     periodic : bool
-        The bounds are the same value, as with an angle.
+        Whether the bounds are the same value, as with an angle.
     rest : float or None
-        The value that an unrefined chain takes; None: the one at which the action alone is cheapest.
+        The value that an unrefined chain takes; None: the one at which the action alone is fastest.
     """
 
     low: float
@@ -41,13 +41,11 @@ class Range:
         return math.isfinite(value) and (self.periodic or self.low - slack <= value <= self.high + slack)
 
 
-RangeOf = Callable[[Robot, Goal], Range]
-Ranges = Mapping[str, RangeOf]
+Ranges = Mapping[str, Callable[[Robot, Goal], Range]]
 """Goal variable to its range, given the robot and the goal; a variable without one is never free."""
 
 
-def heading(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
-    """Return the range of a heading: all of them."""
+def _heading(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
     return Range(-math.pi, math.pi, 36, periodic=True)
 
 
@@ -67,7 +65,7 @@ def _y(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
     return Range(y_min, y_max, 10)
 
 
-USUAL_RANGES: Ranges = MappingProxyType({"x": _x, "y": _y, "yaw": heading, "speed": arrival_speed})
+USUAL_RANGES: Ranges = MappingProxyType({"x": _x, "y": _y, "yaw": _heading, "speed": arrival_speed})
 """The ranges that the robot and its scene determine; a domain may have others."""
 
 

@@ -98,7 +98,7 @@ def test_statements_are_achieved(statements: tuple[str, ...], steps: set[tuple[s
             ("ball.x=99",),
             "chain.calls[1].goal (dribbleBall): expected a place for the robot inside the fence (x",
         ),
-        (("ball.x=1", "ball.x=2"), "expected each variable once, ball.x come twice"),
+        (("ball.x=1", "ball.x=2"), "expected each variable once, got ball.x twice"),
     ],
 )
 def test_an_unachievable_variable_is_reported(statements: tuple[str, ...], reason: str) -> None:

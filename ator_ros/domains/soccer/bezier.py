@@ -1,4 +1,4 @@
-"""The paper's actions: each follows one Bezier curve, recomputed at every tick (paper, section 3)."""
+"""The paper's actions: each follows a Bezier curve that is recomputed at every tick (paper, section 3)."""
 
 from __future__ import annotations
 
@@ -24,68 +24,45 @@ from ator_ros.robot.description import Limits, Robot
 from ator_ros.tops.objects import is_at_front
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, ObjectState, RobotState, Standstill, World
 
-_STRAIGHT_BEHIND = 3.1  # rad; what lies farther round is treated as if it lay here, to its own side
+_STRAIGHT_BEHIND = 3.1  # rad: greatest bearing of the middle control point that a curve is computed with
 _SAMPLES = 40
-_STEP = 0.05  # m between places on the shortest way
+_STEP = 0.05  # m between places on the shortest path
 _CORRIDOR = (-0.02, 0.06, 0.05)  # m along the axis from the run-in to behind the goal, and to either side
 
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """How an action drives along its curve.
+    """How an action drives along its curve."""
 
-    Attributes
-    ----------
-    radius : float
-        Of the circle beside the goal that the curve comes in on, in m: the length of its handles.
-    run_in : float
-        Length of the straight line before the goal in m.
-    ahead : float
-        Length of the way in m from a standing robot to the middle control point.
-    per_speed : float
-        Growth of that length in s with the robot's speed, as commands take effect late.
-    sharpest : float
-        Greatest curvature in 1/m; far above 1/wheel track is turning on the spot.
-    rotation : float
-        Greatest rotational velocity in rad/s, within the limits; a curve is driven as fast as it allows.
-    braking : float
-        Deceleration in m/s^2 before the goal and before sharper curves.
-    """
-
-    radius: float
-    run_in: float
-    ahead: float
-    per_speed: float
-    sharpest: float
-    rotation: float
-    braking: float
+    radius: float  # m, of the circle beside the goal on which the curve arrives
+    run_in: float  # m, length of the straight line before the goal
+    ahead: float  # m, length of the path from a standing robot to the middle control point
+    per_speed: float  # s, growth of that length with the robot's speed, as commands take effect late
+    sharpest: float  # 1/m, greatest curvature; far above 1/wheel track is turning on the spot
+    rotation: float  # rad/s, greatest rotational velocity within the limits, which bounds the speed
+    braking: float  # m/s^2, deceleration before the goal and before sharper curves
 
 
 @dataclass(frozen=True, slots=True)
 class _Curve:
-    """A Bezier curve of degree four that leaves in the robot's heading and arrives in the goal's.
+    """A Bezier curve of degree four that leaves in the robot's heading and arrives in the goal's."""
 
-    The control points (m, in the frame of the goal) are the robot, its handle, the point that leads round the
-    goal, the goal's handle, and the goal, or the beginning of the run-in to it.
-    """
-
+    # In m, in the frame of the goal: robot, its handle, a point round the goal, the goal's handle, run-in.
     points: tuple[tuple[float, float], ...]
-    bearing: float  # of the middle control point, seen from the robot's heading, in rad
+    bearing: float  # of the middle control point, relative to the robot's heading, in rad
     bend: float  # curvature at the start in 1/m, positive to the left
-    straight: float  # way to the circle beside the goal, m
+    straight: float  # path to the circle beside the goal, m
     turn: float  # angle on it, rad
-    left: float  # way to the goal, m
+    left: float  # path to the goal, m
     heading: float  # of the straight part, for a circle to the left of the goal's axis, rad
-    side: float  # -1 if the circle lies to its right, and all is mirrored
+    side: float  # -1 if the circle is on the right, and all is mirrored
 
 
 def _curve_to(rel: Pose, v: float, style: Style, side: float) -> _Curve:
-    """Lay the curve for a robot at `rel`, in the frame of the goal, that drives at `v` (m/s).
+    """Return the curve for a robot at `rel`, in the frame of the goal, that drives at `v` (m/s).
 
-    Its middle control point lies ahead on the shortest way: the tangent from the robot to a circle beside
-    the goal, the circle, on which the goal is reached in its heading, and the run-in. The circle lies to the
-    left of the goal's axis if `side` is 1, to the right if it is -1. The start handle vanishes when the robot
-    faces away.
+    Its middle control point lies ahead on the shortest path: the tangent from the robot to a circle beside
+    the goal (to the left of its axis for `side` 1, to the right for -1), the circle, and the run-in.
     """
     ahead = style.ahead + style.per_speed * max(v, 0.0)
     behind, beyond, beside = _CORRIDOR
@@ -103,7 +80,7 @@ def _curve_to(rel: Pose, v: float, style: Style, side: float) -> _Curve:
     distance = math.hypot(dx, dy)
     bearing = wrap_angle(math.atan2(dy, dx) - rel.yaw)
     angle = math.copysign(min(abs(bearing), _STRAIGHT_BEHIND), bearing)
-    # With this handle the curve begins as the arc to its middle control point, where that lies ahead.
+    # With this handle the curve begins as the arc to a middle control point ahead; it is 0 for one behind.
     handle = math.sqrt(0.375) * distance * math.cos(angle / 2.0)
     bend = 0.75 * distance * math.sin(angle) / handle**2
     points = (
@@ -117,33 +94,34 @@ def _curve_to(rel: Pose, v: float, style: Style, side: float) -> _Curve:
 
 
 def _onto_circle(x: float, y: float, radius: float) -> tuple[float, float, float]:
-    """Return length (m) and heading (rad) of the tangent from (x, y), and the angle (rad) left on the circle.
+    """Return length (m) and heading (rad) of the tangent from (x, y) to a circle, and the angle on it (rad).
 
-    The circle touches the axis at the origin from the left and is driven counter-clockwise. From inside it
-    the way leads out.
+    The circle touches the axis at the origin from the left and is driven counter-clockwise.
     """
     distance, direction = math.hypot(x, radius - y), math.atan2(radius - y, -x)
     if distance >= radius:
         straight = math.sqrt(distance**2 - radius**2)
         heading = direction - math.asin(radius / distance)
-    else:
+    else:  # from inside the circle the path leads out
         straight, heading = 0.0, direction - math.pi / 2 - 2.0 * (1.0 - distance / radius)
     turn = -heading % (2.0 * math.pi)
     return straight, heading, turn if turn < 2.0 * math.pi - 0.02 else 0.0
 
 
-def _ahead(straight: float, heading: float, turn: float, radius: float, way: float) -> tuple[float, float]:
-    """Return the displacement (m) after a `way` (m) along tangent, circle and run-in, in the goal's frame."""
-    first = min(straight, way)
-    angle = min((way - first) / radius, turn)
-    last, end = way - first - angle * radius, heading + angle
+def _ahead(
+    straight: float, heading: float, turn: float, radius: float, distance: float
+) -> tuple[float, float]:
+    """Return the displacement (m) after a distance (m) on tangent, circle and run-in, in the goal's frame."""
+    first = min(straight, distance)
+    angle = min((distance - first) / radius, turn)
+    last, end = distance - first - angle * radius, heading + angle
     dx = first * math.cos(heading) + radius * (math.sin(end) - math.sin(heading)) + last * math.cos(end)
     dy = first * math.sin(heading) - radius * (math.cos(end) - math.cos(heading)) + last * math.sin(end)
     return dx, dy
 
 
 def _passing_distance(curve: _Curve, x: float, y: float) -> float:
-    """Return how near in m the straight part of the shortest way comes to (x, y) m in the goal's frame."""
+    """Return the least distance in m of the straight part of the shortest path from (x, y) m."""
     start_x, start_y = curve.points[0]
     c, s = math.cos(curve.heading), curve.side * math.sin(curve.heading)
     along = max(0.0, min(curve.straight, (x - start_x) * c + (y - start_y) * s))
@@ -151,7 +129,7 @@ def _passing_distance(curve: _Curve, x: float, y: float) -> float:
 
 
 def _shortest_path(curve: _Curve, radius: float, goal: Pose) -> FloatArray:
-    """Return places on the shortest way that a curve to `goal` approximates, shape (n, 2), in m."""
+    """Return places on the shortest path that a curve to `goal` approximates, shape (n, 2), in m."""
     x, y = curve.points[0]
     parts = curve.straight, curve.heading, curve.turn, radius
     places = [_ahead(*parts, _STEP * step) for step in range(math.ceil(curve.left / _STEP))]
@@ -163,58 +141,49 @@ def _sampled(curve: _Curve, goal: Pose) -> FloatArray:
     t = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
     shares = [math.comb(4, k) * t**k * (1.0 - t) ** (4 - k) for k in range(5)]
     local = sum(share * np.array(point) for share, point in zip(shares, curve.points, strict=True))
-    local = np.vstack([local, (0.0, 0.0)])
-    places = _placed(local, goal)
+    places = _placed(np.vstack([local, (0.0, 0.0)]), goal)
     steps = np.diff(places, axis=0)
     yaws = np.append(np.arctan2(steps[:, 1], steps[:, 0]), goal.yaw)
     return np.column_stack([places, yaws])
 
 
 def _placed(local: FloatArray, goal: Pose) -> FloatArray:
-    """Return places in m, given in the frame of `goal`, in the frame that `goal` is given in."""
+    """Transform places in m, shape (n, 2), from the frame of `goal` to that in which `goal` is given."""
     c, s = math.cos(goal.yaw), math.sin(goal.yaw)
     return np.asarray(local @ np.array([[c, s], [-s, c]]) + (goal.x, goal.y))
 
 
-_LATERAL, _HEADING = 0.04, 0.1  # m from the goal's axis and rad from its heading with which a goal is reached
-
+_LATERAL, _HEADING = 0.04, 0.1  # m from the goal's axis and rad from its heading at which a goal is reached
 _SHORT, _PAST = 0.015, 0.06  # m before and behind a goal at which a robot may stand
-_PARKED = Standstill(0.03)  # at its goal a robot may creep: along curves it never stops at once
+_PARKED = Standstill(0.03)  # at its goal a robot may creep: on curves it does not stop at once
 _CREEP = 0.04  # m/s
-_SIDE_HYSTERESIS = 0.3  # s by which the way round the other side must be quicker to be preferred
-_PER_DEPTH = 20.0  # s per m of a wall in the way: any way round it is quicker than to push against it
-_HANDLES = (1.0, 0.25, 2.0)  # lengths of handles over that of the style's, by preference
+_SIDE_HYSTERESIS = 0.3  # s by which the path on the other side must be faster to be preferred
+_PER_DEPTH = 20.0  # s per m that a path leads into a wall: more than any path round it takes
+_HANDLES = (1.0, 0.25, 2.0)  # ratios of the handles' lengths to those of the style, by preference
 _BESIDE = 0.03  # m between the robot's side and a ball that it passes
-_RESERVE = 1.2  # greatest deceleration over the planned one
+_RESERVE = 1.2  # ratio of the greatest deceleration to the planned one
 _TO_ROTATE = 0.6  # s in which the greatest rotational velocity is reached
-_SLIGHT = 0.3  # rad on the circle up to which it may be driven faster, as rotation needs time to build up
+_SLIGHT = 0.3  # rad on the circle below which it is driven faster, as rotation needs time to build up
 
 
 class Driver:
-    """Drives a robot to a pose along a Bezier curve that is recomputed at every tick.
+    """Drives a robot in the state `start` to a pose along a Bezier curve that is recomputed at every tick.
 
-    Parameters
-    ----------
-    last : Command
-        What the robot executes now.
-    robot : Robot, optional
-        Whose scene has walls to keep clear of; by default there are none.
-    ball : ObjectState, optional
-        A ball to leave in its place on the way to the run-in.
+    It keeps clear of the walls in the scene of a `robot`, and until the run-in of a `ball`.
     """
 
     def __init__(
         self,
         limits: Limits,
         style: Style,
-        last: Command,
+        start: RobotState,
         robot: Robot | None = None,
         ball: ObjectState | None = None,
     ) -> None:
         self._limits, self._style, self._robot, self._ball = limits, style, robot, ball
         self._rotation = min(style.rotation, limits.w, _TO_ROTATE * limits.aw)  # rad/s
         self._braking = min(style.braking, limits.brake / _RESERVE)  # m/s^2
-        self._last, self._side = last, 0.0
+        self._last, self._side = Command(start.v, start.w), 0.0
         self._laid: tuple[_Curve, Pose] | None = None
 
     def path(self) -> FloatArray | None:
@@ -222,11 +191,7 @@ class Driver:
         return None if self._laid is None else _sampled(*self._laid)
 
     def _curve(self, pose: Pose, target: Pose, v: float) -> _Curve:
-        """Return the curve to `target` for a robot at `pose` that drives at v (m/s).
-
-        Of the two that lead round the goal by the left and by the right it is the quicker; so durations are
-        continuous where the side changes. A way through a goal's wall or the ball counts as longer.
-        """
+        """Return the faster of the two curves to `target`; a path through a wall or the ball takes longer."""
         if self._side == 0.0:
             self._style = self._fitting(pose, target, v)
         curves = self._curves(pose, target, v, self._style)
@@ -239,12 +204,12 @@ class Driver:
         return curves[self._side]
 
     def _curves(self, pose: Pose, target: Pose, v: float, style: Style) -> dict[float, _Curve]:
-        """Return the two curves to `target`, by the side of the goal's axis on which their circle lies."""
+        """Return both curves to `target`, by the side of the goal's axis on which their circle lies."""
         rel = target.relative(pose)
         return {side: _curve_to(rel, v, style, side) for side in (1.0, -1.0)}
 
     def _fitting(self, pose: Pose, target: Pose, v: float) -> Style:
-        """Return the style, with other handles where both ways lead through a wall or the ball."""
+        """Return the style, with other handles if both paths lead through a wall or the ball."""
         styles = [replace(self._style, radius=share * self._style.radius) for share in _HANDLES]
 
         def least_depth(style: Style) -> float:
@@ -254,11 +219,11 @@ class Driver:
         return min(styles, key=least_depth)
 
     def _time(self, curve: _Curve) -> float:
-        """Return an estimate in s of the time that a curve takes: its straight part and its two turns."""
+        """Return an estimate of a curve's duration in s: its straight part and its two turns."""
         return curve.straight / self._limits.v + (abs(curve.bearing) + curve.turn) / self._rotation
 
     def _depth(self, curve: _Curve, style: Style, pose: Pose, target: Pose) -> float:
-        """Return by how much in m the robot may reach into a wall or the ball on the way of a curve."""
+        """Return by how much in m the robot may reach into a wall or the ball on a curve."""
         if self._robot is None:
             return 0.0
         into_ball = 0.0
@@ -284,7 +249,7 @@ class Driver:
         return self.command(v, bend)
 
     def _speed(self, curve: _Curve, bend: float, v: float, end_speed: float) -> float:
-        """Return the greatest speed in m/s here, from which the rest of the curve can be driven, too."""
+        """Return the greatest speed in m/s here from which the rest of the curve can be driven."""
         left = max(curve.left - v * CONTROL_PERIOD, 0.0)
         here = self._rotation / max(abs(bend), 1e-6)
         circle = self._rotation * self._style.radius / max(min(curve.turn / _SLIGHT, 1.0), 0.05)
@@ -300,7 +265,7 @@ class Driver:
         return self.send(v, max(-most, min(most, max(v, 0.0) * bend)))
 
     def turn(self, angle: float) -> Command:
-        """Return the command that stops and turns by the rest of an angle (rad)."""
+        """Return the command that stops, and turns by an angle (rad)."""
         last, limits, most = self._last, self._limits, self._rotation
         v = max(last.v - limits.brake * CONTROL_PERIOD, min(last.v + limits.a * CONTROL_PERIOD, 0.0))
         w = max(-most, min(most, 3.0 * angle))
@@ -314,7 +279,7 @@ class Driver:
 
 
 def reached(rel: Pose, v: float, end_speed: float) -> bool:
-    """Return whether a robot at `rel` in the goal's frame, at v (m/s), stands at or passes the goal."""
+    """Return whether a robot at `rel`, in the goal's frame, at v (m/s) stands at the goal or passes it."""
     if end_speed > 0.0:
         at_goal = abs(rel.y) <= _LATERAL and abs(rel.yaw) <= _HEADING
         return at_goal and -v * CONTROL_PERIOD / 2 <= rel.x < 0.1
@@ -322,25 +287,22 @@ def reached(rel: Pose, v: float, end_speed: float) -> bool:
 
 
 def _standing_pose(rel: Pose) -> bool:
-    """Return whether `rel`, in the goal's frame, is a pose to stand in at the goal."""
+    """Return whether the goal is reached at `rel`, in its frame."""
     return _standing_place(rel) and abs(rel.yaw) <= _HEADING
 
 
 def _standing_place(rel: Pose) -> bool:
-    """Return whether `rel`, in the goal's frame, is a place to stand at the goal, whatever the heading."""
+    """Return whether the goal's position is reached at `rel`, in its frame, with any heading."""
     return abs(rel.y) < _LATERAL and -_SHORT < rel.x < _PAST
-
-
-# Actions
 
 
 _TO_POSE = Style(0.3, 0.05, 0.12, 0.25, 60.0, 2.2, 0.6)
 _TO_BALL = Style(0.25, 0.3, 0.12, 0.25, 60.0, 2.0, 0.6)
 _DRIBBLING = Style(0.1, 0.05, 0.05, 0.15, 1.2 / 0.1, 0.5, 0.36)
-"""Handles of 0.1 m: the least radius that the ball is led on. A low turn rate makes turning with it dear."""
+"""Handles of 0.1 m: the least radius on which the ball is led."""
 _TO_SHOT = Style(0.12, 0.05, 0.05, 0.15, 1.2 / 0.12, 0.6, 0.36)
 
-_AT_BALL = 0.2  # m between the ball and the hold of a robot at the goal
+_AT_BALL = 0.2  # m between the ball and the hold of a robot at the goal, up to which the goal is the ball
 _BACKING = 0.3  # m/s at which the robot backs off from a ball in its front
 _STRAIGHTENING = 0.5  # rad that a robot may turn on the spot with the ball between its fins
 
@@ -357,7 +319,7 @@ class _BezierAction(Action):
         return self._driver.path()
 
     def _approach(self, state: RobotState, message: str, most: float) -> Step:
-        """Follow the curve; where only a turn by at most `most` rad is left to stand in the goal, turn."""
+        """Follow the curve; at the goal's position, turn if it is by at most `most` rad."""
         rel, speed = self._target.relative(state.pose), self._goal.speed
         if speed == 0.0 and _standing_place(rel) and abs(rel.yaw) <= most:
             return Step(self._driver.turn(-rel.yaw), Status.RUNNING, "turning into the goal's heading")
@@ -365,10 +327,10 @@ class _BezierAction(Action):
 
 
 class BezierGoToPose(_BezierAction):
-    """Drive to a pose; where the goal is a ball, come from behind it and leave it in its place.
+    """Drive to a pose; arrive at a ball without moving it.
 
     Forward only, except to back off from a ball in front that is not at the goal. A goal with a speed is
-    passed at that speed; one that was missed is driven at again.
+    passed at that speed; one that was missed is approached again.
     """
 
     name: ClassVar[str] = "goToPose"
@@ -384,8 +346,7 @@ class BezierGoToPose(_BezierAction):
         self._is_backing_off = not self._to_ball and is_at_front(world, self.robot, BALL)
         style = _TO_BALL if self._to_ball else _TO_POSE
         beside = ball if self._to_ball or self._is_backing_off else None
-        last = Command(world.robot.v, world.robot.w)
-        self._driver = Driver(self.robot.limits, style, last, self.robot, beside)
+        self._driver = Driver(self.robot.limits, style, world.robot, self.robot, beside)
 
     def step(self, world: World) -> Step:
         """Return the next command; see `Action.step`."""
@@ -394,7 +355,7 @@ class BezierGoToPose(_BezierAction):
         if reached(rel, state.v, speed):
             command = self._driver.send(speed, 0.0) if speed > 0.0 else STOP
             return finished(Status.SUCCEEDED, "arrived at the goal", command)
-        if self._is_backing_off:  # as long as it may touch the ball when it turns
+        if self._is_backing_off:  # until it cannot touch the ball when it turns
             ball, (x, y, _) = ball_of(world), state.pose
             clear = ball_clearance(self.robot)
             self._is_backing_off = ball is not None and math.hypot(ball.x - x, ball.y - y) < clear
@@ -405,11 +366,9 @@ class BezierGoToPose(_BezierAction):
 
 
 _LOOSE, _TAKEN = 0.025, 0.01
-"""Distances in m of the ball before the hold. A ball that is farther away than the first is taken in, up to
-the second, before the first turn, in which it would slip out."""
-
-_TAKING = 0.3  # m/s at which the ball is taken in
-
+"""Distances in m of the ball before the hold. A ball beyond the first would slip out in a turn; so the robot
+first drives straight ahead, until the ball is within the second."""
+_TAKING = 0.3  # m/s of that drive
 _TURNING = 0.3  # rad that the robot may turn on the spot with the ball, once it is at the goal
 
 
@@ -422,10 +381,9 @@ class _BezierHolding(_BezierAction):
 
 
 class BezierDribbleBall(_BezierHolding):
-    """Push the ball to a pose: turning slowly, and never braking harder than the ball.
+    """Push the ball to a pose: turn slowly, and brake no harder than the ball does.
 
-    A ball that lies loosely between the tips of the fins is taken in first, straight ahead.
-    A goal with a speed is passed at that speed. A goal that was missed is driven at again in a loop.
+    A goal with a speed is passed at that speed; one that was missed is approached again in a loop.
     """
 
     name: ClassVar[str] = "dribbleBall"
@@ -436,7 +394,7 @@ class BezierDribbleBall(_BezierHolding):
         check_held(world, self.robot, self.name)
         self._goal = goal
         self._target = goal.robot_pose(self.robot)
-        self._driver = Driver(self._limits, _DRIBBLING, Command(world.robot.v, world.robot.w))
+        self._driver = Driver(self._limits, _DRIBBLING, world.robot)
         self._is_taking_in = self._gap(world) > _LOOSE
 
     def step(self, world: World) -> Step:
@@ -459,19 +417,19 @@ class BezierDribbleBall(_BezierHolding):
         return self.robot.hold_point(pose).relative(Pose(ball.x, ball.y, 0.0)).x
 
 
-_POST_ROOM = 0.2  # m between a goalpost and the ball on its way
+_POST_ROOM = 0.2  # m between a goalpost and the path of the ball
 _ROLL_RESERVE = 0.25  # m that the ball could roll on behind the line
-_SLANT = 0.9  # rad
-_BEFORE_LINE = 0.35  # m between ball and line where the curve ends
-_LINE = 0.02
-_BEND = 4.0  # 1/m
-_SHOT_OVER = Standstill(0.05)  # a ball and a robot too slow to score any more, before either has come to rest
+_SLANT = 0.9  # rad: greatest angle between the end of the curve and the goal's axis
+_BEFORE_LINE = 0.35  # m between ball and line at the end of the curve
+_LINE = 0.02  # m behind the line at which the ball is in the goal
+_BEND = 4.0  # 1/m: greatest curvature of a run-up
+_SHOT_OVER = Standstill(0.05)  # below this, ball and robot are too slow to score
 
 
 class BezierShoot(_BezierHolding):
     """Send the ball into a goal by motion alone.
 
-    The goal's position lies in the mouth of one of the field's goals; its heading and speed do not matter.
+    The goal's position is in the mouth of one of the field's goals; its heading and speed do not count.
     """
 
     name: ClassVar[str] = "shoot"
@@ -490,19 +448,18 @@ class BezierShoot(_BezierHolding):
             raise ActionError(f"shoot: expected a position in a goal's mouth, got ({x:.2f}, {y:.2f}) m")
         self._side = side
         self._middle = max(-1.0, min(1.0, (y - middle) / (field.goal_width / 2))) * self._half_mouth()
-        last = Command(world.robot.v, world.robot.w)
-        self._driver = Driver(self._limits, _TO_SHOT, last)
+        self._driver = Driver(self._limits, _TO_SHOT, world.robot)
         self._released = False
 
     def _half_mouth(self) -> float:
-        """Return half the width in m in which the ball's center passes clear of the posts."""
+        """Return half the width in m of the mouth in which the ball keeps clear of the posts."""
         return field_of(self.robot).goal_width / 2 - self.robot.scene.radius(BALL) - _POST_ROOM
 
     def step(self, world: World) -> Step:
         """Return the next command; see `Action.step`."""
         ball = ball_of(world)
         if ball is None:
-            return finished(Status.FAILED, "lost the ball: it is not seen any more")
+            return finished(Status.FAILED, "lost the ball: its position is unknown")
         field = field_of(self.robot)
         mouth = Pose(*field.goal_center(self._side), 0.0)
         if is_in_goal(ball, mouth, field, _LINE):
@@ -519,7 +476,7 @@ class BezierShoot(_BezierHolding):
         return self._run_up(world, -behind_line(ball, mouth, field), crossing - mouth.y)
 
     def _crossing(self, pose: Pose) -> float | None:
-        """Return y (m) where the robot's straight way ahead crosses the goal line; None where it doesn't."""
+        """Return y (m) at which the robot straight ahead crosses the goal line; None if it does not."""
         hold = self.robot.hold_point(pose)
         forward = self._side * math.cos(pose.yaw)
         short = self._side * (field_of(self.robot).goal_center(self._side)[0] - hold.x)
@@ -528,7 +485,7 @@ class BezierShoot(_BezierHolding):
         return hold.y + short / forward * math.sin(pose.yaw)
 
     def _before_mouth(self, pose: Pose) -> Pose:
-        """Return the pose of the axle before the mouth, in the direction from here up to a greatest slant."""
+        """Return the pose of the axle before the mouth, with a heading toward it from here."""
         straight = 0.0 if self._side > 0 else math.pi
         line, y = field_of(self.robot).goal_center(self._side)
         hold = self.robot.hold_point(pose)
@@ -537,9 +494,9 @@ class BezierShoot(_BezierHolding):
         return mouth.ahead(-self.robot.hold - _BEFORE_LINE)
 
     def _run_up(self, world: World, short: float, crossing: float) -> Step:
-        """Drive straight at the mouth, and brake when the ball, `short` m before the line, will roll in.
+        """Drive straight on, and brake as soon as the ball, `short` m before the line, will roll in.
 
-        `crossing` is where it will cross the line, in m from the middle along y.
+        `crossing` is the y at which it will cross the line, in m from the middle.
         """
         state = world.robot
         way = max(short, 0.0) / max(abs(math.cos(state.pose.yaw)), 0.3) + _ROLL_RESERVE
@@ -550,11 +507,8 @@ class BezierShoot(_BezierHolding):
         # Steer mildly from the posts toward the middle of the mouth.
         aim = max(-0.5, min(0.5, self._side * (self._middle - crossing)))
         bend = aim / max(short + 0.5, 0.5) if abs(aim) > 0.1 else 0.0
-        return Step(
-            self._driver.command(self._limits.v, max(-_BEND, min(_BEND, bend))),
-            Status.RUNNING,
-            "running up to the shot",
-        )
+        command = self._driver.command(self._limits.v, max(-_BEND, min(_BEND, bend)))
+        return Step(command, Status.RUNNING, "running up to the shot")
 
     def _watch(self, world: World, ball: ObjectState) -> Step:
         """Brake, and wait until the ball has crossed the line or come to rest."""

@@ -29,18 +29,15 @@ from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
 
-SHOOTING_DISTANCE = (1.2, 2.0)
-"""Range in m of a shooting position's distance from the middle of the goal line."""
-SHOOTING_BEARING = math.radians(50.0)
-"""Greatest angle at the goal between a shooting position and the middle axis of the field."""
-_OF_TWO = 0.3  # of the time limit, for the straight way of either part
-ROLLING_SPEED = (0.5, 2.5)
-"""Range in m/s of the speed of a ball that rolls at the start."""
+_SHOOTING_DISTANCE = (1.2, 2.0)  # m from the middle of the goal line to a shooting position
+_SHOOTING_BEARING = math.radians(50.0)  # greatest angle of that direction to the axis of the field
+_OF_TWO = 0.3  # share of the time limit for the straight path of each of two parts
+_ROLLING_SPEED = (0.5, 2.5)  # m/s of a ball that rolls at the start
 _OPEN_HEADING = frozenset({"yaw"})
 
 
 def dribble(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
-    """Draw a ball to go to and to dribble to a pose: the chain of the paper's Table 1."""
+    """Draw the chain of the paper's Table 1: go to the ball, dribble it to a pose."""
     ball, world = _start(robot, rng)
     most = farthest(robot, _OF_TWO, SHORTEST, with_ball=True)
     goal = pose_within(robot, rng, ball, SHORTEST, most, held=True)
@@ -49,16 +46,16 @@ def dribble(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tupl
 
 
 def rolling(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
-    """Draw the chain `dribble` with a ball that rolls; the plan has its place now, not where it rests.
+    """Draw the chain `dribble` with a ball that rolls, and that comes to rest before the robot can arrive.
 
-    It rests before the robot could be there: no action of ours catches a ball in motion.
+    The goal of the first step is the present place of the ball.
     """
 
     def drawn() -> tuple[World, TopChain, ObjectState]:
         world, chain = dribble(robot, library, rng)
         rest = chain.calls[0].goal.pose
-        way, speed = rng.uniform(-math.pi, math.pi), rng.uniform(*ROLLING_SPEED)
-        moving = ObjectState(rest.x, rest.y, speed * math.cos(way), speed * math.sin(way))
+        heading, speed = rng.uniform(-math.pi, math.pi), rng.uniform(*_ROLLING_SPEED)
+        moving = ObjectState(rest.x, rest.y, speed * math.cos(heading), speed * math.sin(heading))
         there = robot.scene.at_rest(BALL, moving)
         x, y = 2.0 * rest.x - there.x, 2.0 * rest.y - there.y
         return world, chain, ObjectState(x, y, moving.vx, moving.vy)
@@ -80,7 +77,7 @@ def rolling(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tupl
 
 
 def shoot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
-    """Draw a ball to go to, to dribble before the goal and to shoot: the chain of the paper's Figure 1."""
+    """Draw the chain of the paper's Figure 1: go to the ball, dribble it before the goal, shoot."""
     most = farthest(robot, _OF_TWO, SHORTEST, with_ball=True)
 
     def dribbled(chain: TopChain) -> float:
@@ -93,7 +90,7 @@ def shoot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[
             lambda: _expected(robot, f"to dribble {most:.2f} m at most before the goal"),
         )
 
-    if robot.holder is None:  # its TOPs say what it lacks
+    if robot.holder is None:  # reported by the TOPs
         return in_reach()
     return with_room(robot, in_reach, lambda drawn: _last_shot(robot, drawn[1]))
 
@@ -103,7 +100,8 @@ def _shot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[
     x, y = field_of(robot).goal_center()
 
     def position() -> Pose:
-        distance, bearing = rng.uniform(*SHOOTING_DISTANCE), rng.uniform(-SHOOTING_BEARING, SHOOTING_BEARING)
+        distance = rng.uniform(*_SHOOTING_DISTANCE)
+        bearing = rng.uniform(-_SHOOTING_BEARING, _SHOOTING_BEARING)
         return Pose(x - distance * math.cos(bearing), y + distance * math.sin(bearing), -bearing)
 
     there = drawn_until(
@@ -120,7 +118,7 @@ def _shot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[
 
 
 def _last_shot(robot: Robot, chain: TopChain) -> Situation:
-    """Return the shot of a chain as the dribble before it is meant to end."""
+    """Return the situation of a chain's shot if the dribble before it ends at its goal."""
     _, dribbling, shot = chain.calls
     held = dribbling.goal.pose
     ball = {BALL: ObjectState(held.x, held.y)}
@@ -130,11 +128,11 @@ def _last_shot(robot: Robot, chain: TopChain) -> Situation:
 def drive(
     robot: Robot, library: TopLibrary, rng: np.random.Generator, *, time_limit: float = TIME_LIMIT
 ) -> tuple[World, TopChain]:
-    """Draw a place to pass on the way to a pose, without a ball: every robot can drive there."""
-    way = random_pose(robot, rng)
+    """Draw a chain of two drives to poses, for every robot."""
+    stop = random_pose(robot, rng)
     most = farthest(robot, _OF_TWO, SHORTEST, time_limit=time_limit)
-    goal, start = (pose_within(robot, rng, way, SHORTEST, most) for _ in range(2))
-    calls = (_call(library, "goToPose", way, _OPEN_HEADING), _call(library, "goToPose", goal))
+    goal, start = (pose_within(robot, rng, stop, SHORTEST, most) for _ in range(2))
+    calls = (_call(library, "goToPose", stop, _OPEN_HEADING), _call(library, "goToPose", goal))
     return World(0.0, RobotState(start)), TopChain(calls)
 
 

@@ -31,34 +31,24 @@ def objects_of(ball: ObjectState | None) -> dict[str, ObjectState]:
     return {} if ball is None else {BALL: ball}
 
 
-_MISPLACED = 1e-5  # m and rad: how far a goal may be from the line's middle
-_CENTER_CIRCLE = 1.0  # m
+_MISPLACED = 1e-5  # m and rad: greatest error of a goal's pose
+_CENTER_CIRCLE = 1.0  # m, radius
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """The field: its goals are on the two lines at right angles to the x axis.
+    """The field in m; its goals are on the two lines at right angles to the x axis."""
 
-    Attributes
-    ----------
-    length, width : float
-        Between the lines, in m.
-    goal_width, goal_depth : float
-        Inner sizes of both goals in m; 0 where there are none.
-    x, y : float
-        The center in m.
-    """
-
-    length: float
+    length: float  # between the lines
     width: float
-    goal_width: float
+    goal_width: float  # inner sizes of both goals; 0 without goals
     goal_depth: float
-    x: float = 0.0
+    x: float = 0.0  # of the center
     y: float = 0.0
 
     @property
     def walls_begin(self) -> float:
-        """Distance in m from the center along x from which walls of goals stand; infinite without goals."""
+        """Distance in m along x between the center and the walls of a goal; infinite without goals."""
         return self.length / 2 if self.goal_depth else math.inf
 
     def goal_center(self, side: int = 1) -> tuple[float, float]:
@@ -66,51 +56,43 @@ class Field:
         return self.x + side * self.length / 2.0, self.y
 
     def side_of(self, x: float) -> int:
-        """Return on which side of the center x (m) lies: 1 at greater x, -1 otherwise."""
+        """Return the side of x (m): 1 for greater x than the center's, -1 otherwise."""
         return 1 if x > self.x else -1
 
 
 def field_of(robot: Robot) -> Field:
-    """Return the field of a robot's scene, which `field_in` has checked, or which has no goals."""
+    """Return the field of a robot's scene, which `field_in` has checked."""
     area, bays = robot.scene.area, robot.scene.bays
     width, depth = (bays[0].width, bays[0].depth) if bays else (0.0, 0.0)
     return Field(area.length, area.width, width, depth, area.x, area.y)
 
 
 def behind_line(ball: ObjectState, mouth: Pose, field: Field) -> float:
-    """Return how far in m a ball's center lies behind the goal line of `mouth`; negative before it."""
+    """Return the distance in m of a ball's center behind the goal line of `mouth`; negative before it."""
     return (ball.x - mouth.x) * field.side_of(mouth.x)
 
 
 def is_in_goal(ball: ObjectState, mouth: Pose, field: Field, beyond: float) -> bool:
-    """Return whether the ball lies more than `beyond` m behind the goal line of `mouth`, in the goal.
-
-    Then an action that shoots may end; whether it has succeeded is for the post-condition of `shoot` to say.
-    """
+    """Return whether the ball lies in the goal, more than `beyond` m behind the goal line of `mouth`."""
     return behind_line(ball, mouth, field) > beyond and abs(ball.y - mouth.y) < field.goal_width / 2
 
 
 def field_in(scene: Scene) -> tuple[Bay, ...]:
-    """Return the bays of a scene with a ball: two equal goals on the lines, or none.
+    """Return the bays of a scene: two equal goals on the lines, or none.
 
     Raises
     ------
     ConfigError
-        There is no ball, whose radius and mass the actions need; or the bays are no two equal goals.
+        There is no ball, whose radius and mass the actions need, or the bays are no two equal goals.
     """
     if BALL not in scene.objects:
         raise ConfigError(f"scene.objects: expected {BALL!r} among them, got {sorted(scene.objects)}")
     (left, _, right, _), middle = scene.area.lines, scene.area.y
+    goals = (left, middle, math.pi), (right, middle, 0.0)
     sizes = {(bay.width, bay.depth) for bay in scene.bays}
-    places = sorted((bay.x, bay.y, abs(bay.yaw)) for bay in scene.bays)
-    if scene.bays and (
-        len(sizes) > 1
-        or not (
-            len(places) == 2
-            and math.dist(places[0], (left, middle, math.pi)) < _MISPLACED
-            and math.dist(places[1], (right, middle, 0.0)) < _MISPLACED
-        )
-    ):
+    poses = sorted((bay.x, bay.y, abs(bay.yaw)) for bay in scene.bays)
+    placed = len(poses) == 2 and all(math.dist(*pair) < _MISPLACED for pair in zip(poses, goals, strict=True))
+    if scene.bays and (len(sizes) > 1 or not placed):
         raise ConfigError(
             f"scene.bays: expected two equal goals on the lines x = {left:.10g} and x = {right:.10g} at "
             f"y = {middle:.10g}, opening to the middle, or none, got {list(scene.bays)}"
@@ -127,14 +109,14 @@ def field_lines(robot: Robot) -> Sequence[Line]:
 
 
 def touches_goals(poses: FloatArray, robot: Robot) -> bool:
-    """Return whether the robot, at any of the poses, shape (n, 3), may touch the wall of a goal."""
+    """Return whether the robot may touch the wall of a goal at any of the poses, shape (n, 3)."""
     return depth_in_goals(poses, robot) > 0.0
 
 
 def depth_in_goals(places: FloatArray, robot: Robot) -> float:
-    """Return by how much in m the robot may reach into the wall of a goal, at the worst of the places.
+    """Return the greatest depth in m to which the robot may reach into the wall of a goal.
 
-    `places` are of the axle in m, shape (n, 2) or more columns.
+    `places` are those of the axle in m, shape (n, 2) or more columns.
     """
     field = field_of(robot)
     x, y = np.abs(places[:, :2] - (field.x, field.y)).T
@@ -144,7 +126,7 @@ def depth_in_goals(places: FloatArray, robot: Robot) -> float:
 
 
 def nearest_to_goals(robot: Robot) -> float:
-    """Return the distance in m from the center along x within which the robot touches no goal."""
+    """Return the distance in m from the center along x up to which the robot touches no goal."""
     return field_of(robot).walls_begin - robot.reach
 
 

@@ -1,4 +1,4 @@
-"""Random situations from which actions are executed and observed (paper, section 3)."""
+"""Random situations in which soccer actions gather experience (paper, section 3)."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from ator_ros.world.state import ObjectState, RobotState, World
 
 SHORTEST = SHORT  # m between start and goal, where the two are drawn independently
 _LEAVING = 0.04  # share of drives that start with a held ball and end elsewhere
-ALONE = 0.6
-"""Share of the time limit that the straight way of an action may take at full speed: turns need the rest."""
-SHOT_RANGE = (0.6, 2.5)
-"""Range in m of the distance between the ball and the middle of the goal line when a shot starts."""
+_ALONE = 0.6  # share of the time limit for the straight path of an action; the rest is for turns
+_SHOT_RANGE = (0.6, 2.5)  # m between the ball and the middle of the goal line at the start of a shot
+_DRAWS = 200  # draws before giving up; each is planned, which takes 5 ms
+T = TypeVar("T")
 
 
 def random_pose(robot: Robot, rng: np.random.Generator) -> Pose:
-    """Draw a pose well within the lines; raise NoPlaceError if there is no such place."""
+    """Draw a pose inside the margins; raise NoPlaceError if there is none."""
     half_length, half_width = _half_sizes(robot)
     if min(half_length, half_width) < 0.0:
         raise NoPlaceError(
@@ -48,7 +48,7 @@ def pose_within(
 ) -> Pose:
     """Draw a pose `low` to `high` m from another; raise NoPlaceError if there is none.
 
-    If both are poses of a ball that is `held`, the robot's axle drives at most `high` m, too.
+    If both are poses of a ball that is `held`, the robot's axle drives at most `high` m.
     """
 
     def distance(pose: Pose) -> float:
@@ -62,12 +62,12 @@ def pose_within(
 
 
 def distance_with_ball(robot: Robot, start: Pose, end: Pose) -> float:
-    """Return the distance in m between two poses of a held ball, or that of the axle if it is greater."""
+    """Return the distance in m between two poses of a held ball, or of the axle if that is greater."""
     return max(start.distance(end), robot.pose_holding(start).distance(robot.pose_holding(end)))
 
 
 def is_inside(place: Pose, robot: Robot) -> bool:
-    """Return whether a place lies well within the lines, where `random_pose` draws."""
+    """Return whether a place lies inside the margins, where `random_pose` draws."""
     half_length, half_width = _half_sizes(robot)
     area = robot.scene.area
     return abs(place.x - area.x) <= half_length and abs(place.y - area.y) <= half_width
@@ -79,7 +79,6 @@ def _half_sizes(robot: Robot) -> tuple[float, float]:
 
 
 def _area_text(robot: Robot) -> str:
-    """Return a text with the sizes of the area and the margins of starts and goals."""
     area, (at_end, at_side) = robot.scene.area, line_margins(robot)
     return (
         f"scene.area: got {area.length:g} x {area.width:g} m, of whose lines robot {robot.name} keeps "
@@ -88,16 +87,16 @@ def _area_text(robot: Robot) -> str:
 
 
 def _speed(robot: Robot, rng: np.random.Generator, share: float) -> float:
-    """Draw a speed in m/s that the robot can do with a ball; it is not zero in `share` of the cases."""
+    """Draw a speed in m/s up to the greatest arrival speed; 0 except in a `share` of the cases."""
     speed = float(rng.uniform(0.0, greatest_arrival(robot)))
     return speed if rng.random() < share else 0.0
 
 
 def go_to_pose(robot: Robot, rng: np.random.Generator, *, time_limit: float = TIME_LIMIT) -> Situation:
-    """Draw a drive: most approach a ball, half of these with an arrival speed, the others drive to a pose.
+    """Draw a drive to a ball, every second time with an arrival speed, or to a pose.
 
-    One start in seven is in motion. One drive in seven is short, see `short_goal`. In a few, the robot drives
-    away from a ball that it holds. Without a holder or a ball in the scene, all drive to a pose.
+    One start in seven is in motion. One drive in seven is short, see `short_goal`. Without a holder or a ball
+    in the scene, all are drives to a pose.
     """
     situation = _long_drive(robot, rng, time_limit)  # first, so that a scene without room is reported
     start = situation.robot.pose
@@ -113,7 +112,7 @@ def _long_drive(robot: Robot, rng: np.random.Generator, time_limit: float) -> Si
     with_ball = rng.random() < 0.75 and robot.holder is not None and BALL in robot.scene.objects
     goal = random_pose(robot, rng)
     nearest = ball_clearance(robot) if with_ball else SHORTEST
-    most = farthest(robot, ALONE, nearest, time_limit=time_limit)
+    most = farthest(robot, _ALONE, nearest, time_limit=time_limit)
     start = pose_within(robot, rng, goal, nearest, most)
     state = RobotState(start)
     if rng.random() < 1.0 / 7.0:
@@ -127,10 +126,10 @@ def _long_drive(robot: Robot, rng: np.random.Generator, time_limit: float) -> Si
 
 
 def _leave_ball(robot: Robot, rng: np.random.Generator) -> Situation | None:
-    """Draw a drive away from the ball that the robot holds; None if the robot is too slow."""
+    """Draw a drive away from a held ball; None if the robot is too slow."""
     state, ball = _holding(robot, robot.pose_holding(random_pose(robot, rng)), 0.0)
     nearest, held = ball_clearance(robot), Pose(ball.x, ball.y, 0.0)
-    most = farthest(robot, ALONE, nearest) - held.distance(state.pose)  # of the axle
+    most = farthest(robot, _ALONE, nearest) - held.distance(state.pose)  # of the axle
     if most <= nearest + SHORTEST:
         return None
     there = pose_within(robot, rng, held, nearest, most)
@@ -138,20 +137,17 @@ def _leave_ball(robot: Robot, rng: np.random.Generator) -> Situation | None:
 
 
 def _holding(robot: Robot, pose: Pose, speed: float) -> tuple[RobotState, ObjectState]:
-    """Return robot and ball when the robot at `pose` holds the ball and drives at `speed` (m/s)."""
+    """Return the states of robot and held ball at a speed in m/s."""
     ball = robot.hold_point(pose)
     vx, vy = speed * math.cos(pose.yaw), speed * math.sin(pose.yaw)
     return RobotState(pose, speed), ObjectState(ball.x, ball.y, vx, vy)
 
 
 def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
-    """Draw a dribble: the ball is held, and every second start is in motion, as after an arrival at speed.
-
-    One in seven is short, from rest to rest, see `short_goal`.
-    """
+    """Draw a dribble; every second one starts in motion, and one in seven is short, see `short_goal`."""
     robot.holder_for("dribbleBall")
     goal = random_pose(robot, rng)
-    most = farthest(robot, ALONE, SHORTEST, with_ball=True)
+    most = farthest(robot, _ALONE, SHORTEST, with_ball=True)
     ball = pose_within(robot, rng, goal, SHORTEST, most, held=True)
     speed, arrival = _speed(robot, rng, 0.5), Goal(goal, _speed(robot, rng, 0.3), Point.HOLD)
     short = short_goal(ball, rng, turns=False)
@@ -162,7 +158,7 @@ def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
 
 
 def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
-    """Draw a shot from up to 2.5 m before the goal: the ball is held, and every second start is in motion."""
+    """Draw a shot from up to 2.5 m before the goal; every second one starts in motion."""
     robot.holder_for("shoot")
     (x, y), area = field_of(robot).goal_center(), robot.scene.area
     start = drawn_until(
@@ -180,11 +176,11 @@ def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
 
 
 def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:
-    """Draw a pose of the robot whose ball lies within range of the goal."""
+    """Draw a pose of the robot with the ball in range of the goal."""
     x, y = field_of(robot).goal_center()
-    bearing = rng.uniform(-0.45, 0.45) * math.pi  # seen from the goal, the lines beside it excluded
-    nearest, most = SHOT_RANGE
-    distance = rng.uniform(nearest, min(most, farthest(robot, ALONE, nearest, with_ball=True)))
+    bearing = rng.uniform(-0.45, 0.45) * math.pi  # from the goal's axis, without places beside the goal
+    nearest, most = _SHOT_RANGE
+    distance = rng.uniform(nearest, min(most, farthest(robot, _ALONE, nearest, with_ball=True)))
     ball = Pose(
         x - float(distance * math.cos(bearing)),
         y + float(distance * math.sin(bearing)),
@@ -193,18 +189,13 @@ def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:
     return robot.pose_holding(ball)
 
 
-T = TypeVar("T")
-
-_DRAWS = 200  # draws before giving up; each is planned, which takes 5 ms
-
-
 def shoot_with_room(robot: Robot, rng: np.random.Generator) -> Situation:
-    """Draw a shot for which the planned action finds a run-up; ConfigError if the robot is too large."""
+    """Draw a shot for which the planned action finds a run-up; NoPlaceError if the robot is too large."""
     return with_room(robot, lambda: shoot(robot, rng), lambda situation: situation)
 
 
 def with_room(robot: Robot, draw: Callable[[], T], shot: Callable[[T], Situation]) -> T:
-    """Draw until the shot has room for a run-up; raise NoPlaceError if none has."""
+    """Draw until the planned action finds a run-up for the shot; raise NoPlaceError if it never does."""
     return drawn_until(
         draw,
         lambda drawn: _has_room(robot, shot(drawn)),
@@ -217,7 +208,6 @@ def with_room(robot: Robot, draw: Callable[[], T], shot: Callable[[T], Situation
 
 
 def _has_room(robot: Robot, situation: Situation) -> bool:
-    """Return whether the action finds a run-up."""
     action = Shoot(robot)
     try:
         action.start(World(0.0, situation.robot, situation.objects), situation.goal)

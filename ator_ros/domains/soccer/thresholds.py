@@ -20,12 +20,8 @@ ARRIVAL_SPEED = 0.8
 RANGES: Ranges = MappingProxyType(
     {**USUAL_RANGES, "speed": functools.partial(arrival_speed, most=ARRIVAL_SPEED)}
 )
-
-
 _BODY_ROOM = 0.1  # m between a robot and what it must not touch
-_LEAST_END_MARGIN = 0.9
-_LEAST_SIDE_MARGIN = 0.4
-_LEAST_CLEARANCE = 0.6
+_LEAST_END_MARGIN, _LEAST_SIDE_MARGIN, _LEAST_CLEARANCE = 0.9, 0.4, 0.6  # m
 
 
 def check_arrival(goal: Goal, most: float, action: str) -> None:
@@ -35,42 +31,41 @@ def check_arrival(goal: Goal, most: float, action: str) -> None:
 
 
 def approach_run(robot: Robot) -> float:
-    """Return the length in m of the straight run up to a ball: twice the fins that catch it, and 1 cm."""
+    """Return the length in m of the straight run to a ball: twice that of the fins, and 1 cm."""
     return 2.0 * robot.holder_length + 0.01
 
 
 def caught_within(robot: Robot) -> float:
-    """Return the distance in m from the hold within which a ball is caught: half the fins' length.
+    """Return the distance in m from the hold up to which a ball is caught: half the length of the fins.
 
-    Stricter than `is_held`, so that a ball that was caught is not lost at the first turn.
+    It is less than that of `is_held`, so that the ball is not lost in the first turn.
     """
     return 0.5 * robot.holder_length
 
 
 def lost_ball(world: World, robot: Robot) -> str | None:
-    """Return that the ball is out of the hold, so that an action gives it up; None if it is not."""
+    """Return a message if the ball is out of the hold; else None."""
     distance = robot.hold_offset(world, BALL)
     lost = distance > 1.25 * robot.holder_length
     return f"lost the ball: it is {distance:.2f} m from the hold" if lost else None
 
 
 def check_held(world: World, robot: Robot, action: str) -> None:
-    """Raise ActionError unless the ball lies in the robot's front."""
+    """Raise ActionError unless the ball is in the hold."""
     if lost_ball(world, robot):
         distance = robot.hold_offset(world, BALL)
         raise ActionError(f"{action}: expected the ball in front, it is {distance:.2f} m from the hold")
 
 
 def ball_clearance(robot: Robot) -> float:
-    """Return the distance in m between axle and ball at which the two don't touch, whatever the heading."""
+    """Return the distance in m between axle and ball at which robot and ball do not touch at any heading."""
     return max(_LEAST_CLEARANCE, robot.reach + robot.scene.objects[BALL].radius + _BODY_ROOM)
 
 
 def line_margins(robot: Robot) -> tuple[float, float]:
-    """Return the distances in m that starts and goals keep from the goal lines and from the side lines.
+    """Return the least distances in m of starts and goals from the goal lines and from the side lines.
 
-    A robot of any size has room to turn there, also with a ball in front, and is clear of the posts. Where
-    there is neither ball nor goal, room to turn is enough.
+    A robot has room to turn there; in a scene with objects or bays also with a ball, and beside the posts.
     """
     room = robot.reach + _BODY_ROOM
     if not robot.scene.objects and not robot.scene.bays:
@@ -80,21 +75,21 @@ def line_margins(robot: Robot) -> tuple[float, float]:
 
 
 def steady_rate(robot: Robot, w: float, v: float) -> float:
-    """Return the turn rate `w` (rad/s), or at `v` (m/s) the greatest one without sliding, if that is less."""
+    """Return the turn rate `w` (rad/s), limited to that at which wheels do not slide at `v` (m/s)."""
     return math.copysign(min(abs(w), robot.grip / max(abs(v), 1e-3)), w)
 
 
 def farthest(
     robot: Robot, share: float, least: float, *, with_ball: bool = False, time_limit: float = TIME_LIMIT
 ) -> float:
-    """Return the distance in m that a robot at full speed drives in a share of `time_limit` (s).
+    """Return the distance in m that a robot drives at full speed in a share of `time_limit` (s).
 
-    The samplers draw no goal beyond it: a slow robot would not get there in time.
+    The samplers draw no goal beyond it: a slow robot would not arrive in time.
 
     Raises
     ------
     NoPlaceError
-        It is less than `least` (m), the shortest way that is drawn.
+        It is less than `least` (m), the least distance that is drawn.
     """
     holds = with_ball and robot.holder is not None
     speed = min(robot.limits.v, robot.holder.limits.v if holds and robot.holder else robot.limits.v)
@@ -109,6 +104,6 @@ def farthest(
 
 
 def greatest_arrival(robot: Robot) -> float:
-    """Return the greatest speed in m/s at which a robot may arrive at a ball, or with it."""
+    """Return the greatest speed in m/s at which a robot may arrive at a ball or with it."""
     with_ball = robot.holder.limits.v if robot.holder else robot.limits.v
     return min(ARRIVAL_SPEED, robot.limits.v, with_ball)

@@ -1,4 +1,4 @@
-"""The TOPs of soccer: their conditions say what each is for (paper, section 2.1)."""
+"""The TOPs of soccer (paper, section 2.1)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Bearing, Condition, Distance, Region, Term
 from ator_ros.tops.objects import held_within
 
-_NET = 0.1  # m by which the net gives way behind the depth of the goal
+_NET = 0.1  # m by which a ball may lie deeper than the goal, as the net yields
 _USUAL_FIELD = Field(8.0, 5.0, goal_width=2.0, goal_depth=0.6)
 
 GO_TO_POSE = Top(
@@ -30,7 +30,7 @@ GO_TO_POSE = Top(
 
 
 def go_to_ball(held: float = 0.1) -> Top:
-    """Return the paper's goToBall, the same action with the ball as its goal; how the robot stands is open.
+    """Return the paper's goToBall: goToPose with the ball as its goal, and with any heading.
 
     The ball is held up to `held` m from the hold, along x and y.
     """
@@ -38,13 +38,13 @@ def go_to_ball(held: float = 0.1) -> Top:
         "goToBall",
         "goToPose",
         Condition((Term("ball.x", "goal.x", 0.1), Term("ball.y", "goal.y", 0.1))),
-        Condition((Term("hold.x", "ball.x", held), Term("hold.y", "ball.y", held))),
+        _holding(held),
         Point.HOLD,
     )
 
 
 def dribble_ball(held: float = 0.1, lost: float = 0.12) -> Top:
-    """Return dribbleBall; `held` as for `go_to_ball`, and from `lost` (m) on it cannot start."""
+    """Return dribbleBall; `held` as for `go_to_ball`, and `lost` likewise at the start."""
     return Top(
         "dribbleBall",
         "dribbleBall",
@@ -64,8 +64,8 @@ def dribble_ball(held: float = 0.1, lost: float = 0.12) -> Top:
 def shoot(field: Field = _USUAL_FIELD, lost: float = 0.12) -> Top:
     """Return shoot, whose goal is the middle of a goal's mouth.
 
-    A dribble ends up to 0.16 m beside its goal, and refinement keeps so far inside: it puts the ball 0.9 to
-    2.5 m before the mouth, and at 0.9 m within 50 degrees of the middle.
+    As a dribble ends up to 0.16 m from its goal, refinement places the ball 0.9 to 2.5 m before the mouth,
+    and at 0.9 m within 50 degrees of the middle.
     """
     region = (
         Distance("ball", "goal", 0.74, 2.66),
@@ -82,14 +82,11 @@ def _holding(most: float) -> Condition:
 
 GO_TO_BALL, DRIBBLE_BALL, SHOOT = go_to_ball(), dribble_ball(), shoot()
 TOPS = (GO_TO_POSE, GO_TO_BALL, DRIBBLE_BALL, SHOOT)
-"""With the fins and the goals of the shipped description."""
+"""The TOPs for the fins and the goals of the shipped description."""
 
 
 def tops_for(robot: Robot) -> tuple[Top, ...]:
-    """Return the TOPs with the fins of a robot and the goals of its field.
-
-    Those that it cannot execute, for want of fins or goals, are as with the shipped description.
-    """
+    """Return the TOPs for the fins of a robot and the goals of its field; without these, as shipped."""
     if robot.holder is None:
         return TOPS
     held, lost, field = held_within(robot), robot.holder_length, field_of(robot)

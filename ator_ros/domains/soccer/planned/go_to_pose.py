@@ -1,4 +1,4 @@
-"""goToPose: drive to a pose; with the ball there, approach it without knocking it away."""
+"""goToPose: drive to a pose, or approach the ball without knocking it away."""
 
 from __future__ import annotations
 
@@ -27,21 +27,18 @@ from ator_ros.tops.objects import is_at_front
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _MOVED = 0.04  # m
-_LAGGING = 0.05  # s: motors with which a robot that catches up brakes too late, and has to come back for 3 s
-_TURNS_WITHIN = 0.04
-"""Distance in m from the goal within which a standing robot only turns: less than what counts as arrived."""
+_LAGGING = 0.05  # s: motors that lag more brake too late after catching up, and the robot returns for 3 s
+_TURNS_WITHIN = 0.04  # m from the goal within which a standing robot only turns; less than the tolerance
 _LEAVING = (0.0, 0.3)  # speeds at the end of the straight drive away from a ball, as shares of the limit
-_TRIES_AT_SPEED = 1000
-"""Paths that are checked to arrive at a speed, half as many after leaving a ball: so that a tick suffices."""
-_SLOWER = (1.0, 0.75, 0.5)  # of the goal's speed; where there is no way to arrive so fast, the next, and rest
+_TRIES_AT_SPEED = 1000  # paths to arrive at a speed that are checked in a tick, half as many to leave a ball
+_SLOWER = (1.0, 0.75, 0.5)  # shares of the goal's speed that are tried one after the other, then 0
 
 
 class GoToPose(PlannedAction):
-    """Drives to a pose of the axle, or of the hold when the goal is a ball (paper: goToPose, goToBall).
+    """Drives to a pose of the axle, or of the hold if the goal is a ball (paper: goToPose, goToBall).
 
-    A ball at the goal is approached in a straight run; where it rolls, the place where it will stop is
-    approached. A ball elsewhere is an obstacle. A robot that starts too near the ball first drives straight
-    away from it, usually backward.
+    A ball at the goal is approached in a straight run to where it will come to rest. A ball elsewhere is an
+    obstacle. A robot that starts too near the ball first drives straight away from it, usually backward.
     """
 
     name = "goToPose"
@@ -58,7 +55,7 @@ class GoToPose(PlannedAction):
         free_entries(limits, 0.0), free_exits(limits, 0.0), run_exits(limits, 0.0, approach_run(self.robot))
 
     def start(self, world: World, goal: Goal) -> None:
-        """Plan the way to `goal`; see `Action.start`."""
+        """Plan the path to `goal`; see `Action.start`."""
         rest = self._rest(world)
         near = 2.0 * caught_within(self.robot)
         at_goal = rest is not None and math.hypot(rest.x - goal.pose.x, rest.y - goal.pose.y) < near
@@ -71,17 +68,17 @@ class GoToPose(PlannedAction):
         if self._approach and rest is not None:
             self.goal = dataclasses.replace(self.goal, pose=Pose(rest.x, rest.y, self.goal.pose.yaw))
         self._planned_for = rest
-        # A robot that has a plan keeps it where no way leads there so fast.
+        # A robot that has a plan keeps it if there is no path at the goal's speed.
         slower = _SLOWER if self._tracker is None and self.goal.speed else ()
         for share in slower:
             try:
                 return self._arriving(world, rest, share * self.goal.speed)
             except ActionError:
-                continue  # as where a weak robot has no room to gain speed
+                continue  # as when a weak robot has no room to gain speed
         return self._arriving(world, rest, 0.0 if slower else self.goal.speed)
 
     def _arriving(self, world: World, rest: ObjectState | None, speed: float) -> Manoeuvre:
-        """Plan to arrive at `speed` (m/s) where the ball rests there or elsewhere."""
+        """Plan to arrive at `speed` (m/s); `rest` is where the ball comes to rest."""
         run, limits = approach_run(self.robot) if self._approach else 0.0, self.plan_limits
         exits = run_exits(limits, speed, run) if run else free_exits(limits, speed)
         obstacles = Obstacles(rest, run)
@@ -91,10 +88,9 @@ class GoToPose(PlannedAction):
         if away == 0.0:
             try:
                 found = self._direct(start, goal, speed, exits, obstacles)
-            except ActionError:  # the last bit to a ball may not be enough room to come to it
-                away = distance_to_clear(
-                    start.pose, goal, dataclasses.replace(obstacles, run=0.0), self.robot
-                )
+            except ActionError:  # there may be too little room before the ball to approach it
+                outside = dataclasses.replace(obstacles, run=0.0)
+                away = distance_to_clear(start.pose, goal, outside, self.robot)
                 if away == 0.0:
                     raise
         if found is None:
@@ -117,7 +113,7 @@ class GoToPose(PlannedAction):
     def _leaving_ball(
         self, start: RobotState, goal: Pose, exits: Ends, obstacles: Obstacles, away: float, tries: int
     ) -> Manoeuvre:
-        """Plan a straight drive by `away` (m, signed), which clears the ball, and the way on to `goal`."""
+        """Plan a straight drive by `away` (m, signed), which clears the ball, and on to `goal`."""
         limits, clear = self.plan_limits, start.pose.ahead(away)
         best: Manoeuvre | None = None
         failure: ActionError | None = None
@@ -136,7 +132,7 @@ class GoToPose(PlannedAction):
             if best is None or found.duration < best.duration:
                 best = found
         if best is None:
-            raise failure or ActionError("expected a way to leave the ball, found none")
+            raise failure or ActionError("expected a path away from the ball, found none")
         return best
 
     def outdated(self, world: World) -> bool:
@@ -148,7 +144,7 @@ class GoToPose(PlannedAction):
         return not touching and math.hypot(rest.x - planned.x, rest.y - planned.y) > _MOVED
 
     def missed(self, world: World) -> str | None:
-        """Return why the robot is not at the goal; an approach gets there only if it has caught the ball."""
+        """Return why the robot is not at the goal; None if it is, after an approach with the ball."""
         caught = not self._approach or self.robot.hold_offset(world, BALL) <= caught_within(self.robot)
         return super().missed(world) or (None if caught else "the ball is not in front")
 

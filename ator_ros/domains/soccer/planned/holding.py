@@ -1,4 +1,4 @@
-"""Moving with a ball that is only pushed: what keeps it in front, how it turns, and dribbleBall."""
+"""dribbleBall, and which motions keep a pushed ball in front."""
 
 from __future__ import annotations
 
@@ -18,18 +18,17 @@ from ator_ros.motion.paths import Ends, entries_of, exits_of
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import World
 
-_MARGIN = 0.05  # m/s^2 of push that is always left
+_MARGIN = 0.05  # m/s^2: least push
 # Speeds, changes of speed and turn rates as shares of the limits for dribbling.
-_MOST_GAINED = 0.9625  # what plans may use of a limit is a little more
 _ENTRY_SPEEDS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.35, 0.55, 0.8)
-_ENTRY_GAINS = (*(step / 16 for step in range(15)), _MOST_GAINED)
+_ENTRY_GAINS = (*(step / 16 for step in range(15)), 0.9625)  # the last a little less than `PLAN_SHARE`
 _EXIT_SPEEDS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.75, 0.95)
 _EXIT_LOSSES = (0.0, 0.25, 0.5, 0.75, 0.9)
 _RATES = tuple(1.0 - 0.02 * step for step in range(40))
 _RELEASE_SPEEDS = (0.3, 0.5, 0.75, 0.95)
 _RELEASE_RATES = (1.0, 0.67, 0.33)
 _LARGEST_TURN = math.radians(300.0)
-_DIGITS = 6  # of m/s and m/s^2: the same ways to drive have the same numbers, by which tables are kept
+_DIGITS = 6  # of m/s and m/s^2: tables are cached by these numbers
 
 
 def held_limits(robot: Robot, what: str) -> Limits:
@@ -40,11 +39,10 @@ def held_limits(robot: Robot, what: str) -> Limits:
 
 
 def _push(robot: Robot, v: float, w: float, acceleration: float) -> float:
-    """Return how hard the front presses against the held ball, as an acceleration in m/s^2.
+    """Return the push of the front against the held ball as an acceleration in m/s^2; negative if it leaves.
 
-    The ball, ahead of the axle by `hold`, is on a circle: it needs a centripetal acceleration toward the
-    axle, for which only its own rolling resistance and the robot's acceleration (m/s^2) can make up.
-    Negative: it leaves.
+    The ball, `hold` ahead of the axle, is on a circle. Only its rolling resistance and the acceleration of
+    the robot (m/s^2) provide the centripetal acceleration toward the axle.
     """
     swing = robot.hold * w
     speed = math.hypot(v, swing)
@@ -54,7 +52,7 @@ def _push(robot: Robot, v: float, w: float, acceleration: float) -> float:
 
 @lru_cache(maxsize=16)
 def entries_with_ball(robot: Robot, limits: Limits, speed: float) -> Ends:
-    """Return the ways to begin at `speed` (m/s) with the ball: straight, then turn as fast as it allows."""
+    """Return the entries at `speed` (m/s) with the ball: straight, then a turn as fast as the ball allows."""
     gain = min(robot.holder_for("pushing a ball").limits.a, robot.limits.a)
     sides = []
     for v in sorted({*_shares(_ENTRY_SPEEDS, limits.v), speed}):
@@ -67,9 +65,9 @@ def entries_with_ball(robot: Robot, limits: Limits, speed: float) -> Ends:
 
 @lru_cache(maxsize=4096)
 def _fastest_rate(robot: Robot, limits: Limits, v: float, change: float) -> float:
-    """Return the greatest turn rate in rad/s that keeps the ball at a speed that changes; 0 if none does."""
+    """Return the greatest turn rate in rad/s that keeps the ball at a changing speed; 0 if none does."""
     for rate in (share * limits.w for share in _RATES):
-        # It must also keep the ball at the greatest speed, if it reaches that.
+        # The turn must also keep the ball at the greatest speed, if that is reached.
         fast = v + change * _LARGEST_TURN / rate >= limits.v
         pushes = [_push(robot, v, rate, change), *([_push(robot, limits.v, rate, 0.0)] if fast else [])]
         if all(push >= _MARGIN for push in pushes):
@@ -79,7 +77,7 @@ def _fastest_rate(robot: Robot, limits: Limits, v: float, change: float) -> floa
 
 @lru_cache(maxsize=16)
 def release_exits(robot: Robot, limits: Limits) -> Ends:
-    """Return the ways to end at full speed with the ball: turn at a constant speed, then run up straight."""
+    """Return the exits at full speed with the ball: a turn at constant speed, then a straight run-up."""
     speeds = _shares(_RELEASE_SPEEDS, limits.v)
     sides = [
         Side(change_distance(v, limits.v, limits), limits.v, v, 0.0, rate * limits.w)
@@ -92,7 +90,7 @@ def release_exits(robot: Robot, limits: Limits) -> Ends:
 
 @lru_cache(maxsize=16)
 def dribble_exits(robot: Robot, limits: Limits, speed: float) -> Ends:
-    """Return the ways to end at `speed` (m/s) with the ball: turn as fast as it allows, then straight."""
+    """Return the exits at `speed` (m/s) with the ball: a turn as fast as the ball allows, then straight."""
     sides = []
     for v in sorted({*_shares(_EXIT_SPEEDS, limits.v), speed} - {0.0}):
         run = change_distance(v, speed, limits)
@@ -108,20 +106,20 @@ def _shares(shares: Sequence[float], limit: float) -> list[float]:
 
 
 class HoldingAction(PlannedAction):
-    """A planned action with the ball in front, within the robot's limits for dribbling."""
+    """A planned action with the ball in front, within the limits for dribbling."""
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot, held_limits(robot, self.name))
-        # Backing off would leave the ball behind.
+        # To drive back would lose the ball.
         self.reserve = max(0.0, robot.limits.brake - self.plan_limits.brake)
 
-    def check_ways(self, *ways: Ends) -> None:
-        """Raise ActionError if there are no ways to begin, or to end, with the ball."""
-        if any(len(ends.times) == 0 for ends in ways):
+    def check_turns(self, *tables: Ends) -> None:
+        """Raise ActionError if a table of entries or exits with the ball is empty."""
+        if any(len(ends.times) == 0 for ends in tables):
             raise ActionError(f"{self.name}: expected a turn in which the ball stays in front, there is none")
 
     def start(self, world: World, goal: Goal) -> None:
-        """Plan the way to `goal`; see `Action.start`."""
+        """Plan the path to `goal`; see `Action.start`."""
         check_held(world, self.robot, self.name)
         super().start(world, goal)
 
@@ -139,10 +137,10 @@ class DribbleBall(HoldingAction):
     def setup(self) -> None:
         """Compute the tables of dribbles from rest to rest; see `Action.setup`."""
         limits = self.plan_limits
-        self.check_ways(entries_with_ball(self.robot, limits, 0.0), dribble_exits(self.robot, limits, 0.0))
+        self.check_turns(entries_with_ball(self.robot, limits, 0.0), dribble_exits(self.robot, limits, 0.0))
 
     def plan(self, world: World) -> Manoeuvre:
-        """Plan forward turns and drives that keep the ball pressed to the front."""
+        """Plan forward turns and drives that keep the ball in front."""
         limits = self.plan_limits
         entries = entries_with_ball(self.robot, limits, round(max(0.0, world.robot.v), 3))
         exits = dribble_exits(self.robot, limits, self.goal.speed)

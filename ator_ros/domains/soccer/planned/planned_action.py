@@ -1,4 +1,4 @@
-"""What the actions of the default set share: plan once, commit, track, replan only when disturbed."""
+"""Base class of the default actions: plan once, commit, track, replan only when disturbed."""
 
 from __future__ import annotations
 
@@ -16,42 +16,39 @@ from ator_ros.motion.trajectory import Trajectory, opening_of
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, World
 
-# Share of the base's limits that plans use; the rest is for feedback.
-PLAN_SHARE = 0.97
-# Motors that lag more than this, in s, need more for feedback; never more than half.
-_USUAL_LAG, _LEAST_SHARE = 0.08, 0.5
-POSITION_TOLERANCE = 0.05
-HEADING_TOLERANCE = 0.1
+PLAN_SHARE = 0.97  # of the base's limits that plans use; the rest is for feedback
+_USUAL_LAG, _LEAST_SHARE = 0.08, 0.5  # s: motors that lag more need more for feedback, at most half
+POSITION_TOLERANCE = 0.05  # m
+HEADING_TOLERANCE = 0.1  # rad
 _REPLANS = 20
-_LATE = 0.4  # s that a robot may be late at a goal that it passes: one that is weak falls behind its plan
+_LATE = 0.4  # s that a weak robot may be late at a goal with a speed
 
 
 class PlannedAction(Action):
-    """An action that follows one planned manoeuvre; `limits` are what it may ask of the base."""
+    """An action that follows one planned manoeuvre within `limits`."""
 
     verb: ClassVar[str]
     reserve = math.inf
-    """Deceleration in m/s^2 that is left to lose what the robot is too fast; see `Tracker`."""
+    """Deceleration in m/s^2 of the base beyond that of plans; see `Tracker`."""
     counts_moved_goals = True
-    """Whether a new plan for a moved goal is one of those after which it gives up."""
+    """Whether new plans for a moved goal count toward the greatest number of plans."""
 
     def __init__(self, robot: Robot, limits: Limits) -> None:
         super().__init__(robot)
         self.limits = limits
-        # What is left of the limits is for feedback.
         share = PLAN_SHARE - max(0.0, robot.motor_time_constant - _USUAL_LAG)
         usable = limits.within(robot.limits.scaled(max(share, _LEAST_SHARE)))
-        # With a turn rate at which wheels don't slide, whatever the speed.
+        # With a turn rate at which wheels do not slide at any speed.
         self.plan_limits = dataclasses.replace(usable, w=steady_rate(robot, usable.w, usable.v))
 
     def start(self, world: World, goal: Goal) -> None:
-        """Plan the way to `goal`; see `Action.start`."""
+        """Plan the path to `goal`; see `Action.start`."""
         check_arrival(goal, self.limits.v, self.name)
         self.goal = goal
         self._arrival_speed = goal.speed
         self._replans = 0
         self._tracker: Tracker | None = None
-        self._stopping = False  # since there is no way to the goal from a state in motion
+        self._stopping = False  # because there is no path to the goal from a state in motion
         if not self.is_done(world):
             self._tracker = self._planned(world, waits=True)
 
@@ -61,18 +58,18 @@ class PlannedAction(Action):
 
     @abstractmethod
     def plan(self, world: World) -> Manoeuvre:
-        """Plan from the state `world`, in which the robot does not turn; ActionError where impossible."""
+        """Plan from `world`, in which the robot does not turn; ActionError if there is no path."""
 
     def is_done(self, world: World) -> bool:
         """Return whether nothing is left to do at the start."""
         return world.robot.is_still and self.goal.speed == 0.0 and self.missed(world) is None
 
     def check(self, world: World) -> str | None:  # noqa: ARG002
-        """Return why the action has failed at this tick, None if it has not."""
+        """Return why the action has failed at this tick; None if it has not."""
         return None
 
     def outdated(self, world: World) -> bool:  # noqa: ARG002
-        """Return whether what was planned for has changed."""
+        """Return whether the situation has changed for which the action planned."""
         return False
 
     def arrive(self, world: World) -> Step:
@@ -90,15 +87,15 @@ class PlannedAction(Action):
         return self.replan(world, why)
 
     def missed(self, world: World) -> str | None:
-        """Return why the robot is not at the goal, None if it is."""
+        """Return why the robot is not at the goal; None if it is."""
         distance, heading = self._off(world)
-        # A goal that is passed at a speed is judged once per tick.
+        # A goal with a speed is passed between two ticks.
         most = max(POSITION_TOLERANCE, self._arrival_speed * CONTROL_PERIOD)
         near = distance <= most and heading <= HEADING_TOLERANCE
         return None if near else f"missed: {_described(distance, heading)}"
 
     def _off(self, world: World) -> tuple[float, float]:
-        """Return the distance to the goal in m, and the angle to its heading in rad."""
+        """Return the distance to the goal in m and the angle to its heading in rad."""
         pose, goal = world.robot.pose, self.target()
         return pose.distance(goal), abs(pose.relative(goal).yaw)
 
@@ -125,7 +122,7 @@ class PlannedAction(Action):
         return Step(tracker.command(world), Status.RUNNING, f"{self.verb}, {tracker.left(world):.1f} s to go")
 
     def replan(self, world: World, why: str, *, counts: bool = True) -> Step:
-        """Plan again from here, or fail after too many plans of those that `counts` is true for."""
+        """Plan again from here, or fail after too many plans for which `counts` is true."""
         self._replans += counts
         if self._replans > _REPLANS:
             return finished(Status.FAILED, f"{why}; gave up after {_REPLANS} new plans")
@@ -134,7 +131,7 @@ class PlannedAction(Action):
             self._tracker = self._planned(world)
         except ActionError as error:
             if self._tracker.left(world) > 0.0 and not self._tracker.disturbed(world):
-                # A noisy position of the ball may block every way for a moment.
+                # A noisy position of the ball may block all paths for a moment.
                 return self._following(world, f"{why}; keeping to the plan: {error}")
             if world.robot.is_still:
                 return finished(Status.FAILED, f"{why}; {error}")
@@ -145,7 +142,7 @@ class PlannedAction(Action):
         return self._following(world, f"{why}: planned again")
 
     def _planned(self, world: World, *, waits: bool = False) -> Tracker:
-        """Plan from the state `world`; return what follows the plan."""
+        """Return the tracker of a plan from `world`."""
         opening = opening_of(world.robot, self.plan_limits)
         manoeuvre = self.plan(dataclasses.replace(world, robot=opening.end))
         self._stopping = False

@@ -1,7 +1,4 @@
-"""Plan the fastest manoeuvre to a goal that is clear of the ball and of the goals' walls.
-
-Compiled code checks many candidates at once.
-"""
+"""Plan the fastest manoeuvre that is clear of the ball and of the goals' walls."""
 
 from __future__ import annotations
 
@@ -31,30 +28,21 @@ from ator_ros.motion.trajectory import most_states, write_states
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import ObjectState
 
-_INTERVALS = (0.25, 0.05)  # s between the states that are checked, first and last: 6 cm at full speed
-
-_BALL_MARGIN = 0.04  # m that are kept free around a ball
-_CLEARING = np.arange(0.0, 1.5, 0.01)  # lengths in m of straight drives that may lead away from a ball
+_INTERVALS = (0.25, 0.05)  # s between the states that are checked, coarse and fine: 6 cm at full speed
+_BALL_MARGIN = 0.04  # m of free space around a ball
+_CLEARING = np.arange(0.0, 1.5, 0.01)  # m: lengths of straight drives away from a ball
 
 
 @dataclass(frozen=True, slots=True)
 class Obstacles:
-    """What a motion must not touch.
-
-    Attributes
-    ----------
-    ball : ObjectState or None
-        The ball, taken as standing still.
-    run : float
-        Length in m of the straight run at the end, in which the ball may be touched.
-    """
+    """The ball at rest, if any, and the length (m) of the run at the end in which it may be touched."""
 
     ball: ObjectState | None = None
     run: float = 0.0
 
 
 def is_free(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> bool:
-    """Return whether the robot touches no obstacle at the start; otherwise no motion to `goal` is clear."""
+    """Return whether the robot touches no obstacle at the start of a motion to `goal`."""
     pose, ball = np.array([start]), obstacles.ball
     if touches_goals(pose, robot):
         return False
@@ -64,36 +52,35 @@ def is_free(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> bool
 
 
 def distance_to_clear(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> float:
-    """Return how far in m (negative: backward) to drive straight until the robot is clear of the ball.
+    """Return the distance in m (negative: backward) of a straight drive that clears the ball.
 
-    It is 0 if the robot is clear at the start, or if no straight drive clears it without coming nearer to the
-    ball or touching a goal.
+    It is 0 if the robot is clear at the start, or if each drive comes nearer to the ball or touches a goal.
     """
     ball = obstacles.ball
     if ball is None or is_free(start, goal, obstacles, robot) or touches_goals(np.array([start]), robot):
         return 0.0
     found = []
     for sign in (-1.0, 1.0):
-        ways = sign * _CLEARING
-        poses = np.array([start.ahead(way) for way in ways])
+        drives = sign * _CLEARING
+        poses = np.array([start.ahead(drive) for drive in drives])
         distances = ball_distances(poses, ball, robot)
         clear = distances >= _BALL_MARGIN
         until = slice(int(np.argmax(clear)) + 1)
         nearer = distances[until].min() < distances[0] - 1e-9
         if clear.any() and not nearer and not touches_goals(poses[until], robot):
-            found.append(float(ways[until][-1]))
+            found.append(float(drives[until][-1]))
     return min(found, key=abs, default=0.0)
 
 
 def ball_distances(poses: FloatArray, ball: ObjectState, robot: Robot) -> FloatArray:
-    """Return the free distance in m between the robot at each pose, (n, 3), and the ball's surface, (n,)."""
+    """Return the distances in m, shape (n,), between the robot at poses, (n, 3), and the ball's surface."""
     x, y, yaw = poses.T
     distances = _outline_distance(ball.x - x, ball.y - y, yaw, _outline(robot))
     return np.asarray(distances - robot.scene.radius(BALL))
 
 
 class Outline(NamedTuple):
-    """The robot's outline and the goals, in m; see `field.wall_distance`."""
+    """The robot's outline and the goals, in m; for the last three see `field.wall_distance`."""
 
     front: float
     rear: float
@@ -126,7 +113,7 @@ def _outline_distance(dx: Any, dy: Any, yaw: Any, shape: Outline) -> Any:
 
 
 class BallObstacle(NamedTuple):
-    """A ball that is in the way, in m: its center (NaN: none), radius, and the run to it."""
+    """A ball that must not be touched, in m: its center (NaN: none), radius, and the run to it."""
 
     x: float
     y: float
@@ -135,10 +122,7 @@ class BallObstacle(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """What manoeuvres are checked against: the limits, the robot with the goals, and the ball.
-
-    Places are relative to the center of the area, as walls are mirrored.
-    """
+    """The limits, the robot with the goals, and the ball, relative to the center of the area."""
 
     rates: Rates
     outline: Outline
@@ -146,7 +130,7 @@ class Surroundings(NamedTuple):
 
 
 def surroundings(robot: Robot, limits: Limits, obstacles: Obstacles) -> Surroundings:
-    """Return what manoeuvres within `limits` are checked against."""
+    """Return the surroundings in which manoeuvres within `limits` are checked."""
     ball, area = obstacles.ball, robot.scene.area
     x, y = (np.nan, np.nan) if ball is None else (ball.x - area.x, ball.y - area.y)
     in_the_way = (x, y, robot.scene.radius(BALL), obstacles.run)
@@ -171,7 +155,7 @@ def is_clear(
     around: Surroundings,
     forward: bool,
 ) -> bool:
-    """Return whether a manoeuvre can be driven, where `forward` without driving backward; see `Manoeuvre`."""
+    """Return whether a manoeuvre is clear and, if `forward`, without driving backward; see `Manoeuvre`."""
     speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
     duration = write_pieces(speeds, turns, first, last, drive, entry, leaving, around.rates)
     if forward and not is_forward(speeds, drive, around.rates):
@@ -196,7 +180,7 @@ def _touches(states: FloatArray, goal: Pose, shape: Outline, ball: BallObstacle)
     if math.isnan(ball.x):
         return False
     end = len(states) - 1
-    if ball.run > 0.0:  # in the run the ball lies straight ahead
+    if ball.run > 0.0:  # in the run the ball is straight ahead
         while end >= 0 and math.hypot(states[end, 0] - goal.x, states[end, 1] - goal.y) <= ball.run:
             end -= 1
     near = max(shape.reach, math.hypot(max(shape.front, shape.rear), shape.half_width))
@@ -213,25 +197,24 @@ _SHARES = (-1.0, -0.85, -0.7, -0.55, -0.4, -0.25, -0.1, 0.0, 0.1, 0.25, 0.4, 0.5
 _RUN_CHANGES = (-1.0, -0.75, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.75, 1.0)
 _RUN_SHARES = (0.0, 0.35, 0.6, 0.8, 1.0)
 TRIES = 10_000
-"""Paths that are checked, 2 us each. In 6000 dribbles that begin at speed, anywhere on the field, the last
-success was try 4225, by a robot that brakes weakly (Pioneer LX)."""
-_LONGER = 0.05  # s that closing a path may add; some then need a drive back, which takes seconds
+"""Paths that are checked, 2 us each. In 6000 dribbles that began at speed the last success was try 4225."""
+_LONGER = 0.05  # s that closing a path may add; some then need a drive back of seconds
 
 
 def _free_sides(limits: Limits, speed: float) -> list[Side]:
-    """Return candidate sides without a ball: turn at once, at several changes of speed."""
-    change = min(limits.a, limits.brake)  # which of them it is depends on the direction of driving
+    """Return candidate sides without a ball: an immediate turn, at several changes of speed."""
+    change = min(limits.a, limits.brake)  # the direction of driving decides which of them applies
     return [Side(0.0, speed, speed, share * change, limits.w) for share in _SHARES]
 
 
 @lru_cache(maxsize=16)
 def run_exits(limits: Limits, speed: float, length: float) -> Ends:
-    """Return the ways to arrive with a straight run of `length` m up to the ball, arriving at `speed`."""
-    # Seen from the goal, backward in time: what gains speed here brakes there.
+    """Return the exits at `speed` (m/s) with a straight run of `length` m to the ball."""
+    # Exits are backward in time: a gain of speed here is braking in the drive.
     fastest_ = math.sqrt(speed * speed + 2.0 * limits.brake * length)
     slowest = math.sqrt(max(0.0, speed * speed - 2.0 * limits.a * length))
     speeds = {slowest + share * (min(limits.v, fastest_) - slowest) for share in _RUN_SHARES}
-    change = min(limits.a, limits.brake)  # the turn may begin in reverse: then it loses speed first
+    change = min(limits.a, limits.brake)  # a turn that begins in reverse loses speed first
     sides = [
         Side(length, speed, at, share * (limits.brake if share > 0.0 else change), limits.w)
         for at in sorted(speeds)
@@ -242,7 +225,7 @@ def run_exits(limits: Limits, speed: float, length: float) -> Ends:
 
 @lru_cache(maxsize=16)
 def free_entries(limits: Limits, speed: float, *, stops: bool = True) -> Ends:
-    """Return the ways to begin at `speed` (m/s): turn at once, or if it `stops`, after a stop as well."""
+    """Return the entries at `speed` (m/s): an immediate turn and, if `stops`, also one after a stop."""
     sides = _free_sides(limits, speed)
     if stops and speed != 0.0:
         stop = math.copysign(0.5 * speed * speed / limits.brake, speed)
@@ -252,7 +235,7 @@ def free_entries(limits: Limits, speed: float, *, stops: bool = True) -> Ends:
 
 @lru_cache(maxsize=16)
 def free_exits(limits: Limits, speed: float) -> Ends:
-    """Return the ways to arrive at `speed` (m/s) with a turn."""
+    """Return the exits at `speed` (m/s) with a turn."""
     return exits_of(_free_sides(limits, speed), limits)
 
 
@@ -269,12 +252,12 @@ def fastest(
     tries: int = TRIES,
     longest: float = math.inf,
 ) -> Manoeuvre:
-    """Plan the fastest allowed manoeuvre among the `tries` fastest ones of up to `longest` s.
+    """Return the fastest clear manoeuvre among the `tries` fastest ones of up to `longest` s.
 
     Raises
     ------
     ActionError
-        No manoeuvre between the poses is clear of the obstacles.
+        There is none.
     """
     if not is_free(start, goal, obstacles, robot):
         raise ActionError(
@@ -293,7 +276,7 @@ def fastest(
     )
     if found < 0:
         raise ActionError(
-            f"expected a free way from ({start.x:.2f}, {start.y:.2f}) m "
+            f"expected a free path from ({start.x:.2f}, {start.y:.2f}) m "
             f"to ({goal.x:.2f}, {goal.y:.2f}) m, found none"
         )
     entry, exit_ = entries.sides[paths.entries[found]], exits.sides[paths.exits[found]]
@@ -321,7 +304,7 @@ def _first_clear(
     around: Surroundings,
     forward: bool,
 ) -> tuple[int, float, float, float]:
-    """Return the first of the paths that can be driven, with its turns and drive once closed; -1 if none."""
+    """Return the index of the first clear path, with its turns and drive after closing; -1 if none is."""
     speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
     for index in range(len(paths.times)):
         entry, leaving = entries[paths.entries[index]], exits[paths.exits[index]]

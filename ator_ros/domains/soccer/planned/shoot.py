@@ -1,7 +1,4 @@
-"""shoot: send the ball into the goal by motion alone, since the robot has no kicker.
-
-A run-up ends straight ahead: accelerate, then release the ball to roll between the posts.
-"""
+"""shoot: accelerate straight at the goal, then brake so that the ball rolls on between the posts."""
 
 from __future__ import annotations
 
@@ -33,28 +30,23 @@ from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import World
 
 _SLANT = math.radians(60.0)  # greatest angle between a shot and the goal's axis
-# Share of the way that a ball rolls out which it is sent: the rest makes up for losses. The robot, which
-# brakes harder than the ball, then comes to rest with its axle before the line.
-_ROLL_SHARE = 0.62
+_ROLL_SHARE = 0.62  # of the ball's rolling distance, at which it is released; the rest is for losses
 _ROOM = 0.05  # m between the robot and the goal's posts and walls
 _AIMS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # shares of half the goal's width
 _SLANTS = tuple(math.radians(angle) for angle in (-50.0, -25.0, 0.0, 25.0, 50.0))
-_GRID_TRIES = 1500  # where the posts block so many, there is no room
+_GRID_TRIES = 1500  # run-ups that are checked
 _TURNS: FloatArray = math.radians(1.0) * np.arange(-292, 293, dtype=float)
 _LEADS: FloatArray = np.array((0.0, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0, 1.4))
 
 
 class _Shooting(NamedTuple):
-    """Numbers of robot, ball and goal that run-ups depend on: lengths in m, accelerations in m/s^2.
-
-    `roll` is how far a ball is sent before it is let go, in m per (m/s)^2, `rolling` how it slows down.
-    """
+    """Numbers of robot, ball and goal for run-ups: lengths in m, decelerations in m/s^2."""
 
     rates: Rates
     hold: float
     reach: float
     radius: float
-    roll: float
+    roll: float  # m per (m/s)^2: see `_roll_of`
     rolling: float
     brake: float
     half_width: float
@@ -62,57 +54,53 @@ class _Shooting(NamedTuple):
 
 
 def _run_up(robot: Robot, start: Pose, mouth: Pose, entries: Ends, limits: Limits) -> Manoeuvre | None:
-    """Plan the run-up with one turn that has the ball in the goal first; None where the posts block all.
+    """Plan the run-up with one turn that has the ball in the goal first; None if the posts block all.
 
-    `mouth` is the middle of the goal's mouth, heading out of the field. The leads of the entries are also
-    tried longer.
+    `mouth` is the middle of the goal's mouth, heading out of the field.
     """
-    seen = Pose(*map(float, mouth.relative(start)))
+    begin = Pose(*map(float, mouth.relative(start)))
     ball, field = robot.scene.objects[BALL], field_of(robot)
     numbers = (
         robot.hold, robot.reach, ball.radius, _roll_of(robot), ball.rolling_deceleration, robot.limits.brake,
         field.goal_width / 2.0, field.goal_depth,
     )  # fmt: skip
     shooting = _Shooting(rates_of(limits), *map(float, numbers))
-    found = ranked(_run_ups(seen, entries, shooting), _GRID_TRIES)
+    found = ranked(_run_ups(begin, entries, shooting), _GRID_TRIES)
     around = surroundings(robot, limits, Obstacles())
     index = _first_clear_run_up(from_center(start, robot), found, entries.sides, around)
     if index < 0:
         return None
     entry, turn, pushed, released = found[index, [1, 3, 4, 5]].tolist()
-    begin = Side(*entries.sides[int(entry)].tolist())._replace(length=float(found[index, 2]))
-    goal = _end_of(start, found[index], np.array(begin), around.rates)
+    side = Side(*entries.sides[int(entry)].tolist())._replace(length=float(found[index, 2]))
+    goal = _end_of(start, found[index], np.array(side), around.rates)
     release = Side(0.0, released, released, 0.0, limits.w)
-    return Manoeuvre(start, goal, begin, release, turn, 0.0, pushed, limits)
+    return Manoeuvre(start, goal, side, release, turn, 0.0, pushed, limits)
 
 
 @compiled
-def _run_ups(seen: Pose, entries: Ends, shooting: _Shooting) -> FloatArray:
-    """Find all run-ups on the grid from a pose seen from the goal's mouth.
+def _run_ups(start: Pose, entries: Ends, shooting: _Shooting) -> FloatArray:
+    """Return all run-ups on the grid from a pose relative to the goal's mouth, shape (n, 6).
 
-    Returns
-    -------
-    ndarray, shape (n, 6)
-        Times in s until the ball is in, the entries, lengths of leads in m, turns in rad, lengths of the last
-        straights in m, speeds at their ends in m/s.
+    Columns: time in s until the ball is in, number of the entry, length of its lead in m, turn in rad, length
+    of the last straight in m, speed at its end in m/s.
     """
     rates, sides, (along, across) = shooting.rates, entries.sides, entries.turns
     found, count = np.empty((len(_TURNS) * len(sides) * len(_LEADS), 6)), 0
-    cos, sin = math.cos(seen.yaw), math.sin(seen.yaw)
+    cos, sin = math.cos(start.yaw), math.sin(start.yaw)
     for turn in _TURNS:
-        heading = (seen.yaw + turn + math.pi) % math.tau - math.pi
+        heading = (start.yaw + turn + math.pi) % math.tau - math.pi
         if abs(heading) > _SLANT or abs(turn) > WIDEST:
             continue
         c, s = math.cos(heading), math.sin(heading)
-        ahead, aside = math.cos(seen.yaw + turn), math.sin(seen.yaw + turn)
+        ahead, aside = math.cos(start.yaw + turn), math.sin(start.yaw + turn)
         for entry in range(len(sides)):
             outer, begin, change, rate = sides[entry, 1], sides[entry, 2], sides[entry, 3], sides[entry, 4]
             turning = turn_time(turn, rate, rates.aw)
             speed = min(max(begin + change * turning, -rates.v), rates.v)
             forth = look_up(along, entry, turn) + begin * turning
             left = look_up(across, entry, turn)
-            turned_x = seen.x + ahead * forth - aside * left
-            turned_y = seen.y + aside * forth + ahead * left
+            turned_x = start.x + ahead * forth - aside * left
+            turned_y = start.y + aside * forth + ahead * left
             for further in _LEADS:
                 lead = sides[entry, 0] + further
                 x, y = turned_x + lead * cos, turned_y + lead * sin
@@ -130,40 +118,39 @@ def _run_ups(seen: Pose, entries: Ends, shooting: _Shooting) -> FloatArray:
 def _release(
     x: float, y: float, c: float, s: float, speed: float, shooting: _Shooting
 ) -> tuple[float, float, float]:
-    """Return how far (m) to push a ball straight at a goal, how fast (m/s), and the time (s) until it is in.
+    """Return how far (m) and to which speed (m/s) to push a ball straight on, and the time (s) to the goal.
 
-    The straight begins at the axle's place (x, y) in the frame of the goal's mouth (x points out of the
-    field), at `speed`, in the direction with cosine `c` and sine `s`. Where the mouth is missed, or the robot
-    would brake into the goal, the time is infinite.
+    The straight begins at the axle's place (x, y) in the frame of the goal's mouth, at `speed`, in the
+    direction with cosine `c` and sine `s`. The time is infinite if ball or robot would miss the mouth.
     """
     ball_x, ball_y = x + shooting.hold * c, y + shooting.hold * s
-    way, crossing = (shooting.radius - ball_x) / c, ball_y - ball_x * s / c
-    if way < 0.0 or (shooting.half_width - abs(crossing)) * c - shooting.reach < _ROOM:
+    left, crossing = (shooting.radius - ball_x) / c, ball_y - ball_x * s / c
+    if left < 0.0 or (shooting.half_width - abs(crossing)) * c - shooting.reach < _ROOM:
         return 0.0, 0.0, np.inf
     rates, roll = shooting.rates, shooting.roll
-    gaining = (way - roll * speed * speed) / (1.0 + 2.0 * roll * rates.a)
-    pushed = max(gaining, way - roll * rates.v * rates.v, 0.0)
+    gaining = (left - roll * speed * speed) / (1.0 + 2.0 * roll * rates.a)
+    pushed = max(gaining, left - roll * rates.v * rates.v, 0.0)
     released = min(math.sqrt(speed * speed + 2.0 * rates.a * pushed), rates.v)
-    # A turn may end later than where the ball could be let go, as long as the robot stops inside the goal.
+    # A turn may end beyond the place of the release, as long as the robot stops inside the goal.
     stop = pushed + released * released / (2.0 * shooting.brake)
     inside = shooting.depth - (x + stop * c)
     beside = shooting.half_width - abs(y + stop * s)
     if min(inside, beside) - shooting.reach < _ROOM:
         return 0.0, 0.0, np.inf
     time = drive_time(pushed, speed, released, rates)
-    return pushed, released, time + _rolling_time(shooting.rolling, released, way - pushed)
+    return pushed, released, time + _rolling_time(shooting.rolling, released, left - pushed)
 
 
 @compiled
-def _rolling_time(deceleration: float, speed: float, way: float) -> float:
-    """Return the time in s in which a ball released at `speed` (m/s) rolls `way` m."""
-    left = math.sqrt(max(speed * speed - 2.0 * deceleration * way, 0.0))
+def _rolling_time(deceleration: float, speed: float, distance: float) -> float:
+    """Return the time in s in which a ball that is released at `speed` (m/s) rolls `distance` m."""
+    left = math.sqrt(max(speed * speed - 2.0 * deceleration * distance, 0.0))
     return float((speed - left) / deceleration)
 
 
 @compiled
 def _first_clear_run_up(start: Pose, found: FloatArray, entries: FloatArray, around: Surroundings) -> int:
-    """Return the index of the first run-up that can be driven; -1 if none."""
+    """Return the index of the first run-up that is clear of walls; -1 if none is."""
     for index in range(len(found)):
         entry = entries[int(found[index, 1])].copy()
         entry[0], turn, pushed, released = found[index, 2], found[index, 3], found[index, 4], found[index, 5]
@@ -176,14 +163,14 @@ def _first_clear_run_up(start: Pose, found: FloatArray, entries: FloatArray, aro
 
 @compiled
 def _end_of(start: Pose, run_up: FloatArray, entry: FloatArray, rates: Rates) -> Pose:
-    """Return where a run-up ends; see `_run_ups`."""
+    """Return the pose at the end of a run-up; see `_run_ups`."""
     x, y, heading = pose_after_turn(start, run_up[3], entry, rates)
     pushed = run_up[4]
     return Pose(x + pushed * math.cos(heading), y + pushed * math.sin(heading), heading)
 
 
 def _release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
-    """Return some poses of the axle in the world at which a ball pushed at full speed is released."""
+    """Return some poses of the axle from which a ball that is pushed at full speed is released."""
     half, poses = field_of(robot).goal_width / 2.0, []
     for aim, slant in itertools.product(_AIMS, _SLANTS):
         if half * (1.0 - abs(aim)) * math.cos(slant) - robot.reach >= _ROOM:
@@ -194,27 +181,26 @@ def _release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
 
 
 def _time_after(robot: Robot, mouth: Pose, released: Pose, speed: float) -> float:
-    """Return the time in s from the release, there at `speed` (m/s), until the ball is behind the line."""
+    """Return the time in s from a release at `speed` (m/s) until the ball is behind the line."""
     ball, rolling = mouth.relative(released).ahead(robot.hold), robot.scene.objects[BALL]
-    way = (rolling.radius - ball.x) / math.cos(ball.yaw)
-    return _rolling_time(rolling.rolling_deceleration, float(speed), float(way))
+    distance = (rolling.radius - ball.x) / math.cos(ball.yaw)
+    return _rolling_time(rolling.rolling_deceleration, float(speed), float(distance))
 
 
 def _roll_of(robot: Robot) -> float:
-    """Return how far a ball is sent before it is let go, in m per (m/s)^2."""
+    """Return the distance in m per (m/s)^2 from the goal at which a ball is released."""
     return _ROLL_SHARE / (2.0 * robot.scene.objects[BALL].rolling_deceleration)
 
 
-_PATIENCE = 2.0
-_LARGE = math.radians(200.0)  # beyond which two turns may be better than one
-_MOST_TRIES = 40  # for each way to release: where the posts block so many, another release is better
+_PATIENCE = 2.0  # s from the release until the ball is in the goal
+_LARGE = math.radians(200.0)  # turn above which two turns may be faster than one
+_MOST_TRIES = 40  # paths that are checked for each pose of the release
 
 
 class Shoot(HoldingAction):
     """Drives at the goal with the ball and brakes: the ball rolls on over the line.
 
-    The goal's position is the middle of the goal's mouth; its yaw and speed are not used, since what
-    counts is the ball.
+    The goal's position is the middle of the goal's mouth; its yaw and speed are not used.
     """
 
     name = "shoot"
@@ -223,7 +209,7 @@ class Shoot(HoldingAction):
     def setup(self) -> None:
         """Compute the tables of run-ups from rest; see `Action.setup`."""
         limits = self.plan_limits
-        self.check_ways(entries_with_ball(self.robot, limits, 0.0), release_exits(self.robot, limits))
+        self.check_turns(entries_with_ball(self.robot, limits, 0.0), release_exits(self.robot, limits))
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the run-up; see `Action.start`."""
@@ -238,7 +224,7 @@ class Shoot(HoldingAction):
         return is_in_goal(ball, self.goal.pose, field_of(robot), robot.scene.radius(BALL))
 
     def plan(self, world: World) -> Manoeuvre:
-        """Plan the run-up that brings the ball behind the line first."""
+        """Plan the run-up after which the ball is behind the line first."""
         robot, limits, start = self.robot, self.plan_limits, world.robot.pose
         side = field_of(robot).side_of(self.goal.pose.x)
         mouth = self.goal.pose._replace(yaw=0.0 if side > 0 else math.pi)
@@ -253,17 +239,9 @@ class Shoot(HoldingAction):
             longest = soonest - _time_after(robot, mouth, pose, limits.v)
             with suppress(ActionError):
                 plan = fastest(
-                    robot,
-                    start,
-                    pose,
-                    entries,
-                    exits,
-                    limits,
-                    Obstacles(),
-                    forward_only=True,
-                    tries=_MOST_TRIES,
-                    longest=longest,
-                )
+                    robot, start, pose, entries, exits, limits, Obstacles(),
+                    forward_only=True, tries=_MOST_TRIES, longest=longest,
+                )  # fmt: skip
                 time = plan.duration + _time_after(robot, mouth, plan.goal, plan.exit.outer_speed)
                 if time < soonest:
                     best, soonest = plan, time
@@ -283,15 +261,15 @@ class Shoot(HoldingAction):
             why = "the ball stopped before the goal"
             if self.check(world) is not None:
                 return finished(Status.FAILED, why)
-            self._released = None  # so short a push has left it in front
+            self._released = None  # after a short push the ball is still in front
             return self.replan(world, why)
         return finished(Status.RUNNING, "the ball is rolling")
 
     def missed(self, world: World) -> str | None:  # noqa: ARG002
-        """Return what is missing: where the ball is released the goal is not reached yet."""
+        """Return what is missing at the end of the run-up."""
         return "the ball is not released"
 
     def arrive(self, world: World) -> Step:
-        """Release the ball by braking as hard as the base can."""
+        """Release the ball: brake as hard as the base can."""
         self._released = world.time
         return finished(Status.RUNNING, "released the ball")

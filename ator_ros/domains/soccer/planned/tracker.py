@@ -1,4 +1,4 @@
-"""Follows a trajectory with feedback (Kanayama et al., ICRA 1990), as far as the base shows that it can."""
+"""Trajectory tracking with feedback (Kanayama et al., ICRA 1990) and time scaling for weak bases."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from ator_ros.robot.description import Robot
 from ator_ros.robot.response import ramped
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, RobotState, World
 
-_LEAST_LAG_SHARE = 0.8  # of the described acceleration: with less of it a lag hardly shows
-_FOLLOWS = 0.8  # share of the set speed's change with which a base follows that lags, and is not weak
+_LEAST_LAG_SHARE = 0.8  # of the described acceleration: least one at which a lag is measured
+_FOLLOWS = 0.8  # share of the set speed's change below which a base is weak
 _LEAST = 3  # ticks
-_SURPRISE = 0.03  # s beyond the described lag: the Pioneer as described shows 0.005 s more at most
+_SURPRISE = 0.03  # s above the described lag; at the Pioneer as described the estimate is 0.005 s more
 _MOST = 0.2  # s
 
 
 class LagEstimator:
-    """Estimates a first-order lag by least squares, from speeds that fall short of set speeds that rise.
+    """Estimates a first-order lag by least squares from speeds below rising set speeds.
 
-    Set speeds are those that the commands ask of a base as described, without any lag. A base that gains
-    speed more slowly than it should is weak; only one that keeps up shows its lag.
+    Set speeds are those of a base as described, without a lag. A base that accelerates too slowly is weak;
+    its lag is not estimated.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -35,7 +35,7 @@ class LagEstimator:
 
     @property
     def seconds(self) -> float:
-        """Time constant in s: the described one unless the base has shown a much longer one."""
+        """Time constant in s: the described one unless the estimate is much greater."""
         described = self._robot.motor_time_constant
         if self._count < _LEAST or self._short < (described + _SURPRISE) * self._gained:
             return described
@@ -60,44 +60,44 @@ class LagEstimator:
 
 DISTURBED_DISTANCE = 0.12  # m from the plan
 DISTURBED_HEADING = 0.35  # rad
-_ROUNDING = 1e-6  # s by which sums of ticks may be off
+_ROUNDING = 1e-6  # s: greatest error of sums of ticks
 _LONGEST_WAIT = 1.0  # s for the robot's start, on a computer that plans slowly
-_SHORT = 0.5  # s; a robot may hardly move in a plan that takes less
-_SEEN_LATE = 0.02  # s after which the speeds of a plan are those of a robot that follows it
-# m/s^2 and rad/s^2: times the square of its preview, how far from its plan a robot as described may be.
-# The Pioneer is behind by 0.0114 m and off by 0.033 rad at most, where it may be by 0.028 and 0.063, the
-# Pioneer LX by 0.12 and 0.11 (0.2 and 0.47). Farther from the plan the plan's time slows down.
+_SHORT = 0.5  # s; in a shorter plan a robot may hardly move
+_SEEN_LATE = 0.02  # s by which a robot has the speeds of its plan late
+# m/s^2 and rad/s^2: times the square of the preview, the deviation from which on the plan's time slows down.
+# For the Pioneer that is 0.028 m and 0.063 rad, where its deviation as described is 0.0114 and 0.033 at most;
+# for the Pioneer LX 0.2 and 0.47, where it is 0.12 and 0.11.
 _BEHIND, _TURNED_OFF = 5.7, 12.9
-_STRETCH, _TURN_STRETCH = 0.125, 0.3  # m and rad beyond these at which it would stop
-_RARE = 1.5  # control periods; states that are farther apart, three times in a row, come at a lower rate
+_STRETCH, _TURN_STRETCH = 0.125, 0.3  # m and rad above these at which the time would stop
+_RARE = 1.5  # control periods; states that are farther apart, three times in a row, have a lower rate
 _LEAST_RATE = 0.3  # s of the plan in 1 s
 
 
 class Tracker:
     """Steers a robot along a trajectory.
 
-    The time of the trajectory passes more slowly where the robot falls behind, since the base is weaker than
-    its description: so it stays on the way that was planned (trajectory time scaling, Dahl and Nielsen 1990).
+    The time of the trajectory passes more slowly while the robot falls behind, as when the base is weaker
+    than its description: so it stays on the planned path (time scaling, Dahl and Nielsen 1990).
 
     Parameters
     ----------
     start_time : float
-        When the trajectory starts, in s of the world's time.
+        Start of the trajectory in s of the world's time.
     waits : bool
-        Whether the trajectory starts later where the robot does.
+        Whether the trajectory starts later if the robot does.
     reserve : float
-        Deceleration in m/s^2 that the base has beyond that of the trajectory; infinite where a robot that
-        runs past a place can come back.
+        Deceleration in m/s^2 of the base beyond that of the trajectory; infinite if a robot that overshoots
+        can drive back.
     """
 
     GAIN_ALONG = 2.0
     GAIN_HEADING = 3.0
-    # Turn rate per lateral deviation: falls with speed so that the loop's damping stays above one half,
-    # and fades out where the robot hardly moves and turning corrects nothing.
+    # Turn rate per lateral deviation: falls with speed so that the loop's damping stays above one half, and
+    # is 0 at rest, where turning corrects nothing.
     GAIN_ACROSS = 12.0
     ACROSS_BANDWIDTH = 6.0
     SLOW = 0.1
-    # These gains swing a robot that turns less briskly, or whose motors lag more: its loop has to be slower.
+    # Below this angular acceleration, or above this lag, the loop has to be slower to be stable.
     BRISK_TURNING = 4.0  # rad/s^2
     BRISK_LAG = 0.14  # s
 
@@ -125,20 +125,20 @@ class Tracker:
         self._usual = self._preview
 
     def _set_preview(self, lag: float) -> None:
-        """Look ahead by the lag of the motors, in s, and follow the more slowly the longer it is."""
-        # A command is reached after a period's ramp, most of which it is late, and the motors lag behind.
+        """Set the preview and the pace of the loop for a lag of the motors in s."""
+        # The speed of a command is reached after the ramp of a period and the lag of the motors.
         self._preview = 0.8 * self._period + lag
         self._pace = min(1.0, self._weak, self.BRISK_LAG / self._preview)
 
     def keep_time(self, world: World) -> None:
-        """Let the plan's time pass until the state of this tick, as fast as the robot follows."""
+        """Advance the plan's time to the state of this tick, as fast as the robot follows."""
         passed, self._last_time = world.time - self._last_time, world.time
         self._gaps.append(passed)
         rare = min(self._gaps) > _RARE * CONTROL_PERIOD
         self._period = min(self._gaps) if rare else CONTROL_PERIOD
         self._wait_for_start(world)
         self._rate = 1.0
-        if not self._waits:  # it passes more slowly for a robot that falls behind
+        if not self._waits:
             error, planned = self.deviation(world), self.trajectory.at(self.elapsed(world))
             behind = error.x * float(np.sign(planned.v)) - _BEHIND * self._usual**2
             turned_off = abs(error.yaw) - _TURNED_OFF * self._usual**2
@@ -149,7 +149,7 @@ class Tracker:
         self._set_preview(self._lag.seconds)
 
     def _wait_for_start(self, world: World) -> None:
-        """Start the plan's clock when the robot starts moving: after long planning its command is late."""
+        """Start the plan's time when the robot starts moving; after long planning the command is late."""
         if not self._waits:
             return
         patient = world.time - self._created < _LONGEST_WAIT
@@ -164,7 +164,7 @@ class Tracker:
         def error(ticks: int) -> float:
             planned = self.trajectory.at(ticks * CONTROL_PERIOD - _SEEN_LATE)
             change = abs(planned.v - world.robot.v) + self._robot.track / 2.0 * abs(planned.w - world.robot.w)
-            # Just after a start the speed shows most; a meter counts as much as a meter per second.
+            # Just after a start the speed differs most; a meter counts as much as a meter per second.
             return change + planned.pose.distance(world.robot.pose)
 
         self._start = world.time - min(range(1, most + 1), key=error) * CONTROL_PERIOD
@@ -193,7 +193,7 @@ class Tracker:
         ahead = self.trajectory.at(self.elapsed(world) + self._rate * self._preview)
         planned_v, planned_w = self._rate * ahead.v, self._rate * ahead.w
         catching_up, behind = self.GAIN_ALONG * error.x, error.x if planned_v >= 0.0 else -error.x
-        if behind > 0.0:  # the reserve loses the speed again on the way
+        if behind > 0.0:  # the reserve brakes again what catching up gains
             most = math.sqrt(2.0 * self._reserve * behind)
             catching_up = math.copysign(min(abs(catching_up), most), catching_up)
         v = planned_v * math.cos(error.yaw) + catching_up
