@@ -133,7 +133,7 @@ class Fence:
                 numbers.append(number)
                 ends.append((*(start or goal), *goal))
             start = goal if given else None
-        led = routes.lead(np.array(ends).reshape(-1, 4).T)
+        led = routes.connected(np.array(ends).reshape(-1, 4).T)
         if led.all():
             return None
         number = numbers[first := int(np.argmin(led))]
