@@ -71,7 +71,7 @@ class Routes:
         blocks = clearance.reshape(clearance.shape[0] // step, step, clearance.shape[1] // step, step)
         self._clearance: Table = blocks.max(axis=(1, 3)).astype(np.float32)
         usable = self._clearance > radius / self._cell - _TOLERANCE
-        # For each of `CLEARANCES`: the free cells, the free cell nearest to each, and its connected component.
+        # For each of `CLEARANCES`: free cells, the nearest one to each cell, and connected components.
         frees, nearest, components = [], [], []
         for distance in CLEARANCES:
             free = self._clearance > (radius + distance) / self._cell
@@ -356,7 +356,7 @@ def _turned(before: complex, after: complex) -> float:
 
 @compiled
 def _arrival(start: complex, first: complex, rest: float, end: complex, look: float) -> float:
-    """Return the heading in rad over the last `look` of a route, which is `rest` long after its first part."""
+    """Return the heading in rad over the last `look` of a route that is `rest` long after its first part."""
     share = max(abs(first) + rest - look, 0.0) / max(abs(first), 1e-9)
     return _heading(end - start - share * first)
 
