@@ -1,1 +1,1 @@
-"""Execution of chains, and the checks of base, area and inputs meanwhile. No ROS, no clock."""
+"""Execution of chains with checks of base, area and inputs; without ROS, time is passed in."""

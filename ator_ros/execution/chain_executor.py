@@ -29,7 +29,7 @@ from ator_ros.world.state import STOP, World
 
 STOPPING = "stopping, to go on from there"
 """Message of a step that waits until the robot stands."""
-_STAYED = 0.02  # m, and rad, within which a robot has stayed where it was
+_STAYED = 0.02  # m and rad up to which a robot has not moved
 
 
 class Ending(enum.Enum):
@@ -49,51 +49,36 @@ class Ending(enum.Enum):
 
 _ENDINGS = {status: Ending[status.name] for status in Status if status is not Status.RUNNING}
 NOT_DONE = (Ending.FAILED, Ending.REFUSED)
-"""Endings of an action that did not reach its goal, or that an action server did not take."""
+"""Endings of an action that did not reach its goal or that an action server rejected."""
 
 
 class Stage(enum.Enum):
-    """Where one step of a chain is, while its goal is in the phase EXECUTING."""
+    """Stage of one step of a chain whose goal is in the phase EXECUTING."""
 
     STANDING = "waiting until the robot stands"
     READY = "ready to start its action"
     ACTING = "its action runs"
-    SETTLING = "its action has ended, its effect is awaited"
+    SETTLING = "its action has ended, waiting for the effect"
     OVER = "over"
 
 
 @dataclass(frozen=True, slots=True)
 class ActionRecord:
-    """How one action of a chain went.
+    """The result of one action of a chain.
 
-    Attributes
-    ----------
-    index : int
-        Step of the chain, from 0.
-    chain : TopChain
-        The chain with its goals when the action started.
-    start, end : World
-        Situations in which the action started and ended.
-    ending : Ending
-        SUCCEEDED, FAILED, REFUSED, or why it was broken off: PREEMPTED by another goal of the same step, as
-        where an object had moved, or the ending of the whole chain.
-    reason : str
-        A sentence on how it ended.
-    position_error, heading_error : float
-        Distance from the goal at the end in m, difference of headings in rad.
-    lost : str or None
-        The object whose loss made it fail; None if it did not fail, or not for that reason.
+    `ending` is SUCCEEDED, FAILED, REFUSED, PREEMPTED by another goal of the same step, as when an object has
+    moved, or the ending of the whole chain.
     """
 
-    index: int
-    chain: TopChain
+    index: int  # step of the chain, from 0
+    chain: TopChain  # with its goals when the action started
     start: World
     end: World
     ending: Ending
-    reason: str
-    position_error: float
-    heading_error: float
-    lost: str | None = None
+    reason: str  # a sentence on the ending
+    position_error: float  # m; distance from the goal at the end
+    heading_error: float  # rad
+    lost: str | None = None  # the object whose loss made the action fail
 
     @property
     def top(self) -> str:
@@ -102,12 +87,12 @@ class ActionRecord:
 
     @property
     def duration(self) -> float:
-        """Time it took in s."""
+        """Time from start to end in s."""
         return self.end.time - self.start.time
 
 
 class ChainExecutor:
-    """Executes a TOP chain, and owns it: its present goals, the step it is at, and the records.
+    """Executes a TOP chain.
 
     Attributes
     ----------
@@ -127,10 +112,9 @@ class ChainExecutor:
     time_limit : float
         Time in s that each step may take, including all changes of its goal.
     fetches : int
-        Number of times that a lost object may be fetched again; the chain then goes on from the latest step
-        that fetches it.
+        Number of times that a lost object may be fetched again, by the last step that fetches it.
     rolling : Rolling, optional
-        Observed deceleration of rolling objects, updated by the caller; a step that begins standing uses it.
+        Observed deceleration of rolling objects, updated by the caller and used by steps that start standing.
     """
 
     def __init__(
@@ -155,26 +139,25 @@ class ChainExecutor:
         self._run = self._new_run(chain)
 
     def choose(self, chain: TopChain) -> None:
-        """Execute `chain` instead of the one given; only before the first tick."""
+        """Execute `chain` instead; only before the first tick."""
         self.chain, self._run = chain, self._new_run(chain)
 
     def fall_back_to(self, chain: TopChain) -> bool:
-        """Execute `chain` instead if the first action failed where it began; return whether it did."""
-        first = self.records[0] if self.records else None
-        if len(self.records) != 1 or first is None or first.index or first.ending not in NOT_DONE:
+        """Execute `chain` instead if the first one failed before the robot moved; return whether it did."""
+        if len(self.records) != 1 or self.records[0].index or self.records[0].ending not in NOT_DONE:
             return False
-        there, here = first.start.robot.pose, first.end.robot.pose
-        stayed = there.distance(here) <= _STAYED and abs(there.relative(here).yaw) <= _STAYED
-        if first.lost is not None or not stayed or chain.calls[0] == self.chain.calls[0]:
+        start, end = self.records[0].start.robot.pose, self.records[0].end.robot.pose
+        stayed = start.distance(end) <= _STAYED and abs(start.relative(end).yaw) <= _STAYED
+        if self.records[0].lost is not None or not stayed or chain.calls[0] == self.chain.calls[0]:
             return False
         self.chain, self.index = chain, 0
         self._run = self._new_run(chain, standing_first=True)
         return True
 
     def step(self, world: World) -> Step:
-        """Return the command of this tick; after an action ends, the next one begins in the same tick.
+        """Return the command of this tick; when an action ends, the next one starts in the same tick.
 
-        At most one action begins per tick, because each plans.
+        At most one action starts per tick, because each plans.
         """
         self._began = world.time if self._began is None else self._began
         self.elapsed = world.time - self._began
@@ -206,7 +189,7 @@ class ChainExecutor:
         return step
 
     def break_off(self, world: World, ending: Ending, why: str) -> None:
-        """End the action under way, if any, and record it as ended by `ending` in the state `world`."""
+        """End the active action, if any, and record it as ended by `ending` in the state `world`."""
         if self._run.begun and self._run.stage is not Stage.OVER:
             self.records.append(self._run.close(world, ending, why))
 
@@ -223,8 +206,8 @@ class ChainExecutor:
     def switch_to(self, world: World, chain: TopChain) -> bool:
         """Replace the present step and later ones, or their goals, without a stop.
 
-        `chain` are the steps that are done, and the others from here on. Returns False if there is no path
-        for the changed step from here; then nothing has changed.
+        `chain` consists of the steps that are done and the new ones. Returns False, and changes nothing, if
+        the changed step has no path from here.
         """
         if chain.calls[self.index] != self._run.call:
             standing_first = self._run.stage is Stage.STANDING
@@ -240,7 +223,7 @@ class ChainExecutor:
         return True
 
     def _follow(self, world: World) -> Step | None:
-        """Move the goal with an object that has left it; return a stop if the robot must stand first."""
+        """Move the goal with an object that has left it; return a stop if the robot must first stand."""
         robot, call = self._library.robot, self._run.call
         name = followed(call.top)
         if name is None or (self._run.begun and is_at_front(world, robot, name)):
@@ -261,7 +244,7 @@ class ChainExecutor:
         self._run = run
 
     def _after(self, world: World, status: Status) -> tuple[int, bool] | None:
-        """Return the next step and whether the robot must stand first; None at the end of the chain."""
+        """Return the next step and whether the robot must first stand; None at the end of the chain."""
         if status is Status.SUCCEEDED:
             return (self.index + 1, False) if self.index + 1 < len(self.chain) else None
         top = self._run.call.top
@@ -286,8 +269,8 @@ class ChainExecutor:
 class StepRun:
     """One action of a chain with one goal, from its pre-condition to its post-condition.
 
-    `action` is the action while it runs. `time_limit` (s) includes the stop before it, if the robot must
-    stand first. It counts from `since` (s), that of the run that this one replaces with another goal.
+    `action` is the action while it runs. `time_limit` (s) includes a stop before the action. It counts from
+    `since` (s), which is that of the replaced run if only the goal has changed.
     """
 
     def __init__(
@@ -305,7 +288,7 @@ class StepRun:
         self._library, self._chain, self._index, self._time_limit = library, chain, index, time_limit
         self.action: Action | None = None
         self._start: World | None = None
-        self._settling = math.inf  # time in s since which the action's effect is awaited
+        self._settling = math.inf  # time in s since which the step waits for the action's effect
 
     @property
     def begun(self) -> bool:
@@ -343,27 +326,27 @@ class StepRun:
         fault = self.begin(world) if self.stage is Stage.READY else None
         if fault is not None:
             return Step(STOP, Status.FAILED, fault)
-        if self.action is None:  # it has ended, and its effect is awaited
+        if self.action is None:  # SETTLING
             return self._confirmed(world, Step(STOP, Status.SUCCEEDED, f"{self.call.top.name} has settled"))
         return self._confirmed(world, self.action.step(world))
 
     def _confirmed(self, world: World, step: Step) -> Step:
-        """Return `step`; a failure or a stop to settle if the action succeeded without its post-condition."""
+        """Return `step`, or a failure or a stop if the action succeeded without its post-condition."""
         if step.status is not Status.SUCCEEDED:
             return step
         top = self.call.top
-        lacks = top.unmet(world, self.call.goal, self._library.robot)
-        if not lacks:
+        unmet = top.unmet(world, self.call.goal, self._library.robot)
+        if not unmet:
             return step
         self._settling = min(self._settling, world.time)
         if top.may_settle(world) and world.time - self._settling < top.settles:
             self.end(step.message)
             self.stage = Stage.SETTLING
-            return Step(STOP, Status.RUNNING, f"{top.name} settles: {'; '.join(lacks)}")
-        return Step(STOP, Status.FAILED, top.failure(lacks))
+            return Step(STOP, Status.RUNNING, f"{top.name} settles: {'; '.join(unmet)}")
+        return Step(STOP, Status.FAILED, top.failure(unmet))
 
     def end(self, reason: str) -> None:
-        """End the step, and its action if that runs; see `Action.end`."""
+        """End the step and its action; see `Action.end`."""
         if self.action is not None:
             self.action.end(reason)
         self.action, self.stage = None, Stage.OVER

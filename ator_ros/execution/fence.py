@@ -19,34 +19,35 @@ from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_
 from ator_ros.tops.ranges import Range, Ranges
 from ator_ros.world.state import CONTROL_PERIOD, RobotState, World
 
-_DOUBT = 0.3  # s for which an object must lead out; until then its velocity may be wrong, see `VelocityCheck`
+_DEBOUNCE = 0.3  # s for which an object must lead out; before, its velocity may be wrong, see `VelocityCheck`
 _ROUNDING = 1e-6  # m; coordinates of 1e7 m have a resolution of 2e-9 m
-_OFF_THE_WAY = 0.05  # m by which an action may miss its goal or its path
+_TOLERANCE = 0.05  # m by which an action may miss its goal or its path
 
 
-def room_inside(robot: Robot) -> float:
+def edge_distance(robot: Robot) -> float:
     """Return the least distance in m of a goal from the edge, so that `FenceWatch` does not end it.
 
-    It is the sum of the position tolerance and of the way that the robot drives at full speed until it
-    follows a command, which is sent once in CONTROL_PERIOD: odometry's rate is not known yet.
+    It is the sum of the position tolerance and of the distance that the robot drives at full speed until it
+    follows the next command. The rate of odometry is not known yet; CONTROL_PERIOD is assumed.
     """
-    return _OFF_THE_WAY + robot.limits.v * (CONTROL_PERIOD + robot.motor_time_constant)
+    return _TOLERANCE + robot.limits.v * (CONTROL_PERIOD + robot.motor_time_constant)
 
 
-def _stop_room(speed: float, robot: Robot) -> float:
+def _stopping_distance(speed: float, robot: Robot) -> float:
     return max(stopping_distance(speed, robot.stop), speed**2 / (2.0 * robot.limits.brake))
 
 
 def _inside(axis: str, ranges: Ranges, edges: tuple[float, float], robot: Robot, goal: Goal) -> Range:
-    """Return the range of a coordinate as far as it lies between two edges of a fence, at all speeds."""
-    usual, speeds = ranges[axis](robot, goal), ranges.get("speed")
-    room = room_inside(robot) + _stop_room(goal.speed if speeds is None else speeds(robot, goal).high, robot)
-    room += robot.hold if goal.point is Point.HOLD else 0.0  # at any heading
-    low, high = max(usual.low, edges[0] + room), min(usual.high, edges[1] - room)
+    """Return the part of the range of a coordinate that is between two edges of a fence, at all speeds."""
+    full, speeds = ranges[axis](robot, goal), ranges.get("speed")
+    speed = goal.speed if speeds is None else speeds(robot, goal).high
+    distance = edge_distance(robot) + _stopping_distance(speed, robot)
+    distance += robot.hold if goal.point is Point.HOLD else 0.0  # at any heading
+    low, high = max(full.low, edges[0] + distance), min(full.high, edges[1] - distance)
     if low <= high:
-        return dataclasses.replace(usual, low=low, high=high)
-    here = getattr(goal.pose, axis)
-    return dataclasses.replace(usual, low=here, high=here, steps=1)
+        return dataclasses.replace(full, low=low, high=high)
+    value = getattr(goal.pose, axis)
+    return dataclasses.replace(full, low=value, high=value, steps=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,13 +66,7 @@ class Fence:
 
     @classmethod
     def of(cls, edges: Sequence[float]) -> Fence:
-        """Return the fence with the edges x_min, y_min, x_max, y_max in m.
-
-        Raises
-        ------
-        ValueError
-            They are not four finite numbers, or a least one is not below the greatest.
-        """
+        """Return the fence with edges x_min, y_min, x_max, y_max in m; ValueError if they are not valid."""
         if len(edges) != 4 or not all(map(math.isfinite, edges)):
             raise ValueError(f"expected four finite numbers in m, got {list(edges)}")
         x_min, y_min, x_max, y_max = edges
@@ -81,9 +76,9 @@ class Fence:
         return fence
 
     def narrowed(self, ranges: Ranges, robot: Robot) -> Ranges:
-        """Return ranges of goal variables whose places, at all their speeds, do not lead out.
+        """Return the parts of ranges of goal variables with which the robot stays inside, at all speeds.
 
-        The fence around the area changes none. A place that would have no values left stays as it is.
+        The fence around the area changes no range. Where no values are left, the range is the goal's value.
         """
         if self == Fence.around(robot):
             return ranges
@@ -100,16 +95,16 @@ class Fence:
         return math.hypot(max(self.x_min - x, 0.0, x - self.x_max), max(self.y_min - y, 0.0, y - self.y_max))
 
     def violation(self, chain: TopChain, robot: Robot, where: str = "chain") -> str | None:
-        """Return a sentence on the first step that leads out of the fence, or into an obstacle, or None.
+        """Return the fault of the first step that leads out of the fence or into an obstacle, or None.
 
-        Executor and refinement reject such chains with this sentence; it begins with `where`.
+        Executor and refinement reject such chains with this sentence, which begins with `where`.
         """
         for number, call in enumerate(chain.calls):
             if self.leads_out(call, robot):
                 x, y, _ = call.goal.robot_pose(robot)
                 return (
                     f"{where}.calls[{number}].goal ({call.top.name}): expected a place for the robot inside "
-                    f"the {self}, {room_inside(robot):.2f} m from its edge, with room to stop, got the "
+                    f"the {self}, {edge_distance(robot):.2f} m from its edge, with room to stop, got the "
                     f"axle at x {x:.2f} m, y {y:.2f} m, {call.goal.speed:.2f} m/s; change scene.area or the "
                     "parameter fence"
                 )
@@ -118,9 +113,9 @@ class Fence:
     def unreachable(
         self, chain: TopChain, robot: Robot, where: str = "chain", start: tuple[float, float] | None = None
     ) -> str | None:
-        """Return a sentence on the first step that no route on the map leads to, from `start` in m, or None.
+        """Return the fault of the first step without a route on the map, from `start` in m, or None.
 
-        The places that the plan opens are not checked.
+        Places that are free variables are not checked.
         """
         routes = routes_of(robot)
         if routes is None:
@@ -133,32 +128,33 @@ class Fence:
                 numbers.append(number)
                 ends.append((*(start or goal), *goal))
             start = goal if given else None
-        led = routes.lead(np.array(ends).reshape(-1, 4).T)
-        if led.all():
+        connected = routes.connected(np.array(ends).reshape(-1, 4).T)
+        if connected.all():
             return None
-        number = numbers[first := int(np.argmin(led))]
+        number = numbers[first := int(np.argmin(connected))]
         from_x, from_y, x, y = ends[first]
         fault = routes.fault(x, y) or routes.fault(x, y, (from_x, from_y))
         return f"{where}.calls[{number}].goal ({chain.calls[number].top.name}): {fault}"
 
     def leads_out(self, call: TopCall, robot: Robot) -> bool:
-        """Return whether the goal of a step puts the robot, or the object that it holds, out of the area.
+        """Return whether the goal of a step puts the robot, or the object that it holds, outside.
 
-        The robot must come to rest `room_inside` the edge, also after an arrival at speed. Steps whose
+        The robot must stop `edge_distance` inside the edge, also after an arrival at speed. Steps whose
         post-condition does not move the robot to the goal never lead out.
         """
         if not call.top.arrives:
             return False
-        goal, room = call.goal, room_inside(robot)
+        goal, distance = call.goal, edge_distance(robot)
         if goal.point is Point.HOLD and self.outside(goal.pose.x, goal.pose.y) > 0.0:
             return True
         pose = goal.robot_pose(robot)
-        stopped = pose.ahead(_stop_room(goal.speed, robot))
-        inner = Fence(self.x_min + room, self.y_min + room, self.x_max - room, self.y_max - room)
-        return any(inner.outside(there.x, there.y) > _ROUNDING for there in (pose, stopped))
+        stopped = pose.ahead(_stopping_distance(goal.speed, robot))
+        x_min, y_min, x_max, y_max = dataclasses.astuple(self)
+        inner = Fence(x_min + distance, y_min + distance, x_max - distance, y_max - distance)
+        return any(inner.outside(*place[:2]) > _ROUNDING for place in (pose, stopped))
 
     def __str__(self) -> str:
-        """Return the area as text."""
+        """Return the edges in words."""
         return (
             f"fence (x from {self.x_min:.10g} to {self.x_max:.10g} m, "
             f"y from {self.y_min:.10g} to {self.y_max:.10g} m)"
@@ -168,9 +164,9 @@ class Fence:
 class FenceWatch:
     """Detects, during one goal, that the robot is about to leave the area.
 
-    A robot that starts outside may drive in. It must not get farther away than its start plus twice its
-    reach, which is the room to turn round. Once inside, it must stay inside. If there is no state for
-    `longest_gap` s, the robot is commanded to stand anyway.
+    A robot that starts outside may drive in. Its distance must not exceed that of its start plus twice its
+    reach, which it needs to turn. Once inside, it must stay inside. After `longest_gap` s without a state
+    the robot is commanded to stand anyway.
     """
 
     def __init__(self, fence: Fence, robot: Robot, longest_gap: float) -> None:
@@ -185,7 +181,7 @@ class FenceWatch:
         return self._leads_out_since < math.inf
 
     def fault(self, world: World, call: TopCall) -> str | None:
-        """Process a state in which `call` is executed; return why the goal must end, or None."""
+        """Process a state during `call`; return why the goal must end, or None."""
         return self._leaving(world) or self._following(world, call)
 
     def _leaving(self, world: World) -> str | None:
@@ -193,7 +189,7 @@ class FenceWatch:
         here = self._fence.outside(pose.x, pose.y)
         self._allowed = min(self._allowed, here + 2.0 * self._robot.reach if here > 0.0 else 0.0)
         robot = world.robot
-        # The base follows the command for the next state only.
+        # The base follows the command for the next state at the earliest.
         period = 0.0 if self._time is None else min(world.time - self._time, self._longest_gap)
         self._time = world.time
         reach = (period + self._robot.motor_time_constant) * abs(robot.v)
@@ -207,15 +203,15 @@ class FenceWatch:
             f"y {pose.y:.2f} m, {math.degrees(pose.yaw):.0f} degrees, and could not stand inside"
         )
 
-    def _outside(self, robot: RobotState, way: float, *, bend: bool = False) -> float:
-        """Return the distance in m to the area after `way` m, straight ahead or along the present arc."""
-        turned = clip(way * robot.w / robot.v, math.pi) if bend and robot.v != 0.0 else 0.0
-        chord = way * (math.sin(turned / 2.0) / (turned / 2.0) if turned else 1.0)
+    def _outside(self, robot: RobotState, path: float, *, bend: bool = False) -> float:
+        """Return the distance in m to the area after `path` m, straight ahead or along the present arc."""
+        turned = clip(path * robot.w / robot.v, math.pi) if bend and robot.v != 0.0 else 0.0
+        chord = path * (math.sin(turned / 2.0) / (turned / 2.0) if turned else 1.0)
         yaw = robot.pose.yaw + turned / 2.0
         return self._fence.outside(robot.pose.x + chord * math.cos(yaw), robot.pose.y + chord * math.sin(yaw))
 
     def _following(self, world: World, call: TopCall) -> str | None:
-        """Return why the followed object must not be followed, once it has led out for `_DOUBT` s."""
+        """Return why the object must not be followed, if it has led out for `_DEBOUNCE` s."""
         resting = at_rest(world, self._robot)
         name = followed(call.top)
         if name is None or is_at_front(world, self._robot, name) or not has_left(resting, call, self._robot):
@@ -224,7 +220,7 @@ class FenceWatch:
         goal = at_object(call.goal, resting, name)
         out = self._fence.leads_out(dataclasses.replace(call, goal=goal), self._robot)
         self._leads_out_since = min(self._leads_out_since, world.time) if out else math.inf
-        if world.time - self._leads_out_since < _DOUBT:
+        if world.time - self._leads_out_since < _DEBOUNCE:
             return None
         x, y, _ = goal.pose
         return f"the {name} leaves the {self._fence}: {call.top.name} would lead to x {x:.2f} m, y {y:.2f} m"

@@ -1,4 +1,4 @@
-"""Watch whether the base follows its commands, by odometry (without ROS; both clocks are passed in)."""
+"""Monitoring of the base by odometry: does it follow its commands? Without ROS; both clocks are passed in."""
 
 from __future__ import annotations
 
@@ -15,23 +15,25 @@ from ator_ros.robot.response import Foresight, clip
 from ator_ros.world.state import STOP, Command, RobotState
 
 _DELAY = 0.1  # s by which a base may be later than `latency`: two messages at 20 Hz
-_WINDOW = 0.3  # s of commands that are judged, besides twice the lag of the motors
-_PERSISTS = 0.15  # s: three messages at 20 Hz; noise does not last as long
+_WINDOW = 0.3  # s of commands that are compared, besides twice the lag of the motors
+_PERSISTS = 0.15  # s after which a fault is reported: three messages at 20 Hz, longer than noise
 _LEAST_REAL_TIME = 0.1  # s in which commands reach the base, however fast simulated time passes
-_LONG_GAP = 0.15  # s between two messages, after which a base with a watchdog may have stopped by itself
+_LONG_GAP = 0.15  # s between two messages above which a base with a watchdog may have stopped
 _SMOOTHING = 0.1  # s over which measured velocities are averaged
-_QUARTER = 0.25  # share of the expected motion; a base that shows less does not follow
+_QUARTER = 0.25  # least share of the expected motion of a base that follows
 _COASTING = 0.25  # s for which a base may keep a speed beyond its commands
-_BEYOND = 1.5  # times the tolerance
-_LOSES = 0.3  # s in which a base that follows does not go on losing speed below its commands
-_STEP = 0.025  # s of a step of the prediction
+_BEYOND = 1.5  # multiple of the tolerance beyond its commands that is a fault
+_LOSES = 0.3  # s for which a base that follows does not lose speed below its commands
+_STEP = 0.025  # s; step of the prediction
 
 # A speed that is constant whatever is commanded: see `Axis._is_constant`.
-_CONSTANT = 0.25  # s of motion that are judged, besides the lag of the motors
-_FEWEST = 4  # messages in that time, and messages from which the share is known
-_VARIES = 0.5  # times the tolerance
-_NEAR_LIMIT = 0.75  # of the described limit; a base as fast may have a somewhat lower limit of its own
-_CONSTANT_PERSISTS = 0.06  # s for which it persists, in two messages at least
+_CONSTANT = 0.25  # s of motion that are compared, besides the lag of the motors
+_FEWEST = 4  # least number of messages in that time, and to determine the share
+_VARIES = 0.5  # greatest variation as a multiple of the tolerance
+_NEAR_LIMIT = (
+    0.75  # share of the described limit above which the base may have reached a lower limit of its own
+)
+_CONSTANT_PERSISTS = 0.06  # s after which the fault is reported, in two messages at least
 _ROUNDING = 1e-6
 
 
@@ -39,31 +41,20 @@ _ROUNDING = 1e-6
 class Thresholds:
     """Limits and thresholds of one axis (driving or turning), in m and m/s or in rad and rad/s.
 
-    Attributes
-    ----------
-    limit, rate, lag, stop : float
-        As described: greatest speed, its greatest change per second, time constant in s of the motors, and
-        change of speed per second when commanded to stand.
-    tolerance : float
-        Difference of speeds that is ignored: 4 % of the limit, at least 0.04 m/s or 0.1 rad/s (noise, dead
-        band), at most 40 % of the limit.
-    window : float
-        Time in s over which the measured change of speed is compared with the predicted one.
-    moved : float
-        Motion after which a constant pose counts as frozen: 3 cm or 0.08 rad.
+    The tolerance is 4 % of the limit, at least 0.04 m/s or 0.1 rad/s (noise, dead band), at most 40 %.
     """
 
-    limit: float
-    rate: float
-    lag: float
-    stop: float
-    tolerance: float
-    window: float
-    moved: float
+    limit: float  # described greatest speed
+    rate: float  # described greatest change of speed per s
+    lag: float  # s; time constant of the motors
+    stop: float  # described change of speed per s when commanded to stand
+    tolerance: float  # difference of speeds that is ignored
+    window: float  # s over which the measured change of speed is compared with the predicted one
+    moved: float  # expected motion after which a constant pose counts as frozen: 3 cm or 0.08 rad
 
     @classmethod
     def of(cls, robot: Robot) -> tuple[Thresholds, Thresholds]:
-        """Return those of driving and those of turning."""
+        """Return the thresholds of driving and of turning."""
         limits, lag = robot.limits, robot.motor_time_constant
         window = _WINDOW + 2.0 * lag
         v, w = (min(max(0.04 * x, least), 0.4 * x) for x, least in ((limits.v, 0.04), (limits.w, 0.1)))
@@ -74,7 +65,7 @@ class Thresholds:
 
 
 class Fault(enum.Enum):
-    """How the base does not follow its commands, in words."""
+    """A way in which the base does not follow its commands, in words."""
 
     STILL = (
         "does not {move} as commanded: {shown}: blocked wheels, an obstacle, motors off, or odometry that is "
@@ -89,7 +80,7 @@ class Fault(enum.Enum):
 
 
 class Debounce:
-    """How long a condition has held without a break, by the stamps and in real time."""
+    """Determines whether a condition persists, by the stamps and in real time."""
 
     def __init__(self) -> None:
         self._seconds, self._since = 0.0, math.inf
@@ -100,7 +91,7 @@ class Debounce:
             self._seconds, self._since = 0.0, math.inf
             return False
         self._since = min(self._since, gap.began)
-        # One message shows little of the gap before it, unless the gap is very long.
+        # One message says little about a gap above 0.1 s, unless the gap is very long.
         self._seconds += gap.elapsed if gap.elapsed >= _WINDOW - _ROUNDING else min(gap.elapsed, 0.1)
         in_real_time = gap.ended - self._since >= _LEAST_REAL_TIME - _ROUNDING
         return self._seconds >= needed - _ROUNDING and in_real_time
@@ -108,20 +99,20 @@ class Debounce:
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """The time between two messages: s by their stamps, and when both came, in real time."""
+    """The time between two messages."""
 
-    elapsed: float
-    began: float
+    elapsed: float  # s, by their stamps
+    began: float  # s; real times of the messages
     ended: float
 
 
 class Axis:
     """Compares one velocity of the base with the commands.
 
-    The speed that was measured a window ago is predicted forward under the commands sent since, for a base
-    that may be late. The base must have made at least a quarter of the predicted change. A base that reaches
-    a quarter of the commanded speeds or more is slow, which is no fault, unless it keeps a constant speed
-    that is not its share of the commands: plans that begin at the measured speed hide such a base.
+    The speed at the start of a window is predicted forward under the commands sent since, for a base that may
+    be late. The base must have made at least a quarter of the predicted change. A base that reaches a quarter
+    of the commanded speeds or more is slow, which is no fault, unless it keeps a constant speed that is not
+    its share of the commands: plans that start at the measured speed conceal such a base.
     """
 
     def __init__(self, thresholds: Thresholds) -> None:
@@ -137,7 +128,7 @@ class Axis:
 
     @property
     def share(self) -> float:
-        """The speed as a share of the commanded one, if it has been lower for more than a second; else 1."""
+        """The speed as a share of the commanded one if it has been lower for more than a second, else 1."""
         return self._share if self._slow_for >= 1.0 else 1.0
 
     @property
@@ -146,7 +137,7 @@ class Axis:
         return self._smooth[-1][1]
 
     def update(self, time: float, speed: float, commands: Commands, gap: Gap) -> Fault | None:
-        """Take the speed at `time` (s); return the fault that persists."""
+        """Process the speed at `time` (s); return the fault that persists."""
         self._observe_response(time, speed, commands)
         self._measured.append((time, speed))
         while self._measured[0][0] < time - _SMOOTHING + _ROUNDING:
@@ -159,7 +150,7 @@ class Axis:
             return None
         limit = self.thresholds.limit
         recent = [clip(command, limit) for command in commands.between(time - _DELAY, time)]
-        fault = self._judge(time, speed, recent, commands, gap)
+        fault = self._fault_now(time, speed, recent, commands, gap)
         was_constant, self._constant = self._constant, fault is Fault.CONSTANT
         needed = _CONSTANT_PERSISTS if was_constant and self._constant else _PERSISTS
         persists = self._fault.update(fault is not None, gap, needed)
@@ -168,7 +159,7 @@ class Axis:
         self._observe_share(speed, recent, gap.elapsed)
         return fault if persists else Fault.STILL if loses else None
 
-    def _judge(
+    def _fault_now(
         self, time: float, speed: float, recent: Sequence[float], commands: Commands, gap: Gap
     ) -> Fault | None:
         tolerance = self.thresholds.tolerance
@@ -176,21 +167,19 @@ class Axis:
         fast = [0.0, before, *self._fast(since, before, time, commands)[-round(_COASTING / _STEP) :]]
         if not min(fast) - _BEYOND * tolerance <= self._measured[-1][1] <= max(fast) + _BEYOND * tolerance:
             return Fault.EXCESS
-        # At the beginning of the window the base may have just begun to move.
+        # At the start of the window the base may just have started to move.
         fastest = max(self._smooth, key=lambda each: abs(each[1]))
         share = min(0.99, max(self._share_at(*each, commands) for each in (self._smooth[0], fastest)))
         slow, part = (self._slow(since, before, time, commands, each) for each in (1.0, share))
-        # The magnitudes between which the speed should be now, in the direction of the commands.
+        # The least speed that is expected now, in the direction of the commands.
         least = max(0.0, min(part, share * min(recent))) + min(0.0, max(part, share * max(recent)))
-        ahead, gained = (
-            abs(least) - math.copysign(1.0, least) * before,
-            math.copysign(1.0, least) * (speed - before),
-        )
+        sign = math.copysign(1.0, least)
+        ahead, gained = abs(least) - sign * before, sign * (speed - before)
         approached = ahead > 0.0 and gained >= _QUARTER * ahead
         if abs(least) >= tolerance and _is_below_quarter(speed, least) and not approached:
             return Fault.STILL
         if gap.elapsed > _LONG_GAP:
-            return None  # a base with a watchdog of its own has stopped, and started again
+            return None  # a base with a watchdog has stopped and started again
         sign = math.copysign(1.0, before)
         most = max(sign * slow, *(sign * command for command in recent))
         had, has = sign * before, sign * speed
@@ -204,19 +193,19 @@ class Axis:
         return None
 
     def _is_constant(self, time: float, seconds: float, recent: Sequence[float], commands: Commands) -> bool:
-        """Return whether the speed is constant and differs from the commands, and no slow base explains it.
+        """Return whether the speed is constant and differs from the commands, unless the base is slow.
 
-        A slow base reaches a share of the commands, which was seen while its speed changed, or a limit of its
-        own not far below the described one.
+        A slow base reaches a share of the commands, which was measured while its speed changed, or a limit of
+        its own not far below the described one.
         """
         axis = self.thresholds
         since = min(time - seconds, self._smooth[-min(_FEWEST, len(self._smooth))][0])
-        shown = [(then, value) for then, value in self._smooth if then >= since - _ROUNDING]
-        speeds = [value for _, value in shown]
+        recently = [(then, value) for then, value in self._smooth if then >= since - _ROUNDING]
+        speeds = [value for _, value in recently]
         if len(speeds) < _FEWEST or max(speeds) - min(speeds) > _VARIES * axis.tolerance:
             return False
         speed = speeds[-1]
-        # The last commands explain no speed that was constant before.
+        # The last commands cannot be the cause of a speed that was constant before.
         sent = [clip(command, axis.limit) for command in commands.between(since, time - _DELAY)]
         low, high = min(sent), max(sent)
         if low - axis.tolerance < speed < high + axis.tolerance:
@@ -226,7 +215,7 @@ class Axis:
             return False
         known = [
             sum(acting) / len(acting)
-            for then, _ in shown
+            for then, _ in recently
             if then <= time - _DELAY - axis.lag
             for acting in [commands.between(then - _SMOOTHING, then)]
         ]
@@ -245,7 +234,7 @@ class Axis:
     def _slow(self, since: float, speed: float, time: float, commands: Commands, share: float) -> float:
         """Return the speed at `time` of a base that had `speed` at `since`, is late and lags.
 
-        Toward a lower share it brakes as hard as bases do that are commanded to stand.
+        To reach a lower share it brakes as on a command to stand.
         """
         axis, count, dt = self.thresholds, *_steps(time - since)
         sent = [
@@ -268,9 +257,9 @@ class Axis:
         return speeds
 
     def _loses(self, speed: float, low: float, high: float, gap: Gap) -> bool:
-        """Return whether the axis goes on losing speed, although it has less than every recent command.
+        """Return whether the axis continues to lose speed below every recent command.
 
-        A base that drops to a part of its speed, and keeps that, is slow, but follows.
+        A base whose speed drops to a part, and stays there, is slow, but follows.
         """
         (_, before), sign = self._smooth[-2], math.copysign(1.0, speed)
         commanded = sign * (low if sign > 0.0 else high)
@@ -281,7 +270,7 @@ class Axis:
         if not (falls and below) or gap.elapsed > _LONG_GAP:
             self._lost, self._eased, self._lost_for = 0.0, 0.0, 0.0
             return False
-        lost = min(lost, 1.5 * self.thresholds.rate * gap.elapsed)  # more is a drop, as to half the speed
+        lost = min(lost, 1.5 * self.thresholds.rate * gap.elapsed)  # more is a drop to a part of the speed
         self._lost, self._eased = self._lost + lost, self._eased + eased
         self._lost_for += gap.elapsed
         tolerance = self.thresholds.tolerance
@@ -289,7 +278,7 @@ class Axis:
         return enough and self._lost_for >= _LOSES - _ROUNDING
 
     def _observe_response(self, time: float, speed: float, commands: Commands) -> None:
-        """Note which share of the commands the base reaches while its speed changes, if it is late or not."""
+        """Record which shares of the commands the base reaches while its speed changes, late or in time."""
         axis, (then, before) = self.thresholds, self._last_response
         if time - then < 0.5 * _SMOOTHING - _ROUNDING:
             return
@@ -297,13 +286,13 @@ class Axis:
         if abs(speed - before) < 0.05 * axis.tolerance:
             return
         if abs(speed - before) > 1.5 * axis.rate * (time - then) + axis.tolerance:
-            self._shares.clear()  # a jump: what was before says nothing any more
+            self._shares.clear()  # after a jump, earlier shares do not apply
         sent = [clip(commands.between(late, late)[0], axis.limit) for late in (time, time - _DELAY)]
         if min(abs(command) for command in sent) >= 2.0 * axis.tolerance and sent[0] * sent[1] > 0.0:
             self._shares.append((speed / sent[0], speed / sent[1]))
 
     def _observe_share(self, speed: float, recent: Sequence[float], elapsed: float) -> None:
-        """Note which share of the commanded speed the base reaches."""
+        """Record the share of the commanded speed that the base reaches."""
         command = min(recent, key=abs)
         if abs(command) < 0.2 * self.thresholds.limit:
             return
@@ -317,14 +306,14 @@ class Axis:
 
 
 class Commands:
-    """The commands of one axis, by the time in s from which they act."""
+    """The commands of one axis with the times in s from which they act."""
 
     def __init__(self) -> None:
         self._times: list[float] = []
         self._sent: list[float] = []
 
     def add(self, acts: float, command: float) -> None:
-        """Note a command that acts from `acts` (s) on; it replaces later ones."""
+        """Add a command that acts from `acts` (s) on and replaces later ones."""
         earlier = bisect.bisect_left(self._times, acts)
         self._times[earlier:], self._sent[earlier:] = [acts], [command]
 
@@ -334,12 +323,12 @@ class Commands:
             self._times[-1] += seconds
 
     def forget(self, time: float) -> None:
-        """Forget the commands that act no more at `time` (s)."""
+        """Forget the commands that no longer act at `time` (s)."""
         over = max(0, bisect.bisect_right(self._times, time) - 1)
         del self._times[:over], self._sent[:over]
 
     def between(self, since: float, until: float) -> list[float]:
-        """Return the commands that acted between two times in s; where there was none, to stand."""
+        """Return the commands that acted between two times in s; 0 before the first one."""
         begin, end = (bisect.bisect_right(self._times, time + _ROUNDING) for time in (since, until))
         return [self._sent[begin - 1] if begin else 0.0, *self._sent[begin:end]]
 
@@ -350,17 +339,14 @@ class Commands:
 
 
 class MotionWatch:
-    """Compares odometry with the commands that were sent, driving and turning apart; predicts late states.
+    """Compares odometry with the commands that were sent, separately for driving and turning.
 
-    Faults are those of `Fault`, and a pose that is constant while the velocity is not.
+    Faults are those of `Fault`, and a pose that is constant while the velocity is not. With odometry below
+    6.7 Hz (at the default `odom_timeout`) the robot is commanded to stand between two messages. Then some
+    frozen odometry is not detected, as it is like that of a late base, and the robot moves by centimeters.
 
-    With odometry below 6.7 Hz (at the default `odom_timeout`) the robot is commanded to stand between two
-    messages. Then a late base and frozen odometry look alike. Some frozen odometry is not noticed, and the
-    robot moves by centimeters meanwhile.
-
-    `latency` is the time in s from the stamp of a state until the command that answers it moves the base.
-
-    `foresight` predicts states, under the same commands.
+    `latency` is the time in s from the stamp of a state until the command for it moves the base; `foresight`
+    predicts states under the same commands.
     """
 
     def __init__(self, robot: Robot, latency: float) -> None:
@@ -375,10 +361,10 @@ class MotionWatch:
         self._forget()
 
     def begin(self, latency: float, *, preempts: bool) -> None:
-        """Begin to watch the base for a new goal, with a latency that may be another one.
+        """Start monitoring for a new goal, whose latency may differ.
 
-        Motion before the goal is ignored, as others may have moved the base. A goal that `preempts` another
-        continues its watch, and with the latency of before: its commands may still be under way.
+        Motion before the goal is ignored, as other programs may have moved the base. A goal that `preempts`
+        another continues with its latency and commands, which may still act.
         """
         if preempts:
             return
@@ -395,7 +381,7 @@ class MotionWatch:
 
     @property
     def remark(self) -> str:
-        """A sentence on a base that is slower than commanded; empty if it is not."""
+        """A sentence on a base that is slower than commanded, else empty."""
         parts = [
             f"{verb} at about {100 * round(axis.share, 1):.0f} % of the commanded speed"
             for verb, axis in (("drives", self._v), ("turns", self._w))
@@ -404,9 +390,8 @@ class MotionWatch:
         return f"the base {' and '.join(parts)}" if parts else ""
 
     def sent(self, time: float, command: Command | None, now: float = -math.inf) -> None:
-        """Note a command that was sent as the answer to a state of `time` (s).
+        """Record a command that was sent in response to a state of `time` (s), at `now` in real s.
 
-        `now` is the real time in s at which it was sent, where that may be later than the state was received.
         None: another program moves the base, so its motion is not compared with our commands.
         """
         self.foresight.sent(time, command)
@@ -418,10 +403,7 @@ class MotionWatch:
             commands.add(time + self._latency, value)
 
     def fault(self, time: float, robot: RobotState, now: float) -> str | None:
-        """Take a state of the robot by odometry, at `time` s by its stamp and `now` s of real time.
-
-        Return what is wrong, in words; None if the base moves as commanded.
-        """
+        """Process odometry of `time` (s), received at `now` (real s); return the fault in words, or None."""
         last = self._states[-1] if self._states else (time, robot)
         if time < last[0]:
             self._forget()
@@ -441,9 +423,9 @@ class MotionWatch:
         return self._frozen(time, robot) or self._message(robot, faults)
 
     def _delay_late_answer(self, gap: Gap) -> None:
-        """Let a command that left late in a long gap act from then on.
+        """Let a command that was sent late in a long gap act later.
 
-        In a short gap it counts from the beginning: a simulation may have waited for it.
+        In a short gap it acts from the start: a simulation may have waited for it.
         """
         late = self._answered - gap.began
         if gap.elapsed > _LONG_GAP and 0.0 < late < gap.ended - gap.began:
@@ -451,9 +433,9 @@ class MotionWatch:
                 commands.delay_last(late / (gap.ended - gap.began) * gap.elapsed)
 
     def _shown(self, before: RobotState, robot: RobotState, gap: Gap) -> tuple[float, float]:
-        """Return the velocities that odometry shows.
+        """Return the velocities by odometry.
 
-        In a long gap a base that receives nothing stands by itself, after it has moved: either is an answer.
+        In a long gap the base may have moved and then stopped by itself, so its mean velocity counts, too.
         """
         if gap.elapsed <= _LONG_GAP:
             return robot.v, robot.w
@@ -478,7 +460,7 @@ class MotionWatch:
             moved = max(abs(_moved(states[0], state)[axis]) for state in states)
             elapsed = time - self._states[since[-1]][0]
             if elapsed > _LONG_GAP * len(states):
-                continue  # messages are missing: between these the robot may have gone to and fro
+                continue  # messages are missing, between which the robot may have moved to and fro
             if least >= thresholds.tolerance and moved < _QUARTER * least * elapsed:
                 return (
                     f"odometry is frozen: it reports {robot.v:.2f} m/s and {robot.w:.2f} rad/s, "
@@ -488,7 +470,7 @@ class MotionWatch:
         return None
 
     def _message(self, robot: RobotState, faults: Sequence[Fault | None]) -> str | None:
-        """Return in words that the first axis with a fault has this fault."""
+        """Return the fault of the first axis that has one, in words."""
         shown = (
             f"commanded to {self._last.v:.2f} m/s and {self._last.w:.2f} rad/s, "
             f"odometry shows {robot.v:.2f} m/s and {robot.w:.2f} rad/s"
@@ -515,7 +497,7 @@ def _is_below_quarter(speed: float, command: float) -> bool:
 
 
 def _moved(before: RobotState, after: RobotState) -> tuple[float, float]:
-    """Return how far in m, with its direction along the heading, and by which angle in rad a robot moved."""
+    """Return the signed distance in m, negative for backward, and the angle in rad by which a robot moved."""
     distance, turned = before.pose.distance(after.pose), wrap_angle(after.pose.yaw - before.pose.yaw)
     ahead = before.pose.relative(after.pose).x
     return math.copysign(distance, ahead), turned

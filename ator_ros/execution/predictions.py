@@ -1,4 +1,4 @@
-"""Predictions of chains that are executed as they are, and the warm-up of what plans and predicts."""
+"""Predictions of chains under execution, and the warm-up of actions, models and refinement."""
 
 from __future__ import annotations
 
@@ -29,42 +29,36 @@ class Predictor:
         self._models = models
 
     def chain(self, world: World, chain: TopChain) -> ChainPrediction | None:
-        """Predict `chain` from the state `world`; None where an action has no model."""
+        """Predict `chain` from the state `world`; None if an action has no model."""
         if any(call.top.action not in self._models for call in chain.calls):
             return None
         return predict_chain(world, chain, self._models, self._robot)
 
     def action(self, world: World, chain: TopChain, step: int) -> Mapping[str, float] | None:
-        """Predict one step (from 0) of `chain` from the state `world`; None where it has no model."""
+        """Predict one step (from 0) of `chain` from the state `world`; None if it has no model."""
         predicted = self.chain(world, TopChain((chain.calls[step],)))
         return None if predicted is None else predicted.actions[0]
 
 
 class Forecast:
-    """What is predicted of a chain under execution: of all of it, and of what remains since its last change.
-
-    Attributes
-    ----------
-    begun : bool
-        Whether the chain has started.
-    whole : ChainPrediction or None
-        The prediction of the chain with which it started; None before, and without models.
-    """
+    """The predictions of a chain in execution: of the whole chain, and of its rest after the last change."""
 
     def __init__(self, predictor: Predictor, executor: ChainExecutor) -> None:
         self._predictor, self._executor = predictor, executor
         self.begun = False
+        """Whether the chain has started."""
         self.whole: ChainPrediction | None = None
+        """The prediction of the chain with which it started; None before, and without models."""
         self._rest: ChainPrediction | None = None
         self._step, self._time = 0, math.nan  # where and when (s) `_rest` begins
 
     def begin(self, world: World) -> None:
-        """Predict the chain from the state `world`, in which it starts."""
+        """Predict the chain from its start `world`."""
         self.change(world)
         self.begun, self.whole = True, self._rest
 
     def change(self, world: World) -> None:
-        """Predict from the state `world` what remains of the chain, which has changed."""
+        """Predict the rest of the chain, which has changed, from the state `world`."""
         self._step, self._time = self._executor.index, world.time
         self._rest = self._predictor.chain(world, TopChain(self._executor.chain.calls[self._step :]))
 
@@ -82,10 +76,7 @@ _OPEN = frozenset({"yaw", "speed"})
 
 
 def warm_up_refinement(library: TopLibrary, refiner: Refiner) -> None:
-    """Refine chains of two steps, with each TOP, whose first goal has a free heading and speed.
-
-    So all tables are computed, and all compiled code is loaded, before the first goal.
-    """
+    """Refine chains of two steps with each TOP: compute all tables and load all compiled code."""
     for world, chain in _chains(library):
         with contextlib.suppress(RefinementError):  # the first request reports it
             refiner.refine(world, chain)
@@ -103,9 +94,10 @@ def warm_up_actions(library: TopLibrary, predictor: Predictor) -> None:
 
 
 def _chains(library: TopLibrary) -> Iterator[tuple[World, TopChain]]:
-    """Yield chains of two steps and where they start: first, to fetch an object and to carry it.
+    """Yield chains of two steps whose first goal has a free heading and speed, and states to start from.
 
-    All objects are at the center of the area, or held where the first step needs that.
+    The first chain fetches an object and carries it. All objects are at the center of the area, or held if
+    the first step needs that.
     """
     usable, robot, area = library.usable(), library.robot, library.robot.scene.area
     fetching = next((top for top in usable if object_fetched_by(top)), None)

@@ -21,51 +21,33 @@ from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_
 from ator_ros.world.state import ObjectState, World
 
 AGAIN_AFTER = 0.15
-"""Deviation in m of an object or the robot after which refinement is asked again."""
+"""Deviation in m of an object or the robot above which refinement is asked again."""
 _NOT_ASKED = "executed as sent; the goal has refine: false"
 _NOT_REACHED = "refinement not requested yet"
 _UNANSWERED = "no answer from refinement yet"
-_LONGEST = 120  # characters of the result of one question: the sentence on all stays readable
+_LONGEST = 120  # characters of the result of one question, so that the sentence on all is readable
 
 Continuation = tuple[int, TopChain]
-"""Number of a plan among those of the goal, from 0, and its steps that are not done."""
+"""Index of a plan of the goal, from 0, and its steps that are not done."""
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A question to refinement.
+    """A question to refinement, which may choose one of `others`, the continuations of other plans."""
 
-    Attributes
-    ----------
-    world : World
-        The state from which the chain would continue.
-    chain : TopChain
-        The steps that are not done.
-    step : int
-        Index of the first of them in the goal's chain, from 0.
-    asked : float
-        Real time of the question in s.
-    others : tuple of Continuation
-        How other plans of the goal would continue from there; refinement may choose one of them.
-    cause : str
-        What has changed since the question before, in words; empty for the first question.
-    """
-
-    world: World
-    chain: TopChain
-    step: int
-    asked: float
+    world: World  # the state from which the chain would continue
+    chain: TopChain  # the steps that are not done
+    step: int  # index of the first of them in the goal's chain, from 0
+    asked: float  # s; real time of the question
     others: tuple[Continuation, ...] = ()
-    cause: str = ""
+    cause: str = ""  # the change since the question before, in words; empty for the first question
 
 
 class Refining:
-    """The questions of one goal to refinement, one at a time, and what the answers change.
+    """The questions of one goal to refinement, one at a time, and the effect of the answers.
 
     Attributes
     ----------
-    wanted : bool
-        Whether the goal asks for refinement.
     refined : bool
         Whether an answer changed the chain.
     refined_again : int
@@ -75,9 +57,11 @@ class Refining:
     ----------
     plans : sequence of TopChain
         The chains of the goal, of which an answer may choose any.
+    wanted : bool
+        Whether the goal asks for refinement.
     again_after : float
-        Distance in m by which an object or the robot must differ from the last question before refinement is
-        asked again; 0: never again.
+        Deviation in m of an object or the robot from the last question above which refinement is asked again;
+        0: never again.
     """
 
     def __init__(
@@ -95,15 +79,15 @@ class Refining:
         self._plans, self._number = plans, 0
         self._again_after = again_after
         self._expected: Mapping[str, ObjectState] = {}  # objects in the world of the last question
-        self._path: FloatArray | None = None  # that was planned then, or later for another step
-        self._call: TopCall | None = None  # for which the path was planned
+        self._path: FloatArray | None = None  # planned at the last question, or later for another step
+        self._call: TopCall | None = None  # the step of that path
         self._answer: tuple[TopChain, str, int] | None = None
         self._first: str | None = None  # result of the first question
         self._changed = self._unchanged = ""  # results of the last question that changed the chain, and after
 
     @property
     def reason(self) -> str:
-        """Results of the first question, of the last that changed the chain, and of the last since then."""
+        """Results of the first question, of the last that changed the chain, and of the last after that."""
         if self._first is not None:
             return self._first + self._changed + self._unchanged
         if not self.wanted:
@@ -129,19 +113,19 @@ class Refining:
         self.question = Question(resting, TopChain(chain.calls[step:]), step, now, others, cause)
 
     def _deviation(self, world: World, resting: World) -> str:
-        """Return what deviates by more than `again_after` from the last question; empty if nothing does.
+        """Return which deviation from the last question exceeds `again_after`; empty if none does.
 
-        Objects, but those that the robot itself moves, are compared where they come to rest, the robot with
-        the planned path of the active action.
+        Objects, except those that the robot moves, are compared where they come to rest, the robot with the
+        planned path of the active action.
         """
         executor, most = self._executor, self._again_after
         for _, name in awaited(executor.chain.calls[executor.index :]):
-            there, expected = resting.objects.get(name), self._expected.get(name)
-            if there is None or is_at_front(world, self._robot, name):
+            actual, expected = resting.objects.get(name), self._expected.get(name)
+            if actual is None or is_at_front(world, self._robot, name):
                 continue
             if expected is None:
                 return f"the {name} was not known"
-            moved = math.hypot(there.x - expected.x, there.y - expected.y)
+            moved = math.hypot(actual.x - expected.x, actual.y - expected.y)
             if moved > most:
                 return f"the {name} comes to rest {moved:.2f} m from the forecast"
         if self._path is None or executor.call is not self._call:
@@ -150,10 +134,7 @@ class Refining:
         return f"the robot is {off:.2f} m off its path" if off > most else ""
 
     def take(self, chain: TopChain, refined: bool, reason: str, chosen: int) -> None:
-        """Accept the answer to `question`; while the robot drives, `apply` applies it in the next tick.
-
-        The parameters are those of `Supervisor.refined_to`.
-        """
+        """Accept the answer to `question`, see `Supervisor.refined_to`; later `apply` applies it."""
         assert self.question is not None
         choices = len(self._plans) if self._first is None else 1 + len(self.question.others)
         if chosen >= choices:
@@ -179,16 +160,16 @@ class Refining:
         self._choose(chosen, reason, changed=refined and executed != planned)
 
     def refuse(self, why: str) -> None:
-        """Go on with the chain as it is because `question` has no valid answer."""
+        """Continue with the unchanged chain because `question` has no valid answer."""
         if self._first is None:
             self._number = self._plans.index(self._executor.chain)
             why = f"executed as sent, refinement failed: {why}"
         self._close(why, changed=False)
 
     def revert(self, why: str) -> bool:
-        """Begin with the chain as sent if the first action of the refined one failed where it began.
+        """Start again with the chain as sent if its first action failed before the robot moved.
 
-        Returns whether it begins again; `why` is the failure.
+        Returns whether it starts again; `why` is the failure.
         """
         if not self.refined or not self._executor.fall_back_to(self._plans[self._number]):
             return False
@@ -198,7 +179,7 @@ class Refining:
         return True
 
     def apply(self, world: World) -> bool:
-        """Switch to the refined goals of an answer, if they can still be used; return whether it did."""
+        """Switch to the refined goals of an answer if they are still valid; return whether it did."""
         answer, question, self._answer = self._answer, self.question, None
         if answer is None or question is None:
             return False
@@ -260,7 +241,7 @@ def _distance(pose: Pose, path: FloatArray) -> float:
 
 
 def awaited(calls: Sequence[TopCall]) -> Iterator[tuple[int, str]]:
-    """Yield index (from 0) and object of each step that follows an object which no earlier step moves."""
+    """Yield index (from 0) and object of the steps that follow an object which no earlier step moves."""
     moved: set[str] = set()
     for index, call in enumerate(calls):
         name = followed(call.top)
@@ -270,9 +251,9 @@ def awaited(calls: Sequence[TopCall]) -> Iterator[tuple[int, str]]:
 
 
 def with_followed(chain: TopChain, resting: World, robot: Robot, *, step: int = 0) -> TopChain:
-    """Return `chain` with the goals from `step` on (from 0) where the objects lie that have left them.
+    """Return `chain` with the goals from `step` (from 0) moved to the objects that have left them.
 
-    `resting` is the state, with its objects at rest.
+    `resting` is the state with its objects at rest.
     """
     for index, name in awaited(chain.calls[step:]):
         call = chain.calls[step + index]
@@ -284,10 +265,10 @@ def with_followed(chain: TopChain, resting: World, robot: Robot, *, step: int = 
 def continuations(
     plans: Sequence[TopChain], number: int, chain: TopChain, step: int, resting: World, robot: Robot
 ) -> tuple[Continuation, ...]:
-    """Return how other plans go on from here: after the steps that they share with what is done, or from 0.
+    """Return the valid continuations of other plans: after steps that they share with those done, or from 0.
 
-    `chain` is executed, as plan `number` (from 0); `step` is its first step that is not done. What is no
-    valid plan from the state `resting`, whose objects are at rest, is left out.
+    `chain` is executed as plan `number` (from 0); `step` is its first step that is not done. `resting` is the
+    state with its objects at rest.
     """
     found = []
     done = chain.calls[:step]
@@ -305,9 +286,9 @@ def continuations(
 
 def _same(done: TopCall, planned: TopCall) -> bool:
     """Return whether a step that is done has the TOP and all bound goal variables of a planned one."""
-    there = goal_values(done.goal)
+    values = goal_values(done.goal)
     return done.top == planned.top and all(
-        name in there and same_value(name, there[name], value)
+        name in values and same_value(name, values[name], value)
         for name, value in goal_values(planned.goal).items()
         if not planned.opens(name) and not (name in ("x", "y") and followed(planned.top))
     )
@@ -316,14 +297,12 @@ def _same(done: TopCall, planned: TopCall) -> bool:
 def refined_chain(
     chain: TopChain, question: Question, answer: TopChain, world: World, library: TopLibrary
 ) -> TopChain:
-    """Return `chain` with the changes that `answer` makes to the chain of `question`.
-
-    All other goals stay as they are in `chain`: they may have moved with an object since the question.
+    """Return `chain`, whose goals may have moved since the question, with the changes made by `answer`.
 
     Raises
     ------
     InvalidChainError
-        The answer changes what it may not, or what results is no valid plan from `world`.
+        A change is not allowed, or the result is no valid plan from `world`.
     """
     changes = allowed_changes(question.chain, answer, library.robot, library.ranges)
     rest = [

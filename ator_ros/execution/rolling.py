@@ -1,4 +1,4 @@
-"""How objects slow down, as observed: a floor may not be the described one."""
+"""The observed deceleration of rolling objects: the floor may differ from the described one."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, World
 
-_CLEAR = 0.02  # m from the robot beyond which it does not push an object
-_SLOWEST = 0.1  # m/s below which rolling is not judged
-_HIT = 3.0  # change of speed in m/s^2 above which an object has hit something or was pushed
-_LONGEST_GAP, _LEAST_GAP = 0.25, 0.02  # greatest and least time in s between two sightings of a free roll
-_SHORTEST, _ENOUGH = 0.4, 0.6  # s: least time of one free roll, and of all together, that counts
-_KEPT = 5  # free rolls that are kept; their median counts
-_MOST, _FEWEST = 400, 5  # greatest and least number of sightings in one free roll that counts
+_CLEAR = 0.02  # m from the robot above which it does not push an object
+_SLOWEST = 0.1  # m/s below which rolling is not evaluated
+_HIT = 3.0  # m/s^2; change of speed above which an object has hit something or was pushed
+_LONGEST_GAP, _LEAST_GAP = 0.25, 0.02  # s; greatest and least time between two sightings of a free roll
+_SHORTEST, _ENOUGH = 0.4, 0.6  # s; least time of one free roll, and of all together
+_KEPT = 5  # number of free rolls, whose median is used
+_MOST, _FEWEST = 400, 5  # greatest and least number of sightings in one free roll
 _STRAY = 0.15  # share by which distance and integrated speed may differ: more is noise at rest, or a curve
-_SURE = 6.0  # standard errors by which a deceleration must differ; errors of filtered speeds are alike
+_SURE = 6.0  # standard errors by which a deceleration must differ, as errors of filtered speeds correlate
 _FARTHER, _FARTHEST, _PUSHED = 1.3, 4.0, 6.0
-"""How many times as far as described: least that is corrected, greatest correction, and only if pushed."""
+"""Multiples of the described distance: least and greatest correction, and limit above which it is pushed."""
 _STEPS = 14  # steps of the described deceleration for corrections: actions compute tables for each
 
 
 class Rolling:
     """Observes objects that roll freely, and corrects their described deceleration.
 
-    A robot that brakes harder than the object that it pushes loses it; one that expects an object to stop
-    early drives to the wrong place. Objects that stop earlier than described do no such harm, and look like
-    objects that another robot brakes: they are never corrected.
+    A robot that brakes harder than the object that it pushes loses the object, and a wrong forecast of where
+    an object stops leads to the wrong place. The deceleration is never increased: an object that stops early
+    does no such harm, and may have been stopped by another robot.
 
-    `slowest` is the speed in m/s below which sightings are too noisy to judge by.
+    `slowest` is the speed in m/s below which sightings are too noisy.
     """
 
     def __init__(self, robot: Robot, *, slowest: float = _SLOWEST) -> None:
         self._described, self._slowest = robot, max(slowest, _SLOWEST)
-        # The last roll of each object may go on.
+        # The last roll of each object may continue.
         self._rolls = {name: deque([_FreeRoll()], maxlen=_KEPT + 1) for name in robot.scene.objects}
 
     def observe(self, world: World) -> None:
@@ -59,7 +59,7 @@ class Rolling:
                 rolls[-1].add(world.time, state)
 
     def robot(self) -> Robot:
-        """Return the robot with the corrected scene; the described one if nothing is corrected."""
+        """Return the robot with the corrected scene, or the described robot."""
         items = self._described.scene.objects
         values = {name: value for name in items if (value := self._observed(name)) is not None}
         if not values:
@@ -82,18 +82,18 @@ class Rolling:
         }
 
     def library(self, described: TopLibrary) -> TopLibrary:
-        """Return `described` for the robot with the corrected scene; itself where nothing is corrected."""
+        """Return `described` for the robot with the corrected scene, or `described` itself."""
         robot = self.robot()
         return described if robot is self._described else described.with_robot(robot)
 
     def _fit(self, name: str, roll: _FreeRoll) -> _Fit | None:
-        """Return the fit of a free roll; None where the floor alone cannot have caused this deceleration."""
+        """Return the fit of a free roll; None if the deceleration is so low that the object is pushed."""
         fit, described = roll.fit(), self._described.scene.objects[name].rolling_deceleration
         slow = fit is not None and fit.deceleration - 2.0 * fit.error > described / _PUSHED
         return fit if slow else None
 
     def _observed(self, name: str) -> float | None:
-        """Return the observed deceleration in m/s^2; None if it is unknown, or about the described one."""
+        """Return the observed deceleration in m/s^2; None if it is unknown or about as described."""
         described = self._described.scene.objects[name].rolling_deceleration
         fits = sorted(fit for roll in self._rolls[name] if (fit := self._fit(name, roll)))
         if sum(fit.seconds for fit in fits) < _ENOUGH:
@@ -105,11 +105,11 @@ class Rolling:
 
 
 class _Fit(NamedTuple):
-    """A line through the speeds of a free roll: deceleration and its error in m/s^2, length in s."""
+    """The linear regression of the speeds of a free roll."""
 
-    deceleration: float
-    error: float
-    seconds: float
+    deceleration: float  # m/s^2
+    error: float  # m/s^2; standard error
+    seconds: float  # duration of the roll
 
 
 class _FreeRoll:
@@ -119,7 +119,7 @@ class _FreeRoll:
         self._sightings: list[tuple[float, ObjectState]] = []  # times in s
 
     def continues(self, time: float, state: ObjectState) -> bool:
-        """Return whether a sighting can follow those before."""
+        """Return whether a sighting can belong to this roll."""
         if not self._sightings:
             return True
         before, last = self._sightings[-1]
@@ -129,7 +129,7 @@ class _FreeRoll:
         return abs(state.speed - last.speed) <= _HIT * max(elapsed, _LEAST_GAP)
 
     def add(self, time: float, state: ObjectState) -> None:
-        """Add a sighting, unless one was just before, or has the same velocity: objects become slower."""
+        """Add a sighting, unless it is too early or repeats the last velocity, which free rolls never do."""
         if self._sightings:
             before, last = self._sightings[-1]
             if time - before < _LEAST_GAP - 1e-6 or (state.vx, state.vy) == (last.vx, last.vy):
@@ -137,7 +137,7 @@ class _FreeRoll:
         self._sightings.append((time, state))
 
     def fit(self) -> _Fit | None:
-        """Return the line through all speeds; None if they are too few, or do not fit the distance."""
+        """Return the regression; None if there are too few sightings or the distance contradicts them."""
         if len(self._sightings) < _FEWEST:
             return None
         times = np.array([time for time, _ in self._sightings])

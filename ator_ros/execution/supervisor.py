@@ -24,21 +24,20 @@ WATCH_PERIOD = 0.05
 """Real time in s between two checks of the deadlines."""
 GREATEST_STOP_SLOWDOWN = 5.0
 """Greatest factor by which a slow clock delays the stop command. After a pause of some seconds a clock seems
-up to 50 times slower than real time; the end of a goal may wait that long, a moving robot must not."""
+up to 50 times slower than real time, which may delay the end of a goal but not the stop of a robot."""
 LONGEST_STOP_TIME = 5.0
 """Time in s for which a robot that still moves is commanded to stop."""
 _CALM = 0.5
-"""Time in s for which a robot must stand after another program moved it and failed: that may go on, as Nav2's
-controller server does after its navigator died."""
-_FIRST_GAP = 1.0  # least real s without odometry that end a goal before it drives: its rate may be unknown
-_LONGEST_STALL = 2.0
-"""Real s without odometry that end a goal where stamps run faster than real time: a simulation may stall."""
+"""Time in s for which a robot must stand after another program moved it and failed: that may continue, as
+Nav2's controller server does after its navigator died."""
+_FIRST_GAP = 1.0  # least timeout of odometry in real s before a goal drives: its rate may be unknown
+_LONGEST_STALL = 2.0  # the same if stamps run faster than real time: a simulation may stall
 
 
 class Phase(enum.Enum):
     """Phase of the execution of a goal, in this order; REFINING is left out if no refinement is wanted.
 
-    Whatever ends a goal leads to STOPPING; without odometry, or if it is dropped, it is ENDED at once.
+    All ends of a goal lead to STOPPING; without odometry, or if it is dropped, it is ENDED at once.
     """
 
     WAITING = "waiting for the first state"
@@ -50,24 +49,12 @@ class Phase(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Deadlines:
-    """Times after which waiting ends.
+    """Timeouts in real s, but for that of actions."""
 
-    Attributes
-    ----------
-    start : float
-        Real time in s from the goal's acceptance until everything that its chain needs is known.
-    odom : float
-        Real time in s without newer odometry, once there was some.
-    refinement : float
-        Real time in s that refinement may take.
-    action : float
-        Time in s on odometry's clock that one step may take, including all changes of its goal.
-    """
-
-    start: float = 2.0
-    odom: float = 0.3
+    start: float = 2.0  # from the goal's acceptance until robot and objects of its chain are known
+    odom: float = 0.3  # without newer odometry, after the first
     refinement: float = 0.5
-    action: float = TIME_LIMIT
+    action: float = TIME_LIMIT  # s on odometry's clock, for one step with all changes of its goal
 
     @property
     def stop_after(self) -> float:
@@ -88,32 +75,27 @@ class Supervisor:
     ending : Ending or None
         How the goal ended; None before.
     reason : str
-        A sentence on what happens now; after the end, on why it ended.
+        A sentence on the present activity; after the end, on its cause.
     start : World or None
         The state in which the chain started, before that the newest one; None if there was none.
     executor, refining, forecast : ChainExecutor, Refining, Forecast
         The chain with its present goals, the questions to refinement, and the predictions of the chain.
     slowdown : float
-        How many times longer the real timeouts of odometry are: 1, or more where its clock is slow.
+        Factor for the timeouts of odometry in real time: above 1 if its clock is slow.
     is_fast : bool
         Whether odometry's clock is faster than real time.
 
     Parameters
     ----------
     now : float
-        Real time in s, in all methods; states carry a time of their own.
-    refine : bool
-        Whether the goal asks for refinement; the chain starts after the first answer.
-    again_after : float
-        Distance in m by which an object or the robot must differ from the last question before refinement is
-        asked again; 0: never again.
-    fetches : int
-        Number of times that a lost object may be fetched again.
+        Real time in s, in all methods; the time of states is that of odometry's clock.
+    refine, again_after : bool, float
+        See `Refining`; the chain starts after the first answer.
+    fetches, rolling : int, Rolling
+        See `ChainExecutor`.
     alternatives : sequence of TopChain
         Other chains for the same end: refinement may choose one of them, and without it the first valid
         plan is executed.
-    rolling : Rolling, optional
-        As for `ChainExecutor`.
     """
 
     def __init__(
@@ -170,17 +152,13 @@ class Supervisor:
     ) -> Command | None:
         """Process a newer state of the world; return the command, None if another program moves the robot.
 
-        Parameters
-        ----------
-        overdue : frozenset of str
-            Objects whose messages are late: a step that needs one pauses.
-        fault : str, optional
-            How the base does not follow its commands; the goal then ends.
+        A step that needs an `overdue` object, one without recent messages, pauses. A `fault` of the base, see
+        `MotionWatch`, ends the goal.
         """
         if fault is not None:
             self.base_fault(fault)
         self._odom_at, self._newest = now, world
-        # The first command, to stand, makes a simulation wait for the next one, which takes planning.
+        # The first command, to stand, makes a simulation wait for the next one, which requires planning.
         if self.phase is Phase.WAITING and self._begin(world, now) and world.robot.is_standing:
             return STOP
         if self.phase is Phase.EXECUTING:
@@ -190,7 +168,7 @@ class Supervisor:
         return STOP
 
     def _begin(self, world: World, now: float) -> bool:
-        """Start once all objects that the chain needs are known; return whether it is executed now."""
+        """Start when all objects that the chain needs are known; return whether it is executed now."""
         self.start = world
         unknown = missing_in(self.executor.chain.calls, world)
         if unknown is not None:
@@ -248,10 +226,10 @@ class Supervisor:
         return STOP
 
     def _guard(self, world: World, overdue: frozenset[str]) -> str:
-        """Check what ends or pauses a step whatever its action does; return why it pauses, or "".
+        """Check inputs and fence, which end or pause any step; return why it pauses, or "".
 
-        The goal ends if an object is unknown in two states in a row. One state may lack it: after a long tick
-        odometry may be read before the object's message.
+        The goal ends if an object is unknown in two states in a row. It may be missing in one state, as after
+        a long tick odometry may be read before the object's message.
         """
         top = self._top
         before, self._missing = self._missing, missing_object(top, world)
@@ -274,7 +252,7 @@ class Supervisor:
         return self.executor.call.top
 
     def _stop(self, world: World) -> None:
-        """Wait until the robot stands, or until it should."""
+        """Wait until the robot stands, or until the timeout."""
         stands = world.robot.is_standing
         self._stopped_at = min(self._stopped_at, world.time)
         self._stood_at = min(self._stood_at, world.time) if stands else math.inf
@@ -291,10 +269,10 @@ class Supervisor:
     # Deadlines
 
     def odometry_is_late(self, now: float) -> bool:
-        """Return whether odometry has been missing for half its deadline, so that the robot should stand.
+        """Return whether the robot must stand because odometry has been missing for half its timeout.
 
-        A slow clock makes that at most `GREATEST_STOP_SLOWDOWN` times longer. A robot that another program
-        moves is not paused: our commands would interfere.
+        A slow clock makes that at most `GREATEST_STOP_SLOWDOWN` times longer. If another program moves the
+        robot, commands would interfere.
         """
         released = self.phase is Phase.EXECUTING and self.executor.released
         waiting = self.phase is not Phase.ENDED and not released
@@ -302,16 +280,16 @@ class Supervisor:
         return waiting and now - self._odom_at > slowdown * self._deadlines.stop_after
 
     def odometry_received(self, now: float) -> None:
-        """Restart the deadline of odometry at `now`: messages that arrived during a tick were not late."""
+        """Restart the timeout of odometry at `now`: messages that arrived during a tick are not late."""
         self._odom_at = now
 
     def postpone(self, now: float, why: str) -> None:
-        """Restart the deadline of a goal that has not begun, and cannot yet."""
+        """Restart the timeout of a goal that cannot start yet."""
         if self.phase is Phase.WAITING:
             self._accepted, self.reason = now, why
 
     def watch(self, now: float) -> None:
-        """Check all deadlines at `now`."""
+        """Check all timeouts at `now`."""
         start = self.slowdown * self._deadlines.start
         if self.phase is Phase.WAITING and now - self._accepted > start:
             expected = f"expected one within {start:.3g} s of the goal"
@@ -339,14 +317,10 @@ class Supervisor:
     # Answers of refinement
 
     def refined_to(self, chain: TopChain, refined: bool, reason: str, *, chosen: int = 0) -> None:
-        """Accept the answer to `question`.
+        """Accept the answer `chain` to `question`.
 
-        Parameters
-        ----------
-        chain : TopChain
-            The answer. An unrefined one may differ from the question: naive values replace placeholders.
-        chosen : int
-            Index of the chain that was refined: 0 is that of the question, others are its alternatives.
+        `chosen` is its index: 0 is the chain of the question, others are its alternatives. An unrefined chain
+        may differ from the question: naive values replace placeholders.
         """
         if self.question is not None:
             self.refining.take(chain, refined, reason, chosen)
@@ -361,28 +335,28 @@ class Supervisor:
     def _start_answered(self) -> None:
         if self.phase is Phase.REFINING:
             self.phase = Phase.EXECUTING
-            self.reason = self.phase.value  # feedback may be sent before the next tick
+            self.reason = self.phase.value  # for feedback before the next tick
 
     # The end
 
     def end(self, ending: Ending, reason: str) -> None:
-        """End the goal, once: later reasons are ignored. An action under way is recorded as broken off."""
+        """End the goal, and record an active action as broken off; only the first call has an effect."""
         if self.ending is not None:
             return
         if self._newest is not None:
             self.executor.break_off(self._newest, ending, reason)
         self.phase, self.ending, self.reason = Phase.STOPPING, ending, reason
-        if math.isinf(self._odom_at):  # odometry never came: its deadline counts from the acceptance
+        if math.isinf(self._odom_at):  # without any odometry its timeout counts from the acceptance
             self._odom_at = self._accepted
 
     def base_fault(self, reason: str) -> None:
-        """End because the base does not follow its commands, also after a success, before it stands."""
+        """End because the base does not follow its commands; also after a success, until the base stands."""
         if self.ending is Ending.SUCCEEDED and self.phase is Phase.STOPPING:
             self.ending, self.reason = Ending.BASE_FAULT, reason
         self.end(Ending.BASE_FAULT, reason)
 
     def explain(self, cause: str) -> None:
-        """Add the cause of the end to its reason; empty: none is known."""
+        """Add a cause, if it is known, to the reason of the end."""
         if cause and cause not in self.reason:
             self.reason = f"{self.reason}; {cause}"
 

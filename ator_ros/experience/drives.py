@@ -107,7 +107,7 @@ class Reader:
         self._robot_in_tf = robot_in_tf
         self._odometry = OdometryReader(_ODOMETRY_FRAME if robot_in_tf else "")
         self._objects = {source.name: ObjectReader(source) for source in sources}
-        self._in_tf = {source.name: source.listened for source in sources if source.type == "tf"}
+        self._in_tf = {source.name: source.topic_or_frame for source in sources if source.type == "tf"}
         self._transforms = Transforms()
         self._servers = status_topics(domain)
         self._goals = ServerGoals(self._odometry_in)

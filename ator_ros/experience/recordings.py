@@ -217,7 +217,9 @@ def _read(
     sources, servers = [domain.source(name) for name in domain.objects], status_topics(domain)
     packages = {"Odometry": "nav_msgs"}
     wanted += [
-        Wanted(item.name, item.listened, {f"{packages.get(item.type, 'geometry_msgs')}/msg/{item.type}"})
+        Wanted(
+            item.name, item.topic_or_frame, {f"{packages.get(item.type, 'geometry_msgs')}/msg/{item.type}"}
+        )
         for item in sources
         if item.type != "tf"
     ]

@@ -1,8 +1,7 @@
 """Durations of turns and straight drives within limits.
 
-All functions of times take numbers, or arrays that broadcast; `Real` is what the first of them is.
-
-Reciprocals are multiplied, since the search for paths dominates refinement. Compiled loops compute them once.
+Elementwise functions take numbers, or arrays that broadcast; results have the type `Real` of the first one.
+They multiply by reciprocals, which compiled loops compute once: the search for paths dominates refinement.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ def rates_of(limits: Limits) -> Rates:
 def turn_parts(angle: Real, rate: Any, aw: float) -> tuple[Real, Real]:
     """Return how long the fastest turn by `angle` (rad) from rest to rest gains, and holds, its rate, in s.
 
-    It loses its rate as fast as it gains it. `rate` (rad/s) is the greatest, `aw` (rad/s^2) its change.
+    `rate` (rad/s) is the greatest turn rate, `aw` (rad/s^2) its change when it is gained and when it is lost.
     """
     size: Any = np.abs(angle)
     ramped = rate * rate * (1.0 / aw)
@@ -59,20 +58,20 @@ def turn_time(angle: Real, rate: Any, aw: float) -> Real:
 
 @elementwise
 def change_time(before: Real, after: Any, rates: Bounds) -> Real:
-    """Return the time in s in which the speed goes straight from `before` to `after` (m/s)."""
+    """Return the least time in s for a change of speed from `before` to `after` (m/s)."""
     per_a, per_brake = 1.0 / rates.a, 1.0 / rates.brake
     gain = np.abs(after) - np.abs(before)
     # If the sign of the speed changes, the base brakes and accelerates at the lower of both rates.
-    turns_round = (before * after < 0.0) * np.abs(after - before)
+    reverses = (before * after < 0.0) * np.abs(after - before)
     result: Real = np.maximum(
-        np.maximum(gain * per_a, gain * -per_brake), turns_round * np.maximum(per_a, per_brake)
+        np.maximum(gain * per_a, gain * -per_brake), reverses * np.maximum(per_a, per_brake)
     )
     return result
 
 
 @elementwise
 def change_distance(before: Real, after: Any, rates: Bounds) -> Real:
-    """Return the signed distance in m in which the speed goes straight from `before` to `after` (m/s)."""
+    """Return the signed distance in m of the fastest change of speed from `before` to `after` (m/s)."""
     result: Real = 0.5 * (before + after) * change_time(before, after, rates)
     return result
 
@@ -111,8 +110,8 @@ def drive_parts(distance: Real, before: Any, after: Any, rates: Bounds) -> tuple
 def forward_parts(distance: Real, before: Any, after: Any, rates: Bounds) -> tuple[Real, Real, Real, Real]:
     """Return `drive_parts` of drives that accelerate first, or keep their speed, and brake at the end.
 
-    An end at which the robot drives backward is reached, or left, at the lesser of both accelerations: what
-    it loses beyond standing still it gains in the other direction.
+    If the speed is negative at an end, it changes there at the lower of both accelerations, as it is both
+    lost and gained in the other direction.
     """
     up = rates.a + (before < 0.0) * (np.minimum(rates.a, rates.brake) - rates.a)
     down = rates.brake + (after < 0.0) * (np.minimum(rates.a, rates.brake) - rates.brake)

@@ -1,6 +1,6 @@
-"""A manoeuvre: straight lead, turn, straight drive, turn, straight run, each as fast as the limits allow.
+"""A manoeuvre: straight entry, turn, straight drive, turn, straight exit, each as fast as the limits allow.
 
-It is compiled, since a plan checks thousands of manoeuvres.
+The functions are compiled, since a plan checks thousands of manoeuvres.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ator_ros.robot.description import Limits
 _TOLERANCE = 1e-7
 """Distance in m within which the drive of a closed manoeuvre meets the last turn."""
 _STEPS = 12
-"""Steps of the secant method after which a manoeuvre counts as one that cannot be closed."""
+"""Steps of the secant method after which no manoeuvre is assumed to exist."""
 _BACKWARD = -1e-6
 """Speed in m/s below which a robot drives backward."""
 SPEED_PIECES, TURN_PIECES = 13, 9
@@ -29,50 +29,26 @@ the robot drives straight, its turn rate has one."""
 
 
 class Side(NamedTuple):
-    """How one end of a manoeuvre is driven, seen from that end (at the goal: backward in time).
+    """How one end of a manoeuvre is driven, seen from that end (at the goal: backward in time)."""
 
-    Attributes
-    ----------
-    length : float
-        Straight drive at this end in m.
-    outer_speed : float
-        Speed at the very end in m/s.
-    speed : float
-        Speed between the straight drive and the turn, in m/s.
-    change : float
-        Constant change of speed in the turn in m/s^2, held at the limit.
-    rate : float
-        Greatest turn rate in rad/s.
-    """
-
-    length: float
-    outer_speed: float
-    speed: float
-    change: float
-    rate: float
+    length: float  # m; of the straight part at this end
+    outer_speed: float  # m/s; at the start or goal
+    speed: float  # m/s; between the straight part and the turn
+    change: float  # m/s^2; constant change of speed in the turn, until the limit
+    rate: float  # rad/s; greatest turn rate
 
 
 @dataclass(frozen=True, slots=True)
 class Manoeuvre:
-    """The five phases between two poses.
-
-    Attributes
-    ----------
-    start, goal : Pose
-        Both ends in the world frame.
-    first, last : float
-        Signed angles of the two turns in rad.
-    distance : float
-        Signed length of the straight drive between the turns in m (negative: backward).
-    """
+    """The five phases between two poses in the world frame."""
 
     start: Pose
     goal: Pose
     entry: Side
     exit: Side
-    first: float
-    last: float
-    distance: float
+    first: float  # rad; signed angle of the first turn
+    last: float  # rad; signed angle of the last turn
+    distance: float  # m; straight drive between the turns, negative: backward
     limits: Limits
 
     @property
@@ -91,7 +67,7 @@ class Manoeuvre:
 
 @compiled
 def pose_after_turn(start: Pose, angle: float, side: FloatArray, bounds: Rates) -> Pose:
-    """Return where the straight and the turn by `angle` (rad) of a side, shape (5,), lead from `start`."""
+    """Return the pose after the straight part and the turn by `angle` (rad) of a `Side`, shape (5,)."""
     headings = np.empty((2, len(NODES)))
     time = write_headings(angle, side[4], bounds.aw, headings)
     x, y = turn_end(time, headings, side[2], side[3], bounds.v)
@@ -104,7 +80,7 @@ def pose_after_turn(start: Pose, angle: float, side: FloatArray, bounds: Rates) 
 def _gap(
     first: float, last: float, start: Pose, goal: Pose, entry: FloatArray, leaving: FloatArray, bounds: Rates
 ) -> tuple[float, float]:
-    """Return how far the straight drive misses the last turn sideways, and its length, both in m."""
+    """Return the lateral error of the straight drive at the last turn, and its length, both in m."""
     begin = pose_after_turn(start, first, entry, bounds)
     end = pose_after_turn(Pose(goal.x, goal.y, goal.yaw + math.pi), -last, leaving, bounds)
     dx, dy = end.x - begin.x, end.y - begin.y
@@ -116,9 +92,9 @@ def _gap(
 def close(
     first: float, last: float, start: Pose, goal: Pose, entry: FloatArray, leaving: FloatArray, bounds: Rates
 ) -> tuple[float, float, float, bool]:
-    """Solve for the first turn that makes a manoeuvre meet its goal, near the one it has.
+    """Solve for the first turn with which a manoeuvre ends at its goal, by the secant method from `first`.
 
-    Returns both turns in rad, the drive in m, and whether the secant method has converged.
+    Returns both turns in rad, the drive in m, and whether the method converged.
     """
     x0, x1, total = first, first + 1e-4, first + last
     f0, distance = _gap(x0, total - x0, start, goal, entry, leaving, bounds)
@@ -148,15 +124,8 @@ def write_pieces(
 ) -> float:
     """Write the velocities of a manoeuvre over time; return its duration in s.
 
-    Parameters
-    ----------
-    speeds, turns : ndarray, shapes (SPEED_PIECES, 3) and (TURN_PIECES, 3)
-        Become the pieces of the velocity (m/s) and of the turn rate (rad/s): duration in s, and the values at
-        both ends, between which it changes linearly.
-    first, last, distance : float
-        Turns in rad, straight drive in m.
-    entry, leaving : ndarray, shape (5,)
-        Both sides; see `Side`.
+    `speeds` (m/s) and `turns` (rad/s), shapes (SPEED_PIECES, 3) and (TURN_PIECES, 3), become linear pieces:
+    duration in s, values at both ends. `entry` and `leaving` are `Side`s as arrays, see `Manoeuvre`.
     """
     ramp, held, v1 = _ramp(first, entry, bounds)
     _straight(speeds, 0, entry[0], entry[1], entry[2], bounds)
@@ -180,7 +149,7 @@ def write_pieces(
 
 @compiled
 def is_forward(speeds: FloatArray, distance: float, bounds: Rates) -> bool:
-    """Return whether the robot never drives backward, and the drive suffices for its change of speed."""
+    """Return whether the robot never drives backward and the drive is long enough for its change of speed."""
     for piece in range(SPEED_PIECES):
         if speeds[piece, 0] > 0.0 and speeds[piece, 2] < _BACKWARD:
             return False
@@ -198,7 +167,7 @@ def _straight(pieces: FloatArray, at: int, distance: float, v1: float, v2: float
 
 @compiled
 def _ramp(angle: float, side: FloatArray, bounds: Rates) -> tuple[float, float, float]:
-    """Return how long the speed changes in a turn, how long it does not, in s, and what it reaches in m/s."""
+    """Return how long the speed changes in a turn and how long it is constant, in s, and its final value."""
     total = turn_time(angle, side[4], bounds.aw)
     ramp = total
     if side[3] != 0.0:

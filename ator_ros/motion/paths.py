@@ -1,8 +1,8 @@
-"""Paths that turn, drive straight and turn again, and the search for all of them between two poses.
+"""Turn-drive-turn paths, and the search for all of them between two poses.
 
-The heading of the drive is the only unknown: the drive must meet the last turn. Its roots are bracketed on a
-grid of first turns, where the parts of both turns, which tables hold, just add. Plans choose among all paths
-with any of their entries and exits; features are times of the fastest (`ator_ros.motion.shapes`).
+The heading of the drive is the only unknown: the drive must end where the last turn begins. Its roots are
+bracketed on a grid of first turns, where the lateral offsets of both turns, which tables hold, just add.
+Plans choose among all paths; features are times of the fastest (`ator_ros.motion.shapes`).
 """
 
 from __future__ import annotations
@@ -33,27 +33,20 @@ _GRID: FloatArray = _GRID_STEP * (np.arange(_POINTS, dtype=float) - _POINTS // 2
 
 
 class Turn(NamedTuple):
-    """A turn next to the drive of a path, as seen from its end of the path.
+    """A turn next to the drive of a path, as seen from its end of the path."""
 
-    Its row in the table, the speed at its beginning (m/s), the change of speed (m/s^2), the greatest rate
-    (rad/s).
-    """
-
-    row: int
-    speed: float
-    change: float
-    rate: float
+    row: int  # in the table of turns
+    speed: float  # m/s; at its beginning
+    change: float  # m/s^2; of the speed
+    rate: float  # rad/s; greatest turn rate
 
 
 class Offset(NamedTuple):
-    """From where the first turn begins to where the last one ends, in m.
-
-    The drive ends `before` m ahead of where the last turn begins.
-    """
+    """The vector in m from the beginning of the first turn to the end of the last one."""
 
     x: float
     y: float
-    before: float
+    before: float  # m by which the drive ends before the last turn begins
 
 
 @inlined
@@ -64,10 +57,10 @@ def sign_bit(gap: float, step: int) -> np.uint32:
 
 @inlined
 def crossings(above: int, steps: int, both: bool) -> int:
-    """Return a number whose bits are set for those of the first steps in which the drive meets the last turn.
+    """Return a number whose bits mark those of the first steps in which the gap changes its sign.
 
-    The gap is how far the drive passes the end of the last turn on the right after each first turn. Where it
-    falls through zero the drive goes forward, else backward, which counts only if `both` do.
+    The gap is how far the drive passes the last turn on the right. Where it falls through zero the drive goes
+    forward, else backward, which counts only if `both` do.
     """
     changes = (above ^ (above >> 1)) & ((1 << steps) - 1)
     return changes if both else changes & above
@@ -106,32 +99,22 @@ def drive_between(
 
 
 class Ends(NamedTuple):
-    """Ways to drive one end of a path.
+    """Candidates for one end of a path."""
 
-    Attributes
-    ----------
-    sides : ndarray, shape (n, 5)
-        A column for each field of `Side`.
-    times : ndarray, shape (n,)
-        Times of the straight parts in s.
-    turns : TurnTable
-        Where their turns end.
-    """
-
-    sides: FloatArray
-    times: FloatArray
-    turns: TurnTable
+    sides: FloatArray  # shape (n, 5), a column for each field of `Side`
+    times: FloatArray  # s, shape (n,); of the straight parts
+    turns: TurnTable  # displacements by their turns
 
 
 def entries_of(sides: Sequence[Side], limits: Limits) -> Ends:
-    """Return the beginnings of paths: straight to the speed of the turn, then the turn."""
+    """Return the candidates for the start of paths: straight to the speed of the turn, then the turn."""
     rows = _rows(sides)
     length, outer, speed = rows[:, :3].T
     return Ends(rows, drive_time(length, outer, speed, limits), turn_table(rows[:, 2:], limits))
 
 
 def exits_of(sides: Sequence[Side], limits: Limits) -> Ends:
-    """Return the ends of paths, as seen from the goal: the straight there begins at the speed of the turn."""
+    """Return the candidates for the end of paths, seen from the goal: a turn, then straight to the goal."""
     rows = _rows(sides)
     length, outer, speed = rows[:, :3].T
     return Ends(rows, drive_time(length, speed, outer, limits), turn_table(rows[:, 2:], limits))
@@ -144,24 +127,14 @@ def _rows(sides: Sequence[Side]) -> FloatArray:
 
 
 class Paths(NamedTuple):
-    """Paths between two poses, fastest first.
+    """Paths between two poses, fastest first: arrays of shape (n,)."""
 
-    Attributes
-    ----------
-    times : ndarray, shape (n,)
-        Their durations in s.
-    entries, exits : ndarray of int, shape (n,)
-        Their sides.
-    firsts, lasts, drives : ndarray, shape (n,)
-        Both turns in rad, the straight drive in m (negative: backward).
-    """
-
-    times: FloatArray
-    entries: NDArray[np.intp]
+    times: FloatArray  # s; durations
+    entries: NDArray[np.intp]  # indices of their candidates
     exits: NDArray[np.intp]
-    firsts: FloatArray
-    lasts: FloatArray
-    drives: FloatArray
+    firsts: FloatArray  # rad; the first turns
+    lasts: FloatArray  # rad; the last turns
+    drives: FloatArray  # m; the straight drives, negative: backward
 
 
 def find_paths(
@@ -175,9 +148,9 @@ def find_paths(
     longest: float = math.inf,
     most: int = 10_000,
 ) -> Paths:
-    """Find the `most` fastest paths from `start` to `goal` with these sides, of up to `longest` s.
+    """Find the `most` fastest paths from `start` to `goal` with these candidates, of up to `longest` s.
 
-    Where `forward`, those are left out whose drive is too short for its change of speed, and some others on
+    With `forward`, paths whose drive is too short for its change of speed are left out, and some others on
     which the robot drives backward in a turn.
     """
     end = Pose(*map(float, start.relative(goal)))
@@ -256,7 +229,7 @@ def _search(end: Pose, entries: Ends, exits: Ends, rates: Rates, forward: bool, 
 def _write_steps(
     steps: NDArray[np.intp], near: RealArray, far: RealArray, entry: int, exit_: int, both: bool
 ) -> int:
-    """Write the steps of the grid in which the drive meets the last turn; return their number."""
+    """Write the steps of the grid that contain roots; return their number."""
     count = 0
     for begin in range(0, _POINTS - 1, WIDTH):
         above = np.uint32(0)
@@ -273,9 +246,9 @@ def _write_steps(
 
 @compiled
 def _write_parts(parts: RealArray, ends: Ends, total: float, x: float, y: float) -> None:
-    """Write the parts, shape (ends, _POINTS), of ends in the gaps in m; NaN if their turns are too wide.
+    """Write the parts of the candidates in the gaps in m, shape (n, _POINTS); NaN if a turn is too wide.
 
-    The turns go from each of the grid to `total` (rad), beyond the way (x, y) in m.
+    The turns go from `total` (rad) to each heading of the grid, displaced by (x, y) in m.
     """
     sides, across = ends.sides, ends.turns.across
     for step in range(_POINTS):

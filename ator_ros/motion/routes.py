@@ -1,7 +1,7 @@
 """Routes on a map: for a place, a field of the shortest any-angle routes from everywhere else.
 
-A field is made by Lazy Theta* (Nash, Koenig and Tovey, AAAI 2010) without a heuristic: each cell refers to
-the *corner* at which its route bends first. Routes are then found by table look-ups.
+A field is computed by Lazy Theta* (Nash, Koenig and Tovey, AAAI 2010) without a heuristic: the *parent* of a
+cell is the first point at which its route bends. Routes are then found by table look-ups.
 """
 
 from __future__ import annotations
@@ -23,83 +23,69 @@ from ator_ros.robot.description import Robot
 from ator_ros.world.grid_map import GridMap, Planner
 
 LOOK_AHEAD = 0.5
-"""Length in m of the ends of a route, over which its headings at departure and arrival are taken."""
-MARGINS = (0.35, 0.25, 0.15, 0.05, 0.0)
-"""Distances in m that a route keeps from obstacles besides the robot's: the first that the places allow.
+"""Length in m of the ends of a route, over which its headings at departure and arrival are averaged."""
+CLEARANCES = (0.35, 0.25, 0.15, 0.05, 0.0)
+"""Distances in m between robot and obstacles. A route keeps the first one that its start and goal allow.
 
-Planners prefer to keep such a distance: Nav2's inflation layer does."""
-_CELL, _MOST_CELLS = 0.1, 250_000  # m; so a field takes 40 ms
-_OFF_FREE = 1.5  # cells by which a place may lie too near to an obstacle: localization errs
-_FIELD_BYTES = 200_000_000  # that the fields of a map may take
-_FEW, _MOST_PAIRS = 64, 20_000  # of which routes are remembered
-_BUCKETS = 4.0  # of the queue, per cell of length
+Planners prefer such a distance, as Nav2 does with its inflation layer."""
+_CELL, _MOST_CELLS = 0.1, 250_000  # m; with so many cells a field takes 40 ms
+_TOLERANCE = 1.5  # cells by which a start or goal may be too near to an obstacle, as localization errs
+_FIELD_BYTES = 200_000_000  # memory of the cached fields of a map
+_FEW, _CACHED_PAIRS = 64, 20_000  # up to so many pairs in one call are cached; size of that cache
+_BUCKETS = 4.0  # buckets of the queue per cell of length
 Cells = NDArray[np.int32]
 Table = NDArray[np.float32]
 Places = NDArray[np.complex128]
 Tables = tuple[Table, Table, Table, Table]
-"""By cell, of the route from it: length and least room in cells, turn and heading at its end in rad.
+"""The route from each cell: length and least clearance in cells, turn and heading at the end in rad.
 
-All but the room are known at the corners of routes only."""
+Clearances are known for all cells, the others only where routes bend."""
 
 
 class RouteSet(NamedTuple):
-    """Routes of n pairs of places, shape (n,); NaN where there is none.
+    """Routes between n pairs of places, arrays of shape (n,); NaN where there is none."""
 
-    Attributes
-    ----------
-    length, turn, clearance : ndarray
-        Length in m, sum of the angles turned at corners in rad, and least distance from an obstacle in m.
-    departure, arrival : ndarray
-        Headings in rad, over the first and the last `LOOK_AHEAD`.
-    straight : ndarray
-        Whether it has no corners.
-    """
-
-    length: FloatArray
-    turn: FloatArray
-    clearance: FloatArray
-    departure: FloatArray
-    arrival: FloatArray
-    straight: BoolArray
+    length: FloatArray  # m
+    turn: FloatArray  # rad; sum of the angles turned at bends
+    clearance: FloatArray  # m; least distance from an obstacle
+    departure: FloatArray  # rad; heading over the first `LOOK_AHEAD`
+    arrival: FloatArray  # rad; heading over the last `LOOK_AHEAD`
+    straight: BoolArray  # whether it has no bends
 
 
 class Routes:
     """The shortest routes on a map for a robot, with a cache of fields.
 
-    Parameters
-    ----------
-    grid : GridMap
-        The map.
-    radius : float
-        Least distance in m of the robot's axle from an obstacle.
+    `radius` is the least distance in m of the robot's axle from an obstacle.
     """
 
     def __init__(self, grid: GridMap, radius: float) -> None:
-        from scipy import ndimage  # only those who have a map need it
+        from scipy import ndimage  # slow to import, and needed with a map only
 
         self.grid, self.radius = grid, radius
         rows, columns = grid.free.shape
         step = max(round(_CELL / grid.resolution), math.ceil(math.sqrt(rows * columns / _MOST_CELLS)), 1)
         self._step, self._cell = step, step * grid.resolution
         padded = np.pad(grid.free, ((1, 1 + -rows % step), (1, 1 + -columns % step)))
-        room = ndimage.distance_transform_edt(padded)[1:-1, 1:-1] / step
-        # The roomiest place of a cell counts, so that narrow doors stay open.
-        blocks = room.reshape(room.shape[0] // step, step, room.shape[1] // step, step)
-        self._room: Table = blocks.max(axis=(1, 3)).astype(np.float32)
-        usable = self._room > radius / self._cell - _OFF_FREE
-        frees, entries, parts = [], [], []
-        for margin in MARGINS:
-            free = self._room > (radius + margin) / self._cell
+        clearance = ndimage.distance_transform_edt(padded)[1:-1, 1:-1] / step
+        # The greatest clearance in a cell counts, so that narrow doors stay open.
+        blocks = clearance.reshape(clearance.shape[0] // step, step, clearance.shape[1] // step, step)
+        self._clearance: Table = blocks.max(axis=(1, 3)).astype(np.float32)
+        usable = self._clearance > radius / self._cell - _TOLERANCE
+        # For each of `CLEARANCES`: free cells, the nearest one to each cell, and connected components.
+        frees, nearest, components = [], [], []
+        for distance in CLEARANCES:
+            free = self._clearance > (radius + distance) / self._cell
             away, (row, column) = ndimage.distance_transform_edt(~free, return_indices=True)
-            near = usable & (away <= margin / self._cell + _OFF_FREE) & free.any()
-            entries.append(np.where(near, row * free.shape[1] + column, -1).ravel())
-            parts.append(ndimage.label(free, np.ones((3, 3)))[0].ravel())
+            near = usable & (away <= distance / self._cell + _TOLERANCE) & free.any()
+            nearest.append(np.where(near, row * free.shape[1] + column, -1).ravel())
+            components.append(ndimage.label(free, np.ones((3, 3)))[0].ravel())
             frees.append(free)
         self._free: BoolArray = np.stack(frees)
-        self._entry: Cells = np.stack(entries).astype(np.int32)
-        self._part: Cells = np.stack(parts).astype(np.int32)
+        self._nearest: Cells = np.stack(nearest).astype(np.int32)
+        self._component: Cells = np.stack(components).astype(np.int32)
         self._fields: OrderedDict[tuple[int, complex], tuple[Cells, Tables]] = OrderedDict()
-        self._pairs: dict[bytes, FloatArray] = {}
+        self._cached = lru_cache(_CACHED_PAIRS)(lambda *pair: self._between(np.array([pair]).T)[:, 0])
         self._paths: dict[tuple[int, ...], FloatArray | None] = {}  # of the map's planner
         free = np.argwhere(self._free[-1])
         if not len(free):
@@ -112,29 +98,19 @@ class Routes:
     def between(self, x: FloatArray, y: FloatArray, to_x: FloatArray, to_y: FloatArray) -> RouteSet:
         """Return the routes from (x, y) to (to_x, to_y) in m, all of shape (n,).
 
-        A field is made for each distinct place of starts or goals, whichever have fewer.
+        A field is computed for each distinct start or goal, whichever are fewer.
         """
         ends = np.stack([x, y, to_x, to_y])
         count = ends.shape[1]
-        if count and (ends == ends[:, :1]).all():  # as in a search for headings
-            found = self._remembered(ends[:, :1]).repeat(count, axis=1)
+        alike = count > 0 and bool((ends == ends[:, :1]).all())  # as in a search for headings
+        if alike:
+            found = self._cached(*ends[:, 0].tolist())[:, None].repeat(count, axis=1)
+        elif 0 < count <= _FEW:
+            found = np.stack([self._cached(*pair) for pair in ends.T.tolist()], axis=1)
         else:
-            few = count <= _FEW or self.grid.planner is not None
-            found = self._remembered(ends) if few else self._between(ends)
+            found = self._between(ends)
         length, turn, clearance, departure, arrival, straight = found
         return RouteSet(length, turn, clearance, departure, arrival, straight == 1.0)
-
-    def _remembered(self, ends: FloatArray) -> FloatArray:
-        """Return the routes of a few pairs of places as `_between` does, and remember them."""
-        keys = [column.tobytes() for column in ends.T]
-        new = [number for number, key in enumerate(keys) if key not in self._pairs]
-        if new:
-            if len(self._pairs) > _MOST_PAIRS:
-                self._pairs.clear()
-                new = list(range(len(keys)))
-            found = self._between(ends[:, new])
-            self._pairs |= {keys[number]: found[:, at] for at, number in enumerate(new)}
-        return np.stack([self._pairs[key] for key in keys], axis=1)
 
     def _between(self, ends: FloatArray) -> FloatArray:
         """Return the routes of pairs x, y, to_x, to_y in m, shape (4, n): the rows of a `RouteSet`."""
@@ -149,7 +125,7 @@ class Routes:
         """Return the route along the path of a planner between two places in m, a column of a `RouteSet`."""
         key = tuple(round(value / _CELL) for value in (x, y, to_x, to_y))  # stops differ by centimeters
         if key not in self._paths:
-            if len(self._paths) > _MOST_PAIRS:
+            if len(self._paths) > _CACHED_PAIRS:
                 self._paths.clear()
             self._paths[key] = planner((x, y), (to_x, to_y))
         path = self._paths[key]
@@ -158,48 +134,49 @@ class Routes:
         path = np.concatenate([[(x, y)], path[1:-1], [(to_x, to_y)]])
         length, turn, departure, arrival, straight = measured_path(path, LOOK_AHEAD)
         cells = self._cells(self._places(*path.T))
-        clearance = self._cell * np.where(cells < 0, 0.0, self._room.ravel()[cells]).min()
+        clearance = self._cell * np.where(cells < 0, 0.0, self._clearance.ravel()[cells]).min()
         return np.array([length, turn, clearance, departure, arrival, straight])
 
-    def lead(self, ends: FloatArray) -> BoolArray:
-        """Return whether routes lead from x, y to to_x, to_y in m, shape (4, n)."""
-        here, there = (self._cells(self._places(*pair)) for pair in (ends[:2], ends[2:]))
-        return np.asarray(_levels(self._entry, self._part, here, there) >= 0)
+    def connected(self, ends: FloatArray) -> BoolArray:
+        """Return whether there are routes from x, y to to_x, to_y in m, shape (4, n)."""
+        starts, goals = (self._cells(self._places(*pair)) for pair in (ends[:2], ends[2:]))
+        return np.asarray(_levels(self._nearest, self._component, starts, goals) >= 0)
 
     def fault(self, x: float, y: float, start: tuple[float, float] | None = None) -> str | None:
         """Return why no route leads to a place in m, from `start` or from anywhere; None if one does."""
         origin = (x, y) if start is None else start
-        if self.lead(np.array([[*origin, x, y]]).T)[0]:
+        if self.connected(np.array([[*origin, x, y]]).T)[0]:
             return None
         wanted = f"free space, {self.radius:.2f} m from obstacles"
         if start is not None:
             wanted = f"reach of x {start[0]:.2f} m, y {start[1]:.2f} m"
         return f"expected a place in {wanted}, on the map {self.grid}, got x {x:.2f} m, y {y:.2f} m"
 
-    def room(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def clearance(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return lower bounds in m, up to 0.2 m too low, of the distances of places from obstacles."""
         cells = self._cells(self._places(x, y))
-        return np.where(cells < 0, 0.0, self._cell * np.maximum(self._room.ravel()[cells] - _OFF_FREE, 0.0))
+        least = self._cell * np.maximum(self._clearance.ravel()[cells] - _TOLERANCE, 0.0)
+        return np.where(cells < 0, 0.0, least)
 
     def _routes(self, starts: Places, goals: Places) -> FloatArray:
         """Return the routes between places in cells, shape (6, n), lengths in cells: see `RouteSet`."""
-        here, there = self._cells(starts), self._cells(goals)
-        level = _levels(self._entry, self._part, here, there)
+        from_cells, to_cells = self._cells(starts), self._cells(goals)
+        levels = _levels(self._nearest, self._component, from_cells, to_cells)
         ends, others = _distinct(goals), _distinct(starts)
         backward = len(others) < len(ends)
         if backward:
-            starts, goals, here, there, ends = goals, starts, there, here, others
-        found = np.full((6, len(here)), np.nan)
+            starts, goals, from_cells, to_cells, ends = goals, starts, to_cells, from_cells, others
+        found = np.full((6, len(starts)), np.nan)
         for end in ends:
-            mine = np.flatnonzero(goals == end) if len(ends) > 1 else np.arange(len(goals))
-            for number in np.unique(level[mine]):
-                if number >= 0:
-                    which = mine[level[mine] == number]
-                    goal = self._entry[number, there[which[0]]]
-                    entries = self._entry[number, here[which]]
-                    field = self._field(int(number), int(goal), complex(end))
-                    columns, look = self._room.shape[1], LOOK_AHEAD / self._cell
-                    found[:, which] = _look_up(starts[which], entries, *field, columns, goal, end, look)
+            to_end = np.flatnonzero(goals == end) if len(ends) > 1 else np.arange(len(goals))
+            for level in np.unique(levels[to_end]):
+                if level >= 0:
+                    which = to_end[levels[to_end] == level]
+                    goal = self._nearest[level, to_cells[which[0]]]
+                    cells = self._nearest[level, from_cells[which]]
+                    field = self._field(int(level), int(goal), complex(end))
+                    columns, look = self._clearance.shape[1], LOOK_AHEAD / self._cell
+                    found[:, which] = _look_up(starts[which], cells, *field, columns, goal, end, look)
         if backward:
             found[3], found[4] = found[4] + math.pi, found[3] + math.pi
         return found
@@ -211,19 +188,20 @@ class Routes:
 
     def _cells(self, places: Places) -> NDArray[np.intp]:
         """Return the cells in which places lie, -1 outside the map."""
-        rows, columns = self._room.shape
+        rows, columns = self._clearance.shape
         row, column = np.floor(places.imag + 0.5), np.floor(places.real + 0.5)
         inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
         return np.where(inside, row * columns + column, -1.0).astype(np.intp)
 
     def _field(self, level: int, goal: int, end: complex) -> tuple[Cells, Tables]:
-        """Return corners and tables of the routes to a place, in the cell `goal`."""
+        """Return parents and tables of the routes to a place, in the cell `goal`."""
         key = level, end
         if key not in self._fields:
-            corner, order = _corners(self._free[level], goal)
-            look, room = LOOK_AHEAD / self._cell, self._room.ravel()
-            self._fields[key] = corner, _tables(corner, order, self._room.shape[1], end, room, look)
-            while len(self._fields) > max(4, _FIELD_BYTES // (20 * room.size)):
+            parent, order = _parents(self._free[level], goal)
+            look, clearance = LOOK_AHEAD / self._cell, self._clearance.ravel()
+            tables = _tables(parent, order, self._clearance.shape[1], end, clearance, look)
+            self._fields[key] = parent, tables
+            while len(self._fields) > max(4, _FIELD_BYTES // (20 * clearance.size)):
                 self._fields.popitem(last=False)
         self._fields.move_to_end(key)
         return self._fields[key]
@@ -233,7 +211,7 @@ _routes_on = lru_cache(maxsize=4)(Routes)
 
 
 def routes_of(robot: Robot) -> Routes | None:
-    """Return the routes of a robot on its map, made once; None without a map.
+    """Return the routes of a robot on its map, computed once; None without a map.
 
     They keep half of the robot's width from obstacles: no robot drives where its sides touch.
     """
@@ -246,12 +224,12 @@ def reachable(places: Sequence[Pose], robot: Robot) -> bool:
     if routes is None:
         return True
     x, y = np.array([place[:2] for place in places], dtype=float).reshape(-1, 2).T
-    lengths = routes.between(x[:-1], y[:-1], x[1:], y[1:]).length
-    return bool((routes.room(x, y) > robot.reach).all() and np.isfinite(lengths).all())
+    connected = routes.connected(np.stack([x[:-1], y[:-1], x[1:], y[1:]]))
+    return bool((routes.clearance(x, y) > robot.reach).all() and connected.all())
 
 
 def arrival_heading(start: Sequence[float], goal: Pose, robot: Robot) -> float:
-    """Return the heading in rad in which a robot comes from x, y (m) to a goal, on its map if it has one."""
+    """Return the heading in rad in which a robot arrives at a goal from x, y (m), along the route if any."""
     routes, found = routes_of(robot), math.nan
     if routes is not None:
         found = routes.between(*np.array([[*start, *goal[:2]]], dtype=float).T).arrival[0]
@@ -264,22 +242,22 @@ def _distinct(places: Places) -> Places:
 
 
 @compiled
-def _levels(entry: Cells, part: Cells, here: NDArray[np.intp], there: NDArray[np.intp]) -> Cells:
-    """Return the number of the margin that routes between cells keep, shape (n,); -1 without a route."""
-    level = np.full(len(here), -1, dtype=np.int32)
-    for at in range(len(here)):
-        if here[at] < 0 or there[at] < 0:
+def _levels(nearest: Cells, component: Cells, starts: NDArray[np.intp], goals: NDArray[np.intp]) -> Cells:
+    """Return the index in `CLEARANCES` of the routes between cells, shape (n,); -1 without a route."""
+    levels = np.full(len(starts), -1, dtype=np.int32)
+    for at in range(len(starts)):
+        if starts[at] < 0 or goals[at] < 0:
             continue
-        for number in range(len(entry)):
-            start, goal = entry[number, here[at]], entry[number, there[at]]
-            if start >= 0 and goal >= 0 and part[number, start] == part[number, goal]:
-                level[at] = number
+        for level in range(len(nearest)):
+            start, goal = nearest[level, starts[at]], nearest[level, goals[at]]
+            if start >= 0 and goal >= 0 and component[level, start] == component[level, goal]:
+                levels[at] = level
                 break
-    return level
+    return levels
 
 
 @compiled
-def _sees(free: BoolArray, cell: int, other: int) -> bool:
+def _line_of_sight(free: BoolArray, cell: int, other: int) -> bool:
     """Return whether the cells on the line between two cells are free."""
     columns = free.shape[1]
     row, column = cell // columns, cell % columns
@@ -293,9 +271,12 @@ def _sees(free: BoolArray, cell: int, other: int) -> bool:
 
 
 @compiled
-def _beside_seen(settled: BoolArray, corner: Cells, columns: int, cell: int) -> bool:
-    """Return whether the two neighbors beside the line from a cell to its corner see that corner."""
-    goal = corner[cell]
+def _beside_connected(settled: BoolArray, parent: Cells, columns: int, cell: int) -> bool:
+    """Return whether the two neighbors beside the line to the parent of a cell have that parent, too.
+
+    Then it has a line of sight, which takes longer to check.
+    """
+    goal = parent[cell]
     down, right = goal // columns - cell // columns, goal % columns - cell % columns
     down1, right1 = int(np.sign(down)), int(np.sign(right))
     diagonal = straight = cell + down1 * columns + right1
@@ -304,13 +285,13 @@ def _beside_seen(settled: BoolArray, corner: Cells, columns: int, cell: int) -> 
     elif abs(right) > abs(down):
         straight = cell + right1
     for beside in (diagonal, straight):
-        if not settled[beside] or (corner[beside] != goal and beside != goal):
+        if not settled[beside] or (parent[beside] != goal and beside != goal):
             return False
     return True
 
 
 @compiled
-def _steps(free: BoolArray, cell: int, neighbors: Cells) -> int:
+def _neighbors(free: BoolArray, cell: int, neighbors: Cells) -> int:
     """Write the cells next to `cell` that can be entered from there, and return their number."""
     rows, columns = free.shape
     row, column, count = cell // columns, cell % columns, 0
@@ -328,17 +309,17 @@ def _distance(cell: int, other: int, columns: int) -> float:
 
 
 @compiled
-def _corners(free: BoolArray, goal: int) -> tuple[Cells, Cells]:
-    """Return the corner of each cell, -1 where no route leads, and the cells in order of their lengths."""
+def _parents(free: BoolArray, goal: int) -> tuple[Cells, Cells]:
+    """Return the parent of each cell, -1 where no route leads, and the cells in order of their lengths."""
     rows, columns = free.shape
     count = rows * columns
-    corner, length = np.full(count, -1, dtype=np.int32), np.full(count, np.inf)
+    parent, length = np.full(count, -1, dtype=np.int32), np.full(count, np.inf)
     settled, neighbors = np.zeros(count, dtype=np.bool_), np.empty(9, dtype=np.int32)
     order, done = np.empty(count, dtype=np.int32), 0
     # The queue: for each bucket of lengths a linked list. The buckets form a ring, longer than any step.
     first = np.full(int(2 * _BUCKETS * (rows + columns)), -1, dtype=np.int32)
     queued, after = np.empty(8 * count + 1, dtype=np.int32), np.empty(8 * count + 1, dtype=np.int32)
-    corner[goal], length[goal], queued[0], after[0], first[0] = goal, 0.0, goal, -1, 0
+    parent[goal], length[goal], queued[0], after[0], first[0] = goal, 0.0, goal, -1, 0
     pushed, waiting, bucket = 1, 1, 0
     while waiting > 0:
         while first[bucket % len(first)] < 0:
@@ -349,29 +330,31 @@ def _corners(free: BoolArray, goal: int) -> tuple[Cells, Cells]:
         cell = queued[entry]
         if settled[cell]:
             continue
-        near, via = _steps(free, cell, neighbors), corner[cell]
-        if not _beside_seen(settled, corner, columns, cell) and not _sees(free, cell, via):
+        near, candidate = _neighbors(free, cell, neighbors), parent[cell]
+        if not _beside_connected(settled, parent, columns, cell) and not _line_of_sight(
+            free, cell, candidate
+        ):
             length[cell] = np.inf
             for other in neighbors[:near]:
                 if settled[other]:
-                    beyond = corner[other]
-                    if beyond == via or not _sees(free, cell, beyond):
+                    beyond = parent[other]
+                    if beyond == candidate or not _line_of_sight(free, cell, beyond):
                         beyond = other
-                    way = length[beyond] + _distance(cell, beyond, columns)
-                    if way < length[cell]:
-                        length[cell], corner[cell] = way, beyond
-            via = corner[cell]
+                    total = length[beyond] + _distance(cell, beyond, columns)
+                    if total < length[cell]:
+                        length[cell], parent[cell] = total, beyond
+            candidate = parent[cell]
         settled[cell] = True
         order[done] = cell
         done += 1
         for other in neighbors[:near]:
-            way = length[via] + _distance(other, via, columns)
-            if not settled[other] and way < length[other]:
-                length[other], corner[other] = way, via
-                place = max(int(_BUCKETS * way), bucket) % len(first)
+            total = length[candidate] + _distance(other, candidate, columns)
+            if not settled[other] and total < length[other]:
+                length[other], parent[other] = total, candidate
+                place = max(int(_BUCKETS * total), bucket) % len(first)
                 queued[pushed], after[pushed], first[place] = other, first[place], pushed
                 pushed, waiting = pushed + 1, waiting + 1
-    return corner, order[:done]
+    return parent, order[:done]
 
 
 @compiled
@@ -381,8 +364,8 @@ def _place(cell: int, columns: int, goal: int, end: complex) -> complex:
 
 
 @compiled
-def _heading(way: complex) -> float:
-    return math.atan2(way.imag, way.real)
+def _heading(vector: complex) -> float:
+    return math.atan2(vector.imag, vector.real)
 
 
 @compiled
@@ -392,68 +375,69 @@ def _turned(before: complex, after: complex) -> float:
 
 
 @compiled
-def _arrival(here: complex, way: complex, beyond: float, end: complex, look: float) -> float:
-    """Return the heading in rad over the last `look` of a route, which is `beyond` long after `way`."""
-    share = max(abs(way) + beyond - look, 0.0) / max(abs(way), 1e-9)
-    return _heading(end - here - share * way)
+def _arrival(start: complex, first: complex, rest: float, end: complex, look: float) -> float:
+    """Return the heading in rad over the last `look` of a route that is `rest` long after its first part."""
+    share = max(abs(first) + rest - look, 0.0) / max(abs(first), 1e-9)
+    return _heading(end - start - share * first)
 
 
 @compiled
-def _tables(corner: Cells, order: Cells, columns: int, end: complex, room: Table, look: float) -> Tables:
+def _tables(parent: Cells, order: Cells, columns: int, end: complex, clearance: Table, look: float) -> Tables:
     """Return the tables of a field to the exact place `end`; see `Tables`."""
-    length, turn = np.zeros(len(corner), dtype=np.float32), np.zeros(len(corner), dtype=np.float32)
-    least, arrival = room.copy(), np.zeros(len(corner), dtype=np.float32)
-    goal, bends = order[0], np.zeros(len(corner), dtype=np.bool_)
+    length, turn = np.zeros(len(parent), dtype=np.float32), np.zeros(len(parent), dtype=np.float32)
+    least, arrival = clearance.copy(), np.zeros(len(parent), dtype=np.float32)
+    goal, bends = order[0], np.zeros(len(parent), dtype=np.bool_)
     for cell in order:
-        bends[corner[cell]] = True
+        bends[parent[cell]] = True
     for cell in order[1:]:
-        via, here = corner[cell], complex(cell % columns, cell // columns)
-        way = _place(via, columns, goal, end) - here
-        step = here + way / max(abs(way.real), abs(way.imag), 1.0)
+        bend, here = parent[cell], complex(cell % columns, cell // columns)
+        first = _place(bend, columns, goal, end) - here
+        step = here + first / max(abs(first.real), abs(first.imag), 1.0)
         ahead = int(step.imag + 0.5) * columns + int(step.real + 0.5)
-        least[cell] = min(room[cell], least[ahead if corner[ahead] == via else via])
+        least[cell] = min(clearance[cell], least[ahead if parent[ahead] == bend else bend])
         if bends[cell]:
-            length[cell] = length[via] + abs(way)
-            arrival[cell] = arrival[via]
-            if length[via] < look:
-                arrival[cell] = _arrival(here, way, length[via], end, look)
-            if via != goal:
-                turn[cell] = turn[via] + _turned(way, _place(corner[via], columns, goal, end) - here - way)
+            length[cell] = length[bend] + abs(first)
+            arrival[cell] = arrival[bend]
+            if length[bend] < look:
+                arrival[cell] = _arrival(here, first, length[bend], end, look)
+            if bend != goal:
+                second = _place(parent[bend], columns, goal, end) - here - first
+                turn[cell] = turn[bend] + _turned(first, second)
     return length, least, turn, arrival
 
 
 @compiled
 def _look_up(
     starts: Places,
-    entries: Cells,
-    corner: Cells,
+    cells: Cells,
+    parent: Cells,
     tables: Tables,
     columns: int,
     goal: int,
     end: complex,
     look: float,
 ) -> FloatArray:
-    """Return the routes to `end` from n starts in the cells `entries`, shape (6, n), as in `RouteSet`."""
+    """Return the routes to `end` from n starts in `cells`, shape (6, n), as in `RouteSet`."""
     length, least, turn, arrival = tables
     found = np.empty((6, len(starts)))
     for at in range(len(starts)):
-        here, cell = starts[at], entries[at]
-        via = corner[cell]
-        there = _place(via, columns, goal, end)
-        way = there - here
-        found[0, at], found[1, at], found[2, at] = abs(way) + length[via], 0.0, least[cell]
-        found[3, at], found[4, at], found[5, at] = _heading(way), _heading(way), via == goal
-        if via == goal:
+        start, cell = starts[at], cells[at]
+        bend = parent[cell]
+        place = _place(bend, columns, goal, end)
+        first = place - start
+        found[0, at], found[1, at], found[2, at] = abs(first) + length[bend], 0.0, least[cell]
+        found[3, at], found[4, at], found[5, at] = _heading(first), _heading(first), bend == goal
+        if bend == goal:
             continue
-        after = _place(corner[via], columns, goal, end) - there
-        found[1, at], found[4, at] = turn[via] + _turned(way, after), arrival[via]
-        if length[via] < look:
-            found[4, at] = _arrival(here, way, length[via], end, look)
-        left, point = look, here
-        while abs(way) < left and via != goal:
-            left -= abs(way)
-            point, via = there, corner[via]
-            there = _place(via, columns, goal, end)
-            way = there - point
-        found[3, at] = _heading(point + min(left / max(abs(way), 1e-9), 1.0) * way - here)
+        second = _place(parent[bend], columns, goal, end) - place
+        found[1, at], found[4, at] = turn[bend] + _turned(first, second), arrival[bend]
+        if length[bend] < look:
+            found[4, at] = _arrival(start, first, length[bend], end, look)
+        left, begin, part = look, start, first
+        while abs(part) < left and bend != goal:
+            left -= abs(part)
+            begin, bend = place, parent[bend]
+            place = _place(bend, columns, goal, end)
+            part = place - begin
+        found[3, at] = _heading(begin + min(left / max(abs(part), 1e-9), 1.0) * part - start)
     return found

@@ -2,11 +2,10 @@
 
 A shape of path is a turn, a straight drive, a turn and a straight run, with given changes of speed. Shapes
 come in groups: the first of each group is tried for all ends, the others of a group where its first one is
-the fastest. `needed_shapes` chooses groups from a fine grid: the next shape is that which brings the times
-nearest to those of the whole grid.
+the fastest. `needed_shapes` chooses groups from a fine grid.
 
-The search is compiled, since it dominates refinement. Unlike the search for all paths it looks roots up in a
-coarse grid, without interpolating the ends of turns, and does not refine them; times are interpolated.
+The search is compiled, since it dominates refinement. Unlike the search for all paths it interpolates roots
+linearly on a coarse grid, and does not refine them.
 """
 
 from __future__ import annotations
@@ -42,37 +41,28 @@ _STEP = np.float32(STEP)
 
 
 class TurnTables(NamedTuple):
-    """The table of turns with some profiles, each at speeds up to the limit, both ways.
+    """Turns for each profile (change of speed, greatest turn rate) and each speed up to the limit.
 
-    Attributes
-    ----------
-    turns : TurnTable
-        A row for each profile and speed.
-    fractions : ndarray, shape (rows, FINE, columns)
-        The column `across`, rearranged so that entries of turns one step apart are contiguous, for each
-        entry to begin with; see `_window_of`.
-    lowest : float
-        First speed in m/s: 0 where the robot never drives backward.
-    speeds : int
-        Number of speeds.
+    `fractions`, shape (rows, FINE, columns), is `turns.across`, rearranged so that turns one step apart are
+    contiguous; see `_window_of`.
     """
 
-    turns: TurnTable
+    turns: TurnTable  # a row for each profile and speed
     fractions: RealArray
-    lowest: float
-    speeds: int
+    lowest: float  # m/s; first speed, 0 where the robot never drives backward
+    speeds: int  # number of speeds
 
 
 @compiled
 def _row_of(tables: TurnTables, first: int, speed: float) -> int:
-    """Return the row of turns that start at `speed` (m/s); `first` is that of the lowest speed."""
+    """Return the row of the turn that starts at `speed` (m/s); `first` is the row of the lowest speed."""
     row = int((speed - tables.lowest) * (1.0 / SPEED_STEP) + 0.5)
     return first + min(max(row, 0), tables.speeds - 1)
 
 
 @compiled
 def _window_of(moved: float) -> tuple[int, int]:
-    """Return where in a row of `fractions` the turns moved by `moved` (rad, within 540 degrees) begin."""
+    """Return the indices in a row of `fractions` of the first turn plus `moved` (rad, within 540 degrees)."""
     place = int(2 * HALF * FINE + 0.5 + moved * (FINE / STEP))
     return place % FINE, place // FINE
 
@@ -84,7 +74,7 @@ def turn_tables(rates: Rates, profiles: tuple[tuple[float, float], ...], *, forw
     speeds = speeds[speeds > -SPEED_STEP] if forward else speeds
     rows = [(speed, *profile) for profile in profiles for speed in speeds.tolist()]
     turns = turn_table(np.array(rows), rates)
-    # Turns moved by up to 2 * HALF steps to either side; values beyond the table are discarded later.
+    # Turns are moved by up to 2 * HALF steps to either side; values outside the table are discarded later.
     beyond = (2 * HALF - 1) * FINE
     across = turns.across.reshape(-1, ENTRIES)
     wide = np.pad(across[:, :-1], ((0, 0), (beyond, beyond + 2 * FINE)), mode="edge").astype(np.float32)
@@ -96,33 +86,20 @@ def turn_tables(rates: Rates, profiles: tuple[tuple[float, float], ...], *, forw
 class Shape(NamedTuple):
     """One shape of path: turn, drive straight, turn, run straight to the goal.
 
-    Attributes
-    ----------
-    first_change, first_rate : float
-        Change of speed in the first turn, up to the limit, in m/s^2; greatest turn rate in rad/s.
-    last_change, last_rate : float
-        Those of the last turn as seen from the goal, backward in time.
-    share : float
-        Speed between last turn and run. For a run of a given length: from the least (0) to the greatest (1)
-        speed from which it can reach its end speed; for one as long as needed: a share of the limit. NaN
-        without a run.
-    entry : float
-        Speed in m/s to reach in a straight lead before the first turn; NaN where that begins at once.
-    least_start, least_arrival : float
-        Least speeds in m/s at the start and at the goal of such paths; NaN: any.
-    direction : float
-        1 if the drive between the turns goes forward, -1 if backward.
+    `share` gives the speed between last turn and run. For a run of a given length it goes from the least (0)
+    to the greatest (1) speed from which the run can reach its end speed; for a run as long as needed it is a
+    share of the limit. NaN: there is no run.
     """
 
-    first_change: float
-    first_rate: float
-    last_change: float
+    first_change: float  # m/s^2; change of speed in the first turn, up to the limit
+    first_rate: float  # rad/s; its greatest turn rate
+    last_change: float  # those of the last turn as seen from the goal, backward in time
     last_rate: float
     share: float = 0.0
-    entry: float = np.nan
-    least_start: float = np.nan
-    least_arrival: float = np.nan
-    direction: float = 1.0
+    entry: float = np.nan  # m/s; reached on a straight line before the first turn, NaN: there is none
+    least_start: float = np.nan  # m/s; least speed at the start, NaN: any
+    least_arrival: float = np.nan  # m/s; least speed at the goal, NaN: any
+    direction: float = 1.0  # of the drive between the turns: 1 forward, -1 backward
 
 
 _SHAPE = np.dtype(
@@ -130,50 +107,31 @@ _SHAPE = np.dtype(
     + [("first_row", np.intp), ("last_row", np.intp)],
     align=True,
 )
-"""A shape of path, and where the rows of its turns begin in the tables."""
+"""A shape of path, and the first rows of its turns in the tables."""
 
 
 class Rules(NamedTuple):
-    """What holds for all shapes of a set.
+    """The settings that all shapes of a set share.
 
-    Attributes
-    ----------
-    run : float
-        Length in m of the straight run at the end; NaN where it is as long as its change of speed needs.
-    passing : float
-        Distance in m that the straight drive keeps from an object at the goal; 0 where there is none.
-    forward : bool
-        Whether the robot never drives backward.
-    free_heading : bool
-        Whether the heading at the destination does not matter: there is no last turn, and the drive leads the
-        object in front of the robot there.
+    If `free_heading`, any heading at the destination will do: there is no last turn, and the drive ends when
+    the object in front of the robot is there.
     """
 
     rates: Rates
-    run: float = 0.0
-    passing: float = 0.0
-    forward: bool = False
+    run: float = 0.0  # m; straight run at the end, NaN: as long as its change of speed needs
+    passing: float = 0.0  # m; distance between the drive and an object at the goal, 0: no object
+    forward: bool = False  # the robot never drives backward
     free_heading: bool = False
 
 
 class ShapeSet(NamedTuple):
-    """Shapes of paths, of which the fastest counts.
-
-    Attributes
-    ----------
-    rows : ndarray
-        The shapes: the first ones of all groups, then the others group by group.
-    others : ndarray of int, shape (groups + 1,)
-        The rows at which the other shapes of each group begin, and the end.
-    missed : tuple of float
-        Time (s) and angle (rad) that stand for ends so near each other that no path has room.
-    """
+    """Shapes of paths, of which the fastest counts."""
 
     rules: Rules
-    rows: Rows
-    others: NDArray[np.intp]
+    rows: Rows  # the first shapes of all groups, then the others group by group
+    others: NDArray[np.intp]  # shape (groups + 1,); first row of the others of each group, and the end
     tables: TurnTables
-    missed: tuple[float, float]
+    missed: tuple[float, float]  # time (s) and angle (rad) for ends too near each other for any path
 
 
 def shape_set(groups: Sequence[Sequence[Shape]], rules: Rules) -> ShapeSet:
@@ -191,13 +149,12 @@ def shape_set(groups: Sequence[Sequence[Shape]], rules: Rules) -> ShapeSet:
 
 
 _END = np.dtype([("speed", float), ("length", float), ("time", float), ("row", np.intp)])
-"""One end of a shape's paths: speed (m/s) at the turn, length (m) and time (s) of the straight part between
-the end and the turn, and the turn's row in the tables."""
+"""An end of a path: speed (m/s) at the turn, length (m) and time (s) of the straight part, row of turn."""
 
 
 @compiled
 def _set_speed(entries: Rows, speed: float, shapes: Rows, tables: TurnTables, rules: Rules) -> None:
-    """Write the first ends of all shapes for a speed (m/s) at the start; infinite times if it is too low."""
+    """Write the start of all shapes for a speed (m/s); times are infinite if that is too low."""
     rates = rules.rates
     for index in range(len(shapes)):
         shape, entry = shapes[index], entries[index]
@@ -209,7 +166,7 @@ def _set_speed(entries: Rows, speed: float, shapes: Rows, tables: TurnTables, ru
 
 @compiled
 def _set_arrival(exits: Rows, arrival: float, shapes: Rows, tables: TurnTables, rules: Rules) -> None:
-    """Write the last ends of all shapes for a speed (m/s) at the destination, as `_set_speed` does."""
+    """Write the end of all shapes for a speed (m/s) at the destination, as `_set_speed` does."""
     rates, square = rules.rates, arrival * arrival
     for index in range(len(shapes)):
         shape, exit_ = shapes[index], exits[index]
@@ -278,11 +235,10 @@ def fastest_paths(ends: FloatArray, shapes: ShapeSet, hold: float) -> FloatArray
 
 
 _DETOUR, _SHORTFALL = 7.2, 2.0
-"""Costs, in m of driving at full speed, of each m that a drive passes an object at the goal too near, and of
-each m that a drive forward lacks for its change of speed: the robot turns at other speeds then."""
-_ROOM = 0.02
-"""Room in m that a drive needs beyond its change of speed if no last turn can make up for it."""
-_MOST_TURNED = math.radians(450.0)
+"""Costs, in m of driving at full speed, of each m by which a drive is too near to an object at the goal, and
+of each m that a drive forward is too short for its change of speed: then the robot turns at other speeds."""
+_SPARE = 0.02  # m by which a drive must exceed its change of speed if there is no last turn to compensate
+_MOST_TURNED = math.radians(450.0)  # sum of both turns
 
 
 @inlined
@@ -304,7 +260,7 @@ def _fastest(
     """Return time (s), turned angle (rad) and shape of the fastest path; infinite unless below `most`."""
     cos, sin = math.cos(turn), math.sin(turn)
     object_x, object_y = x + hold * cos, y + hold * sin
-    # The whole change of heading may be either way round, or a full turn more.
+    # The whole change of heading may be in either direction, or a full turn more.
     circle = math.copysign(math.tau, turn)
     totals = (turn, turn - circle, turn + circle)
     windows = (_window_of(-totals[0]), _window_of(-totals[1]), _window_of(-totals[2]))
@@ -333,8 +289,8 @@ def _fastest(
             else:
                 fraction, column = windows[around]
                 far = fractions[two.row, fraction, column : column + WIDTH]
-            # By how much a drive after each of the turns misses the last turn, in the shape's direction.
-            # `far` is how far across the last turns lead.
+            # Lateral errors at the last turn of drives after each first turn, in the shape's direction;
+            # `far` holds the lateral offsets of the last turns.
             near, direction = fractions[one.row, 0, 2 * HALF : 2 * HALF + WIDTH], shape["direction"]
             along_x, along_y, above = np.float32(offset.x), np.float32(offset.y), np.uint32(0)
             for step in range(WIDTH):
@@ -386,7 +342,7 @@ def _time(
         return np.inf
     if rules.forward:
         least = change_distance(before, after, rates)
-        if length < (least + _ROOM if rules.free_heading else 0.0):
+        if length < (least + _SPARE if rules.free_heading else 0.0):
             return np.inf
         result += _SHORTFALL / rates.v * max(least - length, 0.0)
         length = max(length, least)
@@ -402,22 +358,15 @@ def _time(
 
 _GROUPS, _OTHERS = 16, 24
 """Greatest numbers of groups, and of other shapes in each; the time of a search grows with both."""
-_NEAR = 0.0005
-"""Choosing ends when times are longer than those of the whole grid by less than this share on average."""
-_LATE = 3.0  # multiple of the least time, where no chosen shape leads to the destination
+_NEAR = 0.0005  # choosing ends when times exceed those of the whole grid by less than this share on average
+_LATE = 3.0  # multiple of the least time where no chosen shape reaches the destination
 
 
 def needed_shapes(grid: ShapeSet, ends: FloatArray, *, hold: float) -> list[list[int]]:
-    """Return groups of shapes, by their places in a grid of groups of one, that are needed between ends.
+    """Return groups of the shapes, by index in a grid of groups of one, that are needed between ends.
 
-    Parameters
-    ----------
-    grid : ShapeSet
-        With all shapes to choose from; it takes a second for a thousand.
-    ends : ndarray, shape (5, n)
-        See `fastest_paths`.
-    hold : float
-        Distance in m from the destination to the object in front of it.
+    The next shape is the one that reduces the times most. It takes a second for a grid of a thousand shapes;
+    for `ends`, shape (5, n), and `hold` see `fastest_paths`.
     """
     alone = grid._replace(others=np.ones(2, dtype=np.intp), missed=(np.inf, 0.0))
     each = (alone._replace(rows=grid.rows[number : number + 1]) for number in range(len(grid.rows)))
@@ -434,7 +383,7 @@ def needed_shapes(grid: ShapeSet, ends: FloatArray, *, hold: float) -> list[list
 
 
 def _chosen(ratios: FloatArray, so_far: FloatArray, most: int) -> list[int]:
-    """Choose shapes by the ratios (shapes, n) of their times to the least: which saves the most is next."""
+    """Choose shapes by the ratios of their times to the least, shape (shapes, n), greedily."""
     chosen: list[int] = []
     while len(chosen) < most and so_far.sum() > (1.0 + _NEAR) * len(so_far):
         chosen.append(int(np.argmin(np.minimum(so_far, ratios).sum(axis=1))))
@@ -443,10 +392,10 @@ def _chosen(ratios: FloatArray, so_far: FloatArray, most: int) -> list[int]:
 
 
 def drawn_ends(like: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
-    """Return ends of paths in all directions, (5, count), with the distances and speeds of others, (5, n).
+    """Return random ends of paths, shape (5, count), with distances and speeds as in `like`, shape (5, n).
 
-    Half of the distances are scaled down at random. As many as of the others begin, and end, at rest; other
-    speeds are evenly spread.
+    Directions are uniform. Half of the distances are scaled down at random. The same share as in `like`
+    begins, and ends, at rest; other speeds are uniform in its range.
     """
     some = like[:, rng.integers(0, like.shape[1], count)]
     distance = np.hypot(some[0], some[1]) * np.where(rng.random(count) < 0.5, rng.random(count), 1.0)

@@ -16,28 +16,20 @@ from ator_ros.world.state import RobotState
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """The rotation of the start is lost, at constant speed or while the robot stops.
-
-    Attributes
-    ----------
-    start, end : RobotState
-        The states before and after; `end` does not turn.
-    duration : float
-        Time in between in s.
-    """
+    """The phase before a manoeuvre in which the robot stops turning, at constant speed or to a stop."""
 
     start: RobotState
-    end: RobotState
-    duration: float
+    end: RobotState  # does not turn
+    duration: float  # s
 
 
 def opening_of(start: RobotState, limits: Limits, *, stops: bool = False) -> Opening:
-    """Return the opening from `start`, which is as short as `limits` allow, with or without a stop."""
+    """Return the shortest opening from `start`, with or without a stop."""
     after = 0.0 if stops else start.v
     duration = max(abs(start.w) / limits.aw, abs(start.v - after) / limits.brake)
     x, y, yaw = start.pose
     turned = start.w * duration
-    # Simpson's rule over the headings at the beginning, in the middle and at the end: exact to 0.1 mm.
+    # Simpson's rule over the headings at the start, in the middle and at the end: exact to 0.1 mm.
     for heading, speed in (
         (yaw, start.v),
         (yaw + 0.375 * turned, 2.0 * (start.v + after)),
@@ -54,7 +46,7 @@ DT = 0.01
 
 @compiled
 def most_states(duration: float, interval: float) -> int:
-    """Return how many states of a motion of `duration` s there are at most, `interval` s apart."""
+    """Return an upper bound for the number of states of a motion of `duration` s, `interval` s apart."""
     return int(duration / interval) + 3
 
 
@@ -70,12 +62,8 @@ def write_states(
 ) -> int:
     """Write x, y (m), yaw (rad), v (m/s), w (rad/s) every `interval` s and at the end; return their number.
 
-    Parameters
-    ----------
-    states : ndarray, shape (most_states(duration, interval), 5)
-        Becomes the states. What integration still leaves at the goal is spread over the motion.
-    speeds, turns : ndarray, shape (pieces, 3)
-        See `write_pieces`.
+    `states` has the shape (most_states(duration, interval), 5); for `speeds` and `turns` see `write_pieces`.
+    The error of integration at the goal is distributed over the motion.
     """
     piece = turn = index = 0
     piece_end, turn_end = speeds[0, 0], turns[0, 0]
@@ -106,8 +94,8 @@ def write_states(
             middle = yaw + 0.5 * turned
             if middle != heading:
                 c, s, heading = math.cos(middle), math.sin(middle), middle
-            way = 0.5 * (v + next_v) * step * (1.0 - turned * turned * (1.0 / 24.0))  # of a chord
-            x, y, yaw, v, w = x + way * c, y + way * s, yaw + turned, next_v, next_w
+            chord = 0.5 * (v + next_v) * step * (1.0 - turned * turned * (1.0 / 24.0))
+            x, y, yaw, v, w = x + chord * c, y + chord * s, yaw + turned, next_v, next_w
         states[index] = x, y, yaw, v, w
     span = max(duration, interval)
     off_x, off_y = (goal.x - x) / span, (goal.y - y) / span
@@ -122,7 +110,7 @@ def write_states(
 
 @compiled
 def _value(pieces: FloatArray, piece: int, end: float, time: float) -> float:
-    """Return the velocity at `time` (s), in a piece that ends at `end`."""
+    """Return the velocity at `time` (s) in a piece that ends at `end` (s)."""
     duration = pieces[piece, 0]
     if duration <= 0.0 or time >= end:
         return float(pieces[piece, 2])
@@ -130,15 +118,7 @@ def _value(pieces: FloatArray, piece: int, end: float, time: float) -> float:
 
 
 class Trajectory:
-    """A manoeuvre, after its opening if there is one, sampled every 10 ms.
-
-    Parameters
-    ----------
-    manoeuvre : Manoeuvre or None
-        A closed manoeuvre; what integration still leaves at the goal is spread over the motion. None: the
-        opening is all.
-    opening : Opening, optional
-        Ends where the manoeuvre starts.
+    """An opening, a closed manoeuvre that starts where it ends, or only one of them, sampled every 10 ms.
 
     Attributes
     ----------
@@ -164,7 +144,7 @@ class Trajectory:
         self._times = np.minimum(DT * np.arange(count), self.duration)
 
     def at(self, time: float) -> RobotState:
-        """Return the planned state at `time` s after the start; it stays at the last one afterwards."""
+        """Return the planned state at `time` s after the start; after the end, the last one."""
         x, y, yaw, v, w = (float(np.interp(time, self._times, column)) for column in self._columns)
         return RobotState(Pose(x, y, yaw), v, w)
 

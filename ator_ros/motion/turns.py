@@ -1,7 +1,7 @@
-"""Turns driven while the speed changes: where the robot ends up, and tables of it.
+"""Displacements by turns during which the speed changes, and tables of them.
 
 A turn by an angle starts and ends without rotation; meanwhile the speed changes by a constant acceleration,
-up to the limit. The same displacement, taken backward in time, belongs to a turn that ends a motion.
+up to the limit. Reversed in time, the same displacement is that of a turn at the end of a motion.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import Bounds, turn_parts
 
 STEP = np.pi / 8.0
-"""Angle in rad between the turns among which the features' paths are bracketed."""
+"""Angle in rad between the turns that bracket the paths of features."""
 HALF = 12
 """Such turns to either side: up to 270 degrees."""
 FINE = 36
@@ -61,9 +61,9 @@ def write_headings(angle: float, rate: float, aw: float, headings: FloatArray) -
 def turn_end(
     time: float, headings: FloatArray, speed: float, acceleration: float, v: float
 ) -> tuple[float, float]:
-    """Return where a turn of `time` s ends, forward and leftward in m; see `write_headings`.
+    """Return the displacement by a turn of `time` s, forward and to the left in m; see `write_headings`.
 
-    It begins at `speed` (m/s) and changes it by `acceleration` (m/s^2), up to the limit `v`.
+    It starts at `speed` (m/s), which changes by `acceleration` (m/s^2), up to the limit `v`.
     """
     x = y = 0.0
     for node in range(len(NODES)):
@@ -74,16 +74,11 @@ def turn_end(
 
 
 class TurnTable(NamedTuple):
-    """Displacements of turns by angles from -292.5 to 292.5 degrees, a row for each way to drive them.
+    """Displacements by turns of -292.5 to 292.5 degrees in m, arrays of shape (rows * entries,).
 
-    They are given along and across (to the left of) the heading that lies between the turn and the straight
-    drive: there the parts of both turns of a motion just add.
-
-    Attributes
-    ----------
-    along, across : ndarray, shape (rows * entries,)
-        In m; along beyond what the robot drives in the time of the turn at the speed at its beginning. That
-        grows with the root of a small angle, which cannot be interpolated.
+    They are given along and across (to the left of) the heading of the straight drive: there the parts of
+    both turns of a motion just add. `along` does not contain the initial speed times the duration of the
+    turn, which grows with the root of a small angle and cannot be interpolated.
     """
 
     along: FloatArray
@@ -91,10 +86,9 @@ class TurnTable(NamedTuple):
 
 
 def turn_table(turns: FloatArray, limits: Bounds) -> TurnTable:
-    """Compute the table of `turns`, shape (rows, 3).
+    """Compute the table of `turns`, shape (rows, 3), of which `limits` bound speed and turn acceleration.
 
-    A row holds the speed at the beginning (m/s), its constant change (m/s^2) and the greatest turn rate
-    (rad/s); of `limits` only speed and turn acceleration are used.
+    A row holds the initial speed (m/s), its constant change (m/s^2) and the greatest turn rate (rad/s).
     """
     along, across = np.empty((2, len(turns), ENTRIES))
     _write_table(np.ascontiguousarray(turns, dtype=float), limits.v, limits.aw, along, across)
@@ -108,7 +102,7 @@ def _write_table(turns: FloatArray, v: float, aw: float, along: FloatArray, acro
         angle, rate, time = entry / _PER_ANGLE, math.nan, 0.0
         c, s = math.cos(angle), math.sin(angle)
         for row in range(len(turns)):
-            if turns[row, 2] != rate:  # mostly it is that of the row before
+            if turns[row, 2] != rate:  # often it is that of the row before
                 rate = turns[row, 2]
                 time = write_headings(angle, rate, aw, headings)
             x, y = turn_end(time, headings, turns[row, 0], turns[row, 1], v)

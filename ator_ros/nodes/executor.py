@@ -308,7 +308,7 @@ class ExecutorNode(Node):
             result = unstarted(handle, Ending.REFUSED, str(error), frame=self._settings["frame"])
             self._chains.publish(result.record)
             return concluded(result, handle)
-        self._inputs.take_timeouts(self._settings)
+        self._inputs.set_timeouts(self._settings)
         self._motion.begin(self._settings["latency"], preempts=self._run is not None)
         self._end(Ending.PREEMPTED, _PREEMPTED, at_once=True)
         self._run, self._stop_until = run, 0.0

@@ -188,10 +188,13 @@ class Subscriptions:
         for source in sources:
             reader, take = ObjectReader(source, frames[0]), partial(take_object, source.name)
             if source.type == "tf":
-                self._follow(source.name, (frames[0], source.listened), reader.read_placement, take)
+                self._follow(source.name, (frames[0], source.topic_or_frame), reader.read_placement, take)
             else:
                 self._subscribe(
-                    source.name, Input(source.listened, TYPES[source.type], SENSOR_DATA), reader.read, take
+                    source.name,
+                    Input(source.topic_or_frame, TYPES[source.type], SENSOR_DATA),
+                    reader.read,
+                    take,
                 )
         self._reader = OdometryReader(frames[0])
         if settings[STATE.name] == "odom":

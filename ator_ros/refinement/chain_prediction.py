@@ -259,7 +259,7 @@ class ChainModel:
         with np.errstate(all="ignore"):
             cost = self._cost(model.predict(direct, self.objective.needs, None))
         if self._routes is not None and {"x", "y"} & set(self.names[index]):  # free places are searched
-            has_room = self._routes.room(direct["xg"], direct["yg"]) >= self._robot.reach
+            has_room = self._routes.clearance(direct["xg"], direct["yg"]) >= self._robot.reach
             cost = np.where(has_room, cost, np.inf)
         return cost
 

@@ -19,35 +19,30 @@ from ator_ros.world.scene import Mass, Scene, Size
 from ator_ros.world.state import World
 
 KIND = "robot"
-"""A file may state it."""
+"""The kind of such files, which their header may state."""
+SHIPPED = ("config", "pioneer.yaml")
+"""The default description."""
 _LARGEST = 100_000  # bytes of a description; ours has 2 kB
+_MOST_WHEEL = 0.49  # greatest share of the robot's mass in one wheel
+_LOOSE = 2.0  # widths of an object above which the gap between the fingers is too wide to hold it
+_SAME_RADIUS = 0.1  # share by which an object's radius may differ from the holder's
+LEAST, GREATEST = 0.01, {"v": 20.0, "w": 50.0, "a": 100.0, "brake": 100.0, "aw": 1000.0}
+"""The bounds of `Limits`: tables of turns take 3 MB for each m/s, and greater values are in wrong units."""
 
 
 class ConfigError(ValueError):
     """A configuration file that cannot be used; the message names file, field and expectation."""
 
 
-SHIPPED = ("config", "pioneer.yaml")
-"""The description that is used where no other is named."""
-
-
-# Tables of turns take 3 MB for each m/s and way to turn; robots reach 15 m/s. The others: wrong units.
-LEAST, GREATEST = 0.01, {"v": 20.0, "w": 50.0, "a": 100.0, "brake": 100.0, "aw": 1000.0}
-"""The bounds of `Limits`."""
-
-
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Greatest speeds (m/s, rad/s) and accelerations (m/s^2, rad/s^2), the same forward and backward.
+    """Greatest speeds and accelerations, the same forward and backward."""
 
-    `a` holds for gaining speed, `brake` for losing it.
-    """
-
-    v: Annotated[float, Within(LEAST, GREATEST["v"])]
-    w: Annotated[float, Within(LEAST, GREATEST["w"])]
-    a: Annotated[float, Within(LEAST, GREATEST["a"])]
-    brake: Annotated[float, Within(LEAST, GREATEST["brake"])]
-    aw: Annotated[float, Within(LEAST, GREATEST["aw"])]
+    v: Annotated[float, Within(LEAST, GREATEST["v"])]  # m/s
+    w: Annotated[float, Within(LEAST, GREATEST["w"])]  # rad/s
+    a: Annotated[float, Within(LEAST, GREATEST["a"])]  # m/s^2; gaining speed
+    brake: Annotated[float, Within(LEAST, GREATEST["brake"])]  # m/s^2; losing speed
+    aw: Annotated[float, Within(LEAST, GREATEST["aw"])]  # rad/s^2
 
     def scaled(self, factor: float) -> Limits:
         """Return these limits times `factor`."""
@@ -61,23 +56,13 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """Two parallel fingers at the robot's front, which hold a round object from the sides.
-
-    Attributes
-    ----------
-    length, gap, thickness : float
-        Of the fingers, in m; the gap is between their inner sides.
-    radius : float
-        Radius in m of the object that is held.
-    limits : Limits
-        For commands while it is held.
-    """
+    """Two parallel fingers at the robot's front, which hold a round object from the sides; sizes in m."""
 
     length: Size
-    gap: Size
+    gap: Size  # between the inner sides of the fingers
     thickness: Size
-    radius: Size
-    limits: Limits
+    radius: Size  # of the held object
+    limits: Limits  # for commands while it is held
 
     @property
     def half_width(self) -> float:
@@ -86,66 +71,40 @@ class Holder:
 
     @property
     def held_width(self) -> float:
-        """How wide the held object is between the fingers, in m, when it touches the front."""
+        """Width in m of the held object between the fingers when it touches the front."""
         deep = min(self.length, self.radius)
         return 2.0 * math.sqrt(deep * (2.0 * self.radius - deep))
 
 
 @dataclass(frozen=True, slots=True)
 class StopBraking:
-    """How hard a base brakes on a command to stop, in m/s^2 and rad/s^2: harder than `Limits` brake.
+    """Deceleration of a base on a command to stop, which exceeds that of `Limits`."""
 
-    Attributes
-    ----------
-    forward : float
-        From forward driving; from some 4.5 m/s^2 on the rear of a small base lifts.
-    backward : float
-        From backward driving, where nothing lifts; turning wheels slip and need time.
-    turning : float
-        Of the turn rate.
-    """
-
-    # As those of `Limits`, to which these are compared.
-    forward: Annotated[float, Within(0.01, 100.0)] = 4.0
-    backward: Annotated[float, Within(0.01, 100.0)] = 5.0
-    turning: Annotated[float, Within(0.01, 1000.0)] = 12.0
+    forward: Annotated[float, Within(LEAST, GREATEST["brake"])] = 4.0  # m/s^2; above 4.5 a small base tips
+    backward: Annotated[float, Within(LEAST, GREATEST["brake"])] = 5.0  # m/s^2; driving backward
+    turning: Annotated[float, Within(LEAST, GREATEST["aw"])] = 12.0  # rad/s^2
 
 
 @dataclass(frozen=True, slots=True)
 class Build:
-    """How the body is built, for the simulation; `simulation.urdf` derives what is None from size and mass.
+    """Details of the body for the simulation; `simulation.urdf` derives those that are None."""
 
-    Attributes
-    ----------
-    mass_behind, mass_height : float or None
-        Of the center of mass, behind the axle and above the floor, in m.
-    caster_behind : float or None
-        Distance in m from the axle back to the caster.
-    wheel_mass : float or None
-        Of each wheel in kg.
-    wheel_inertia : float or None
-        Of each wheel with its motor, as seen through the gear, in kg m^2.
-    front_friction : float
-        Coefficient of friction between the front and an object.
-    """
-
-    # Distances up to that of `Size`. A wheel of 1 g and 1 cm has an inertia of 1e-7, one of 100 kg and
-    # 1 m is 100. No dry surfaces have a friction of 10.
-    mass_behind: Annotated[float, Within(0.0, 10.0)] | None = None
-    mass_height: Size | None = None
-    caster_behind: Size | None = None
-    wheel_mass: Mass | None = None
+    mass_behind: Annotated[float, Within(0.0, 10.0)] | None = None  # m; center of mass, behind the axle
+    mass_height: Size | None = None  # m; center of mass, above the floor
+    caster_behind: Size | None = None  # m; from the axle back to the caster
+    wheel_mass: Mass | None = None  # kg; of each wheel
+    # kg m^2; of each wheel with its motor at the wheel. 1 g and 1 cm have 1e-7, 100 kg and 1 m have 100.
     wheel_inertia: Annotated[float, Within(1e-7, 100.0)] | None = None
-    front_friction: Annotated[float, Within(0.0, 10.0)] = 0.15
+    front_friction: Annotated[float, Within(0.0, 10.0)] = 0.15  # between the front and an object
 
 
 @dataclass(frozen=True, slots=True)
 class Base:
-    """A differential-drive robot, perhaps with a holder: the section `robot` of a description.
+    """A differential-drive robot with or without a holder: the section `robot` of a description.
 
-    Lengths in m from the middle of the axle, mass in kg, torque in N m, time in s. `limits` holds for the
-    base. `grip` is the centripetal acceleration in m/s^2 beyond which its wheels may slide: rubber on a hard
-    floor holds some 0.6 g, of which a base that two driven wheels and a caster carry has about 0.7.
+    Lengths in m from the middle of the axle, mass in kg, torque in N m, time in s. `grip` is the centripetal
+    acceleration in m/s^2 above which its wheels may slide: rubber on a hard floor holds about 0.6 g, and two
+    driven wheels carry about 0.7 of the weight.
     """
 
     name: str
@@ -168,50 +127,48 @@ class Base:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Robot(Base):
-    """A robot, the scene that it is in, and perhaps the map of the building; see `Base`."""
+    """A robot, its scene, and the map of the building if there is one; see `Base`."""
 
     scene: Scene
     grid: GridMap | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what no body can be; raises ConfigError."""
+        """Raise ConfigError if sizes, masses or torques contradict each other."""
         build, holder = self.build, self.holder
         caster = self.rear if build.caster_behind is None else build.caster_behind
         width, torque = 2.0 * self.half_width, least_torque(self.mass, self.wheel_radius, self.limits)
-        _at_most(
-            "build.wheel_mass", build.wheel_mass, _MOST_WHEEL * self.mass, "as the body weighs something"
-        )
+        _at_most("build.wheel_mass", build.wheel_mass, _MOST_WHEEL * self.mass, "as the body has a mass")
         _at_most("build.caster_behind", build.caster_behind, self.rear, "where the robot ends")
         _at_most("build.mass_behind", build.mass_behind, caster, "where the robot is supported")
         _at_least("wheel_torque", self.wheel_torque, torque, f"which {self.mass:g} kg need to accelerate")
         _at_most("track", self.track, width, "the width of the robot with its wheels")
         if holder is not None:
             least, most = _rounded_up(holder.held_width), math.floor(1e4 * _LOOSE * holder.held_width) / 1e4
-            _at_least("holder.gap", holder.gap, least, "the width of what is held")
-            _at_most("holder.gap", holder.gap, most, "beyond which fingers hold nothing")
+            _at_least("holder.gap", holder.gap, least, "the width of the held object")
+            _at_most("holder.gap", holder.gap, most, "as the fingers must hold the object")
 
     def __hash__(self) -> int:
-        """Hash the name alone, as tables are looked up by the robot in every search."""
+        """Hash the name only, as tables are looked up by the robot in every search."""
         return hash(self.name)
 
     @property
     def holder_length(self) -> float:
-        """Length in m by which the holder stands out; 0 without one."""
+        """Length in m of the holder; 0 without one."""
         return self.holder.length if self.holder else 0.0
 
     @property
     def tip(self) -> float:
-        """Distance in m from the axle to the foremost line of the robot."""
+        """Distance in m from the axle to the foremost part of the robot."""
         return self.front + self.holder_length
 
     @property
     def tip_half_width(self) -> float:
-        """Distance in m from the middle axis to the side of the foremost part, the holder if there is one."""
+        """Half of the width in m of the foremost part, which is the holder if there is one."""
         return self.holder.half_width if self.holder else self.half_width
 
     @property
     def hold(self) -> float:
-        """Distance in m from the axle to the center of an object that is held; `front` without a holder."""
+        """Distance in m from the axle to the center of a held object; `front` without a holder."""
         return self.front + (self.holder.radius if self.holder else 0.0)
 
     @property
@@ -221,13 +178,7 @@ class Robot(Base):
         return max(math.hypot(self.tip, self.tip_half_width), body)
 
     def holder_for(self, what: str) -> Holder:
-        """Return the holder, which `what` needs.
-
-        Raises
-        ------
-        ConfigError
-            The robot has none.
-        """
+        """Return the holder, which `what` needs; raise ConfigError if the robot has none."""
         if self.holder is None:
             raise ConfigError(f"{what} needs a holder; robot {self.name} has none")
         return self.holder
@@ -238,18 +189,18 @@ class Robot(Base):
 
     def hold_offset(self, world: World, name: str) -> float:
         """Return the distance in m from an object to the hold; infinite if the object is unknown."""
-        there = world.objects.get(name)
-        if there is None:
+        state = world.objects.get(name)
+        if state is None:
             return math.inf
         hold = self.hold_point(world.robot.pose)
-        return math.hypot(there.x - hold.x, there.y - hold.y)
+        return math.hypot(state.x - hold.x, state.y - hold.y)
 
-    def pose_holding(self, there: Pose) -> Pose:
-        """Return the robot's pose that holds an object at (there.x, there.y) with heading there.yaw."""
-        return there.ahead(-self.hold)
+    def pose_holding(self, hold: Pose) -> Pose:
+        """Return the robot's pose with its hold at `hold`; the inverse of `hold_point`."""
+        return hold.ahead(-self.hold)
 
     def sections(self) -> dict[str, Any]:
-        """Return the sections of a file that describes this robot and its scene, without defaults."""
+        """Return the content of a file that describes this robot and its scene, without defaults."""
         content = self._content()
         scene = content.pop("scene")
         defaults = {field.name: field.default for field in dataclasses.fields(self)}
@@ -257,16 +208,13 @@ class Robot(Base):
         return {"robot": robot, "scene": scene}
 
     def digest(self) -> str:
-        """Return a short digest of the base and its holder, stored with everything that is learned.
-
-        Name, scene and map are left out: they do not make it another robot.
-        """
+        """Return a short digest of base and holder, without name, scene and map; learned files contain it."""
         content = self._content()
         del content["name"], content["scene"]
         return _digest_of(content)
 
     def description_digest(self) -> str:
-        """Return a short digest of all that simulated results depend on: scene and map as well."""
+        """Return a short digest of everything on which simulated results depend, with scene and map."""
         content = self._content()
         return _digest_of(content if self.grid is None else {**content, "grid": str(self.grid)})
 
@@ -283,14 +231,14 @@ def _digest_of(content: dict[str, Any]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """What a file contains."""
+    """The content of a file."""
 
     robot: Base
     scene: Scene
 
 
 def load_robot(path: Path | str | None = None) -> Robot:
-    """Read the description of a robot and of the scene around it, by default the shipped YAML file.
+    """Read the description of a robot and of the scene around it, by default the shipped file.
 
     Raises
     ------
@@ -311,11 +259,6 @@ def load_robot(path: Path | str | None = None) -> Robot:
     return robot
 
 
-_MOST_WHEEL = 0.49  # greatest share of the robot's mass that one wheel may have
-_LOOSE = 2.0  # fingers farther apart than so many widths of what they hold do not hold it
-_SAME_RADIUS = 0.1  # share by which an object's radius may differ from the one that the holder is made for
-
-
 def _at_least(field: str, value: float, least: float, why: str) -> None:
     if value < least:
         raise ConfigError(f"robot.{field}: expected at least {least:g}, {why}, got {value:g}")
@@ -327,12 +270,12 @@ def _at_most(field: str, value: float | None, most: float, why: str) -> None:
 
 
 def least_torque(mass: float, wheel_radius: float, limits: Limits) -> float:
-    """Return the torque in N m of each of two wheels with which a mass (kg) reaches the limits: F = m a."""
+    """Return the torque in N m of each of two wheels that accelerate a mass (kg) by the limits: F = m a."""
     return _rounded_up(0.5 * mass * max(limits.a, limits.brake) * wheel_radius)
 
 
 def _check_held(robot: Robot) -> None:
-    """Refuse a holder for no object of the scene; without any, the domain brings them."""
+    """Raise ConfigError if the holder fits no object of the scene; without objects, the domain adds them."""
     holder, radii = robot.holder, {name: each.radius for name, each in robot.scene.objects.items()}
     if holder is None or not radii:
         return
@@ -344,5 +287,5 @@ def _check_held(robot: Robot) -> None:
 
 
 def _rounded_up(value: float) -> float:
-    """Return `value` to four digits after the point, none less: what is asked for is accepted then."""
+    """Return `value` rounded up to four digits after the point, so that the printed bound is accepted."""
     return math.ceil(1e4 * value) / 1e4

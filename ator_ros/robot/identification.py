@@ -19,31 +19,21 @@ _LAGS = (0.03, 0.12)
 _LOWER = (0.0, 0.002, 0.01, 0.01, 0.01, 0.05)
 _UPPER = (0.6, 0.6, 10.0, 30.0, 30.0, 200.0)
 _STARTS = 3
-_RESPONDING = 0.5  # share of a creeping command that a base outside its dead zone moves with
+_RESPONDING = 0.5  # least share of a creeping command with which a base moves outside its dead zone
 _LAST = 0.25  # s at the end of a creeping step that are evaluated
 _REACHED = 0.97  # share of the greatest command below which a steady speed is a limit of the base
-_NEAR = 0.02  # share of the limit within which a speed is the limit
-_PLATEAU = 6  # samples near the limit that show it
+_NEAR = 0.02  # greatest deviation from the limit, as a share of it
+_PLATEAU = 6  # least number of samples near the limit
 
 
 @dataclass(frozen=True, slots=True)
 class AxisEstimate:
-    """One axis of a base.
-
-    Attributes
-    ----------
-    dead_zone : float
-        Greatest creeping command without motion, in m/s or rad/s.
-    limited : bool
-        Whether the greatest speed is a limit of the base; otherwise it is only the greatest that was driven.
-    error : float
-        RMS difference of measured and fitted speeds in m/s or rad/s.
-    """
+    """The estimate of one axis of a base, in m/s or rad/s."""
 
     response: AxisResponse
-    dead_zone: float
-    limited: bool
-    error: float
+    dead_zone: float  # greatest creeping command without motion
+    limited: bool  # whether the greatest measured speed is the limit of the base
+    error: float  # RMS difference of measured and fitted speeds
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,19 +55,13 @@ class BaseEstimate:
 
     @property
     def limits(self) -> Limits:
-        """Greatest speeds and accelerations; the weaker of gaining and losing where turning has one limit."""
+        """Greatest speeds and accelerations; for turning the lower one of gaining and losing speed."""
         v, w = self.driving.response, self.turning.response
         return Limits(v=v.limit, w=w.limit, a=v.gain, brake=v.loss, aw=min(w.gain, w.loss))
 
 
 def identify(samples: Sequence[DriveSample]) -> BaseEstimate:
-    """Estimate how a base responds to commands, from the samples of a whole probe drive.
-
-    Raises
-    ------
-    DriveError
-        A part of the drive is missing.
-    """
+    """Estimate the response of a base from the samples of a probe drive; DriveError if a part is missing."""
     return BaseEstimate(
         _axis(samples, DrivePart.SPRINT_V, DrivePart.CREEP_V, lambda s: (s.command.v, s.v)),
         _axis(samples, DrivePart.SPRINT_W, DrivePart.CREEP_W, lambda s: (s.command.w, s.w)),
@@ -101,13 +85,13 @@ def _axis(
     rms = float(np.sqrt(np.mean(errors**2)))
     near = np.abs(np.abs(speeds) - response.limit) < max(_NEAR * response.limit, 2.0 * rms)
     limited = response.limit < _REACHED * np.abs(commands).max() and int(near.sum()) >= _PLATEAU
-    if not limited:  # the fit may lie beyond what was reached while the base still gained speed
+    if not limited:  # the fit may exceed the speed that was reached
         response = replace(response, limit=min(response.limit, float(np.abs(speeds).max())))
     return AxisEstimate(response, _dead_zone([(s.time, *of(s)) for s in slow]), bool(limited), rms)
 
 
 def _fitted(times: Sequence[float], commands: FloatArray, speeds: FloatArray) -> AxisResponse:
-    """Fit a response by least squares, from the best of several starts, as latency and lag look alike."""
+    """Fit a response by least squares from the best of several starts, as latency and lag are similar."""
     sent = commands.tolist()
 
     def errors(values: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""A short drive whose commands show how a base responds: creeping, sprints to and fro, spins both ways."""
+"""A short drive that shows the response of a base: creeping, sprints to and fro, spins in both directions."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ _CREEP_STEPS = 12
 _CREEP = 0.01, 0.02  # m/s and rad/s by which creeping commands grow
 _CREEP_TIME = 0.6  # s of each
 _WINDOW = 0.4  # s over which a speed is judged
-_STEADY = 0.02  # change within the window as a share of the speed
-_RESOLUTION = 0.005  # m/s and rad/s below which a change is none
+_STEADY = 0.02  # greatest change of a steady speed within the window, as a share of the speed
+_RESOLUTION = 0.005  # m/s and rad/s; least such change
 _SURELY_MOVING = 0.02, 0.04  # m/s and rad/s above which the base moves, whatever the noise
-_PATIENCE = 4.0  # s until a sprint ends though the speed is not steady
+_TIMEOUT = 4.0  # s until a sprint ends although the speed is not steady
 _START = 1.5  # s within which the base must move
 _SLOW = 0.3  # share of the speed that a sprint brakes to
 _SHARE = 0.45  # share of the free space in which a sprint may gain speed
 
 
 class DrivePart(enum.Enum):
-    """What a part of the drive is for."""
+    """A part of the drive."""
 
     CREEP_V = "creep"
     CREEP_W = "creep turning"
@@ -33,54 +33,46 @@ class DrivePart(enum.Enum):
 
 
 class DriveError(ValueError):
-    """A base that does not respond; the message says what was expected and what came."""
+    """A base that does not respond; the message names the command and the expected motion."""
 
 
 @dataclass(frozen=True, slots=True)
 class DriveSample:
-    """A state and the command sent in answer: part, stamp in s, command, and speeds in m/s and rad/s."""
+    """A state of the robot and the command in response to it."""
 
     part: DrivePart
-    time: float
+    time: float  # s; stamp of the state
     command: Command
-    v: float
-    w: float
+    v: float  # m/s
+    w: float  # rad/s
 
 
 class ProbeDrive:
-    """Returns the command for each state until the drive is over; `samples` holds what was seen.
+    """Returns the command for each state until the drive is over, and collects `samples`.
 
     Parameters
     ----------
     v, w : float
-        Greatest commands in m/s and rad/s; above the limits of the base, so that these show.
+        Greatest commands in m/s and rad/s; above the limits of the base, so that these are reached.
     space : float
-        Free way ahead of the robot in m. It needs half a meter behind and its own radius around.
+        Free distance ahead of the robot in m. It also needs half a meter behind it, and space to turn.
     """
 
     def __init__(self, *, v: float, w: float, space: float) -> None:
         self.samples: list[DriveSample] = []
         self._greatest, self._space = Command(v, w), space
         self._commands = self._drive()
-        self._seen: deque[tuple[float, RobotState]] = deque()
+        self._states: deque[tuple[float, RobotState]] = deque()
         self._part = DrivePart.CREEP_V
 
     def command(self, time: float, robot: RobotState) -> Command | None:
-        """Return the command for the state at `time` (s); None when the drive is over.
-
-        Raises
-        ------
-        DriveError
-            The base does not move.
-        """
-        self._seen.append((time, robot))
-        while self._seen[0][0] < time - _WINDOW - 1e-6:
-            self._seen.popleft()
-        try:
-            command = next(self._commands)
-        except StopIteration:
-            return None
-        self.samples.append(DriveSample(self._part, time, command, robot.v, robot.w))
+        """Return the command for the state at `time` (s), None at the end; DriveError if nothing moves."""
+        self._states.append((time, robot))
+        while self._states[0][0] < time - _WINDOW - 1e-6:
+            self._states.popleft()
+        command = next(self._commands, None)
+        if command is not None:
+            self.samples.append(DriveSample(self._part, time, command, robot.v, robot.w))
         return command
 
     def _drive(self) -> Iterator[Command]:
@@ -102,9 +94,9 @@ class ProbeDrive:
         yield from self._stand()
 
     def _sprint(self, top: Command) -> Iterator[Command]:
-        """Gain speed until it is steady or half the space is used, brake to a part of it, continue."""
-        start, (began, _) = self._now.pose, self._seen[-1]
-        while not self._steady and self._time - began < _PATIENCE:
+        """Gain speed until it is steady or half of the space is used, then brake to a part of it."""
+        start, (began, _) = self._now.pose, self._states[-1]
+        while not self._steady and self._time - began < _TIMEOUT:
             if self._now.pose.distance(start) > _SHARE * self._space:
                 break
             if self._time - began > _START and not self._moving:
@@ -116,7 +108,7 @@ class ProbeDrive:
         slow = Command(_SLOW * self._now.v, _SLOW * self._now.w)
         slow = Command(w=slow.w) if top.v == 0.0 else Command(v=slow.v)
         began = self._time
-        while not (self._steady and self._time - began > _WINDOW) and self._time - began < _PATIENCE:
+        while not (self._steady and self._time - began > _WINDOW) and self._time - began < _TIMEOUT:
             if self._now.pose.distance(start) > self._space:
                 break
             yield slow
@@ -124,7 +116,7 @@ class ProbeDrive:
     def _stand(self) -> Iterator[Command]:
         began = self._time
         yield from self._hold(STOP, _WINDOW)
-        while self._moving and self._time - began < _PATIENCE:
+        while self._moving and self._time - began < _TIMEOUT:
             yield STOP
 
     def _hold(self, command: Command, seconds: float) -> Iterator[Command]:
@@ -134,11 +126,11 @@ class ProbeDrive:
 
     @property
     def _time(self) -> float:
-        return self._seen[-1][0]
+        return self._states[-1][0]
 
     @property
     def _now(self) -> RobotState:
-        return self._seen[-1][1]
+        return self._states[-1][1]
 
     @property
     def _moving(self) -> bool:
@@ -146,11 +138,11 @@ class ProbeDrive:
 
     @property
     def _steady(self) -> bool:
-        """Whether the base moves at a speed whose mean is the same in both halves of the window."""
-        half = len(self._seen) // 2
-        if not self._moving or self._time - self._seen[0][0] < _WINDOW - 0.1 or not half:
+        """Whether the base moves and its mean speeds in both halves of the window are the same."""
+        half = len(self._states) // 2
+        if not self._moving or self._time - self._states[0][0] < _WINDOW - 0.1 or not half:
             return False
-        states = [state for _, state in self._seen]
+        states = [state for _, state in self._states]
         for speeds in ([state.v for state in states], [state.w for state in states]):
             before, after = fmean(speeds[:half]), fmean(speeds[half:])
             if abs(after - before) > max(_STEADY * abs(after), _RESOLUTION):

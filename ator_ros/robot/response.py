@@ -1,4 +1,4 @@
-"""How a base follows velocity commands: limits and latency, of one axis and of the state ahead."""
+"""The response of a base to velocity commands, with limits and latency, and the prediction of its state."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ator_ros.world.state import STOP, Command, RobotState, World
 
 
 def ramped(speeds: Command, target: Command, dt: float, limits: Limits, stop: StopBraking) -> Command:
-    """Return the velocities after `dt` s of a base that changes from `speeds` toward `target`."""
+    """Return the velocities of a base `dt` s after `speeds` if it is commanded to `target`."""
     if target == STOP:
         most = Command(_braking(speeds.v, stop), stop.turning)
     else:
@@ -42,38 +42,22 @@ def clip(value: float, bound: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class AxisResponse:
-    """How one axis follows commands.
+    """The response of one axis to commands.
 
-    A command takes effect `latency` after the stamp of the state that it answers. The set speed is clipped to
-    `limit` and changes by at most `gain`, `loss` or, toward a command to stand, `stop` per second. The
-    measured speed follows the set speed with a first-order lag.
-
-    Attributes
-    ----------
-    latency, lag : float
-        In s.
-    limit : float
-        Greatest speed in m/s or rad/s.
-    gain, loss, stop : float
-        Rates of change in m/s^2 or rad/s^2.
+    The set speed is clipped to `limit`; the measured speed follows it with a first-order lag.
     """
 
-    latency: float
-    lag: float
-    limit: float
-    gain: float
-    loss: float
-    stop: float
+    latency: float  # s; from the stamp of a state until the command in response to it takes effect
+    lag: float  # s; time constant
+    limit: float  # m/s or rad/s; greatest speed
+    gain: float  # m/s^2 or rad/s^2; greatest change of the set speed
+    loss: float  # the same, for losing speed
+    stop: float  # the same, when commanded to stand
 
     def speeds(self, times: Sequence[float], commands: Sequence[float]) -> FloatArray:
-        """Return the speeds, shape (n,), at `times` of an axis that stood at the first of them.
+        """Return the speeds, shape (n,), of an axis that stands at the first of `times`.
 
-        Parameters
-        ----------
-        times : sequence of float, length n
-            Stamps of the states in s, ascending.
-        commands : sequence of float, length n
-            The command sent in answer to each state, in m/s or rad/s.
+        `times` are the ascending stamps of n states in s, `commands` the responses to them (m/s or rad/s).
         """
         found = np.zeros(len(times))
         state, now, command, following = (0.0, 0.0), times[0], 0.0, 0
@@ -106,23 +90,17 @@ class AxisResponse:
 
 
 _STEP = 0.01  # s of a step of the prediction
-_HOLDS = 0.5  # s after which a command is forgotten: others may steer
+_EXPIRES = 0.5  # s after which a command is forgotten: other programs may steer
 _ROUNDING = 1e-6  # s
 _PROMPT = 0.02  # s within which a command counts as computed at once
 
 
 class Foresight:
-    """Predicts a late state forward to the time when the command for it moves the base.
+    """Predicts a state forward to the time at which the command for it moves the base (Smith predictor).
 
-    Until then the robot follows the commands already sent, which are known. This takes the delay out of the
-    control loop (Smith predictor), so that plans may brake as hard as the base can.
-
-    Parameters
-    ----------
-    robot : Robot
-        Its limits, within which the base follows commands.
-    latency : float
-        Time in s from the stamp of a state until the command for it moves the base; 0: no prediction.
+    Until then the robot follows the commands already sent. Without the delay in the control loop, plans may
+    brake as hard as the base can. `latency` is the time in s from the stamp of a state until the command for
+    it moves the base; 0: no prediction.
     """
 
     def __init__(self, robot: Robot, latency: float) -> None:
@@ -137,9 +115,9 @@ class Foresight:
         self._held_back = False
 
     def sent(self, time: float, command: Command | None) -> None:
-        """Record a command sent for the state of `time` (s); a later one for the same state replaces it.
+        """Record the last command sent for the state of `time` (s).
 
-        None: another program moves the robot, which is predicted to keep its velocity.
+        None: another program moves the robot, whose velocity is predicted to be constant.
         """
         self._forget(time)
         while self._sent and self._sent[-1][0] >= time:
@@ -149,23 +127,22 @@ class Foresight:
     def punctual(self, robot: RobotState, command: Command | None, took: float) -> Command | None:
         """Return the command to send for `command`, which took `took` s to compute, in the predicted state.
 
-        A late command does not start a resting robot; the prediction would lead the motion. The robot starts
-        with the command for the next state, even if that is late as well: on a slow computer every command
-        may be late.
+        A late command does not start a robot at rest, as the prediction would be ahead of the motion. It
+        starts with the command for the next state, even if that is late as well, as on a slow computer.
         """
         late = command is not None and self._latency > 0.0 and robot.is_still and took > _PROMPT
         self._held_back = late and not self._held_back
         return STOP if self._held_back else command
 
     def ahead(self, world: World) -> World:
-        """Return the world, with its time, when the command for `world` moves the base."""
+        """Return the world at the time at which the command for `world` moves the base."""
         if self._latency == 0.0:
             return world
         self._forget(world.time)
         robot, now, end = world.robot, world.time, world.time + self._latency
         command: Command | None = None
-        for left, following in (*self._sent, (world.time, None)):
-            acts = min(left + self._latency, end)
+        for stamp, following in (*self._sent, (world.time, None)):
+            acts = min(stamp + self._latency, end)
             if acts > now + _ROUNDING:
                 robot, now = _driven(robot, command, acts - now, self._limits, self._stop), acts
             command = following
@@ -173,20 +150,20 @@ class Foresight:
         return World(end, robot, objects)
 
     def _forget(self, time: float) -> None:
-        while self._sent and self._sent[0][0] < time - self._latency - _HOLDS:
+        while self._sent and self._sent[0][0] < time - self._latency - _EXPIRES:
             self._sent.popleft()
 
 
 def _driven(
     robot: RobotState, command: Command | None, duration: float, limits: Limits, stop: StopBraking
 ) -> RobotState:
-    """Return the robot after following `command` for `duration` s; None: it keeps its velocity."""
+    """Return the robot after `duration` s of `command`; None: at constant velocity."""
     (x, y, yaw), speeds = robot.pose, Command(robot.v, robot.w)
     steps = math.ceil(duration / _STEP - _ROUNDING)
     dt = duration / steps
     for _ in range(steps):
         if command is not None:
             speeds = ramped(speeds, command, dt, limits, stop)
-        way = speeds.v * dt
-        x, y, yaw = x + way * math.cos(yaw), y + way * math.sin(yaw), yaw + speeds.w * dt
+        step = speeds.v * dt
+        x, y, yaw = x + step * math.cos(yaw), y + step * math.sin(yaw), yaw + speeds.w * dt
     return RobotState(Pose(x, y, wrap_angle(yaw)), speeds.v, speeds.w)

@@ -114,7 +114,7 @@ class Destinations:
             return bool(self._places) or self._area.outside(pose.x, pose.y) == 0.0
         room = 0.0 if self._places else self._routes.radius + _ROOM
         reached = self._routes.fault(pose.x, pose.y, None if start is None else (start.x, start.y)) is None
-        return reached and bool(self._routes.room(np.array([pose.x]), np.array([pose.y]))[0] >= room)
+        return reached and bool(self._routes.clearance(np.array([pose.x]), np.array([pose.y]))[0] >= room)
 
 
 def driven_tops(domain: Domain, robot: Robot) -> dict[str, Top]:

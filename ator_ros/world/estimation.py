@@ -1,8 +1,7 @@
-"""The state of objects and of the robot, estimated from reports that may lack, or contradict, velocities.
+"""The state of objects and of the robot, estimated from messages whose velocities may be missing or wrong.
 
-`VelocityEstimate` and `RobotVelocity` derive velocities that messages lack; `VelocityCheck` and `TwistCheck`
-compare reported ones with positions; `ObjectTracker` is a Kalman filter; `Sightings` orders what arrives with
-stamps that may be wrong.
+`VelocityEstimate` and `RobotVelocity` derive missing velocities; `VelocityCheck` and `TwistCheck` compare
+reported ones with positions; `ObjectTracker` is a Kalman filter; `Sightings` checks stamps.
 """
 
 from __future__ import annotations
@@ -17,39 +16,38 @@ from ator_ros.world.state import ObjectState, RobotState
 
 _SPAN = 0.3  # s of positions from which a velocity is fitted
 _LEAST = 0.05  # s that positions must span; until then the object counts as at rest
-_FASTEST = 20.0  # m/s above which an object was found elsewhere instead of moving: other robots reach 15 m/s
+_FASTEST = 20.0  # m/s above which the position has jumped: other robots reach 15 m/s
 _KEPT_POSES = 64
-_ROBOT_SPAN = 0.04  # s: least time between poses from which a velocity is derived: one tick at 20 Hz
+_ROBOT_SPAN = 0.04  # s; least time between poses from which a velocity is derived, one tick at 20 Hz
 _ROUNDING = 1e-6
-_BEYOND_LIMITS = 1.5  # times a robot's limits: what seems faster was found elsewhere, or is turned about
+_BEYOND_LIMITS = 1.5  # times a robot's limits, above which its pose has jumped
 
 
 class VelocityEstimate:
     """Fits a straight line to the recent positions of one object."""
 
     def __init__(self) -> None:
-        self._sights: deque[tuple[float, float, float]] = deque(maxlen=_KEPT_POSES)
+        self._sightings: deque[tuple[float, float, float]] = deque(maxlen=_KEPT_POSES)
 
     def state(self, time: float, x: float, y: float) -> ObjectState:
-        """Process a position (m) at `time` (s); return it with its velocity.
+        """Process a position (m) at `time` (s); return it with its velocity, which lags by up to 0.15 s.
 
-        Positions older than a jump, or after the present one, as after a reset of time, are forgotten. The
-        velocity is that of the middle of the span: of an object that accelerates it is late by 0.15 s.
+        After a jump of the position, or a reset of time, earlier positions are forgotten.
         """
-        if self._sights:
-            before, old_x, old_y = self._sights[-1]
+        if self._sightings:
+            before, old_x, old_y = self._sightings[-1]
             reach = _FASTEST * max(time - before, _LEAST)
             if not 0.0 <= time - before <= _SPAN or math.hypot(x - old_x, y - old_y) > reach:
-                self._sights.clear()
-        if not self._sights or time > self._sights[-1][0]:
-            self._sights.append((time, x, y))
-        while self._sights[0][0] < time - _SPAN:
-            self._sights.popleft()
+                self._sightings.clear()
+        if not self._sightings or time > self._sightings[-1][0]:
+            self._sightings.append((time, x, y))
+        while self._sightings[0][0] < time - _SPAN:
+            self._sightings.popleft()
         return ObjectState(x, y, *self._velocity())
 
     def _velocity(self) -> tuple[float, float]:
-        """Return the slope of the line of least squares through the positions, in m/s."""
-        times, xs, ys = np.array(self._sights).T
+        """Return the velocity in m/s by linear regression."""
+        times, xs, ys = np.array(self._sightings).T
         if times[-1] - times[0] < _LEAST:
             return 0.0, 0.0
         vx, vy = np.polyfit(times - times.mean(), np.transpose([xs, ys]), 1)[0]
@@ -57,10 +55,10 @@ class VelocityEstimate:
 
 
 class RobotVelocity:
-    """The velocity of a robot by differences of its poses, as along an arc between two of them.
+    """The velocity of a robot along the arc between two poses.
 
-    `most_v` and `most_w` are the robot's limits in m/s and rad/s. Where one pose is out of the reach of that
-    before, as where a map corrects it, the velocity stays as it was.
+    `most_v` and `most_w` are the robot's limits in m/s and rad/s. If the pose jumps, as when a localization
+    corrects it, the velocity does not change.
     """
 
     def __init__(self, most_v: float, most_w: float) -> None:
@@ -69,10 +67,9 @@ class RobotVelocity:
         self._velocity, self._jumped = (0.0, 0.0), False
 
     def state(self, time: float, pose: Pose) -> RobotState:
-        """Process a pose at `time` (s); return it with its velocity.
+        """Process a pose at `time` (s); return it with its velocity, the mean of 0.04 s or between two poses.
 
-        That is late by half of the time that it was taken over, 0.04 s or what lies between two poses. After
-        a gap of more than 0.3 s, or where time goes back, the robot counts as at rest.
+        After a gap of more than 0.3 s, or a reset of time, the robot counts as at rest.
         """
         if self._poses and not 0.0 <= time - self._poses[-1][0] <= _SPAN:
             self._poses.clear()
@@ -83,17 +80,14 @@ class RobotVelocity:
             self._poses.popleft()
         first, before = self._poses[0]
         if time - first > _ROBOT_SPAN - _ROUNDING:
-            self._take(before.relative(pose), time - first, (time, pose))
+            self._update(before.relative(pose), time - first, (time, pose))
         return RobotState(pose, *self._velocity)
 
-    def _take(self, moved: Pose, elapsed: float, newest: tuple[float, Pose]) -> None:
-        """Take the velocity of a motion, unless it is a jump; two jumps in a row are believed."""
-        half = moved.yaw / 2.0
-        along = moved.x * math.cos(half) + moved.y * math.sin(half)
-        chord = math.sin(half) / half if half else 1.0
-        v, w = along / chord / elapsed, moved.yaw / elapsed
-        sideways = abs(moved.y * math.cos(half) - moved.x * math.sin(half)) / elapsed
-        jumps = max(abs(v), sideways) > self._most_v or abs(w) > self._most_w
+    def _update(self, moved: Pose, elapsed: float, newest: tuple[float, Pose]) -> None:
+        """Use the velocity of a motion, unless it is a jump; after two jumps in a row the second is used."""
+        length, sideways = _arc(moved)
+        v, w = length / elapsed, moved.yaw / elapsed
+        jumps = max(abs(v), abs(sideways) / elapsed) > self._most_v or abs(w) > self._most_w
         if jumps and not self._jumped:
             self._poses.clear()
             self._poses.append(newest)
@@ -102,28 +96,30 @@ class RobotVelocity:
         self._jumped = jumps
 
 
-_BASELINE = 0.2  # s over which velocities are derived from positions; a jump is believed as long
+def _arc(moved: Pose) -> tuple[float, float]:
+    """Return the length in m of the arc to a pose ahead, and how far the pose lies beside it in m."""
+    half = moved.yaw / 2.0
+    along = moved.x * math.cos(half) + moved.y * math.sin(half)
+    sideways = moved.y * math.cos(half) - moved.x * math.sin(half)
+    return along / (math.sin(half) / half if half else 1.0), sideways
+
+
+_BASELINE = 0.2  # s over which velocities are derived from positions; a velocity that jumps is used as long
 _FORGET = 1.0  # s without a sighting after which earlier ones are forgotten
-_SLACK = 0.3  # difference in m/s that errors of stamps and filters in cameras explain at any speed
-_SHARE = 0.1  # further difference that they explain, as a share of the speed
+_SLACK = 0.3  # m/s; difference due to errors of stamps and of filters in cameras
+_SHARE = 0.1  # further such difference as a share of the speed
 _PUSH = 1.0  # m/s^2 of an object that rolls freely or is pushed
 _SIGMAS = 4.0
-_KEPT = 256  # sights kept at most: while stamps stand, as those of a paused simulation, sights go on coming
+_KEPT = 256  # greatest number of sightings: in a paused simulation they continue with the same stamp
 
 
 class VelocityCheck:
     """Replaces velocities that contradict an object's positions.
 
-    A velocity that jumps, as after a push, is believed for 0.2 s; by then the positions must agree. If they
-    do not, the velocity is derived from them if they are steady; otherwise, as after an object was placed
-    elsewhere, the slower of both velocities is used.
+    A velocity that jumps, as after a push, is used for 0.2 s. If the positions then do not agree, the
+    velocity is derived from them.
 
-    Parameters
-    ----------
-    noise : float
-        Standard deviation of the coordinates of a sighting in m.
-    velocity_noise : float
-        Standard deviation of the components of its velocity in m/s.
+    `noise` (m) and `velocity_noise` (m/s) are the standard deviations of each component of a sighting.
     """
 
     def __init__(self, name: str, noise: float, velocity_noise: float) -> None:
@@ -131,51 +127,47 @@ class VelocityCheck:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all sightings and remarks."""
-        self._sights: deque[tuple[float, float, float]] = deque(maxlen=_KEPT)
-        self._doubted, self._said = math.inf, False
+        """Forget all sightings and warnings."""
+        self._sightings: deque[tuple[float, float, float]] = deque(maxlen=_KEPT)
+        self._implausible_since, self._reported = math.inf, False
 
-    def check(self, time: float, there: ObjectState) -> tuple[ObjectState, str | None]:
-        """Process a sighting at `time` (s).
+    def check(self, time: float, sighting: ObjectState) -> tuple[ObjectState, str | None]:
+        """Process a sighting at `time` (s); return it with a plausible velocity, and a warning or None.
 
-        Returns
-        -------
-        there : ObjectState
-            The sighting with a plausible velocity.
-        remark : str or None
-            What is wrong with its velocity; not repeated until a velocity is plausible again.
+        The warning is not repeated until a velocity is plausible again.
         """
-        if self._sights and not 0.0 <= time - self._sights[-1][0] <= _FORGET:
+        if self._sightings and not 0.0 <= time - self._sightings[-1][0] <= _FORGET:
             self.reset()
-        while len(self._sights) > 1 and self._sights[1][0] <= time - _BASELINE + _ROUNDING:
-            self._sights.popleft()
-        self._sights.append((time, there.x, there.y))
-        baseline = time - self._sights[0][0]
+        while len(self._sightings) > 1 and self._sightings[1][0] <= time - _BASELINE + _ROUNDING:
+            self._sightings.popleft()
+        self._sightings.append((time, sighting.x, sighting.y))
+        baseline = time - self._sightings[0][0]
         if baseline < 0.75 * _BASELINE:
-            return there, None
-        vx, vy = (there.x - self._sights[0][1]) / baseline, (there.y - self._sights[0][2]) / baseline
+            return sighting, None
+        _, first_x, first_y = self._sightings[0]
+        vx, vy = (sighting.x - first_x) / baseline, (sighting.y - first_y) / baseline
         noise = _SIGMAS * math.hypot(math.sqrt(2.0) * self._noise / baseline, self._velocity_noise)
-        most = _SLACK + _SHARE * max(there.speed, math.hypot(vx, vy)) + _PUSH * baseline + noise
-        if math.hypot(there.vx - vx, there.vy - vy) <= most:
-            self._doubted, self._said = math.inf, False
-            return there, None
-        self._doubted = min(self._doubted, time)
-        if time - self._doubted < _BASELINE - _ROUNDING:
-            return there, None
-        said, self._said = self._said, True
-        remark = (
+        most = _SLACK + _SHARE * max(sighting.speed, math.hypot(vx, vy)) + _PUSH * baseline + noise
+        if math.hypot(sighting.vx - vx, sighting.vy - vy) <= most:
+            self._implausible_since, self._reported = math.inf, False
+            return sighting, None
+        self._implausible_since = min(self._implausible_since, time)
+        if time - self._implausible_since < _BASELINE - _ROUNDING:
+            return sighting, None
+        reported, self._reported = self._reported, True
+        warning = (
             f"{self._name}.twist.twist.linear: expected about ({vx:.2f}, {vy:.2f}) m/s, as its "
-            f"positions show, got ({there.vx:.2f}, {there.vy:.2f}) m/s: not trusted"
+            f"positions show, got ({sighting.vx:.2f}, {sighting.vy:.2f}) m/s: not trusted"
         )
-        return ObjectState(there.x, there.y, vx, vy), None if said else remark
+        return ObjectState(sighting.x, sighting.y, vx, vy), None if reported else warning
 
 
 _WINDOW = 0.5  # s over which the motion of a robot's poses is compared with that of its twist
-_LONGEST_STEP = 0.3  # s between two messages beyond which the twist does not show the motion between them
+_LONGEST_STEP = 0.3  # s between two messages above which their twists do not determine the motion
 _LEAST_MOTION = 0.03  # m or rad in one window up to which a robot counts as at rest
-_MOST_OFF = 0.015  # m or rad in one window that filters, slip and late stamps explain at any speed
-_MOST_SHARE = 0.3  # further difference that they explain, as a share of the greater motion
-_CONFIRMED = 3  # windows that contradict, more than agree, before a report: one may be a corrected pose
+_MOST_OFF = 0.015  # m or rad in one window; difference due to filters, slip and late stamps
+_MOST_SHARE = 0.3  # further such difference as a share of the greater motion
+_CONFIRMED = 3  # excess of contradicting over agreeing windows before a report: one may be a corrected pose
 
 
 class TwistCheck:
@@ -187,7 +179,7 @@ class TwistCheck:
         self._windows, self._reported = 0, False
 
     def contradiction(self, time: float, robot: RobotState) -> str:
-        """Process odometry of `time` (s); return how pose and twist contradict each other: once, else ""."""
+        """Process odometry of `time` (s); return once how pose and twist contradict each other, else ""."""
         last, self._last = self._last, (time, robot)
         if last is None or self._reported:
             return ""
@@ -196,11 +188,9 @@ class TwistCheck:
             self._elapsed, self._motion = 0.0, np.zeros((2, 2))
             return ""
         moved = before.pose.relative(robot.pose)
-        half = moved.yaw / 2.0
-        shown = moved.x * math.cos(half) + moved.y * math.sin(half), moved.yaw
         reported = 0.5 * elapsed * np.array([before.v + robot.v, before.w + robot.w])
         self._elapsed += elapsed
-        self._motion = self._motion + np.array([shown, reported])
+        self._motion = self._motion + np.array([(_arc(moved)[0], moved.yaw), reported])
         if self._elapsed < _WINDOW - _ROUNDING:
             return ""
         elapsed, motion = self._elapsed, self._motion
@@ -222,21 +212,16 @@ class TwistCheck:
         )
 
 
-_PUSH_SIGMA = 1.0  # m/s^2: deviation of the acceleration of a moving object; a tenth of it applies at rest
-_SURPRISE = 5.0  # standard deviations that restart the filter: the object was pushed or moved
+_PUSH_SIGMA = 1.0  # m/s^2; standard deviation of the acceleration of a moving object, a tenth of it at rest
+_SURPRISE = 5.0  # standard deviations above which the filter restarts: the object was pushed or moved
 
 
 class ObjectTracker:
-    """Filters the sightings of one object; restarts where they jump.
+    """A Kalman filter for the sightings of one object, which restarts when they jump.
 
-    Both coordinates share one covariance, because noise and pushes are the same for both.
-
-    Parameters
-    ----------
-    noise : float
-        Standard deviation of the coordinates of a sighting in m; 0: sightings are not filtered.
-    velocity_noise : float
-        Standard deviation of the components of its velocity in m/s; above 0 if `noise` is.
+    Both coordinates share one covariance, because noise and pushes are the same for both. `noise` (m) and
+    `velocity_noise` (m/s) are the standard deviations of each component of a sighting. With a noise of 0
+    nothing is filtered; otherwise both are above 0.
     """
 
     def __init__(self, noise: float, velocity_noise: float) -> None:
@@ -251,14 +236,14 @@ class ObjectTracker:
         self._state = np.zeros((2, 2))  # rows: position, velocity; columns: x, y
         self._covariance = self._seen
 
-    def update(self, time: float, there: ObjectState) -> ObjectState:
+    def update(self, time: float, sighting: ObjectState) -> ObjectState:
         """Process a sighting at `time` (s); return the filtered state.
 
         A sighting with the time of the last one is ignored, unless it jumps.
         """
         if self._exact:
-            return there
-        sight = np.array([[there.x, there.y], [there.vx, there.vy]])
+            return sighting
+        measured = np.array([[sighting.x, sighting.y], [sighting.vx, sighting.vy]])
         known = 0.0 <= time - self._time <= _FORGET
         elapsed = time - self._time if known else 0.0
         motion = np.array([[1.0, elapsed], [0.0, 1.0]])
@@ -267,11 +252,11 @@ class ObjectTracker:
         push = np.array([elapsed**2 / 2.0, elapsed]) * (_PUSH_SIGMA if moves else 0.1 * _PUSH_SIGMA)
         covariance = motion @ self._covariance @ motion.T + np.outer(push, push)
         spread = np.sqrt(np.diag(covariance + self._seen))
-        if not known or np.any(np.abs(sight - expected) > _SURPRISE * spread[:, None]):
-            self._state, self._covariance = sight, self._seen
+        if not known or np.any(np.abs(measured - expected) > _SURPRISE * spread[:, None]):
+            self._state, self._covariance = measured, self._seen
         elif elapsed > 0.0:
             gain = covariance @ np.linalg.inv(covariance + self._seen)
-            self._state = expected + gain @ (sight - expected)
+            self._state = expected + gain @ (measured - expected)
             self._covariance = (np.eye(2) - gain) @ covariance
         self._time = time
         (x, y), (vx, vy) = self._state.tolist()
@@ -279,44 +264,44 @@ class ObjectTracker:
 
 
 JUMP = 20.0
-"""Difference in s of two stamps that means different clocks, unless as much time has passed."""
+"""Difference in s of two stamps above which their clocks differ, unless as much time has passed."""
 _OFF = 1.0
-"""Real s for which all stamps must be off: an idle node reads the object before odometry of the same time,
-and after a reset some messages are of before."""
+"""Real s for which all stamps must be wrong: an idle node reads the object before odometry of the same time,
+and after a reset some messages are older than it."""
 
 
 class StampError(ValueError):
-    """An implausible stamp, whose message is ignored; the error says by how much it is off."""
+    """An implausible stamp, whose message is ignored."""
 
 
 class Sightings:
     """The recent sightings of one object.
 
-    `timeout` is the age in s, by the stamps, beyond which a sighting is not used. After half of it without a
-    message the object is overdue. It may be changed later, as the attribute of this name.
+    The attribute `timeout` is the age in s, by the stamps, above which a sighting is not used. After half of
+    it without a message the object is overdue.
     """
 
     def __init__(self, name: str, timeout: float, tracker: ObjectTracker) -> None:
         self._name, self.timeout, self._tracker = name, timeout, tracker
         self._velocity = VelocityCheck(name, tracker.noise, tracker.velocity_noise)
-        self._sights: deque[tuple[float, ObjectState]] = deque(maxlen=_KEPT)
+        self._sightings: deque[tuple[float, ObjectState]] = deque(maxlen=_KEPT)
         self.forget()
 
     def forget(self) -> None:
-        """Forget the object, as when time was reset."""
-        self._sights.clear()
+        """Forget the object because time was reset."""
+        self._sightings.clear()
         self._received, self._off_since = -math.inf, math.inf
         self._tracker.reset()
         self._velocity.reset()
 
     def overdue(self, now: float) -> bool:
-        """Return whether no message has arrived for half the timeout until `now`, odometry's newest stamp."""
+        """Return whether no message arrived in half the timeout before `now`, odometry's newest stamp."""
         return now - self._received > self.timeout / 2.0 - _ROUNDING
 
     def add(
-        self, time: float, there: ObjectState, now: float | None, pace: float = 1.0, real: float = 0.0
+        self, time: float, sighting: ObjectState, now: float | None, pace: float = 1.0, real: float = 0.0
     ) -> str | None:
-        """Process a sighting with the stamp `time` in s, which may be old: a late camera still works.
+        """Process a sighting with the stamp `time` in s, which may be old; return the warning of its check.
 
         Parameters
         ----------
@@ -327,17 +312,12 @@ class Sightings:
         real : float
             Real time in s.
 
-        Returns
-        -------
-        str or None
-            A warning that the velocity contradicts the positions and is not used, once per period of that.
-
         Raises
         ------
         StampError
             For a real second, stamps have been ahead of odometry by more than twice the timeout (longer if
-            they run faster than real time), or behind by more than `JUMP`. One less far ahead is accepted:
-            odometry may have paused, and will catch up. What is off for less than that is not used.
+            they run faster than real time), or behind by more than `JUMP`. Within that second such sightings
+            are ignored. Stamps less far ahead are accepted: odometry may have paused, and will catch up.
         """
         if now is not None:
             most = 2.0 * self.timeout * max(1.0, pace)
@@ -346,29 +326,29 @@ class Sightings:
             if off and real - self._off_since < _OFF:
                 return None
             if off:
-                way = f"{time - now:.2f} s ahead" if time > now else f"{now - time:.2f} s behind"
+                error = f"{time - now:.2f} s ahead" if time > now else f"{now - time:.2f} s behind"
                 raise StampError(
                     f"{self._name}.header.stamp: expected about odometry's {now:.2f} s, got {time:.2f} s, "
-                    f"{way}: another clock, odometry has ceased, or this machine is too slow"
+                    f"{error}: another clock, odometry has ceased, or this machine is too slow"
                 )
             self._received = now
-        checked, remark = self._velocity.check(time, there)
-        self._sights.append((time, self._tracker.update(time, checked)))
-        return remark
+        checked, warning = self._velocity.check(time, sighting)
+        self._sightings.append((time, self._tracker.update(time, checked)))
+        return warning
 
     def at(self, time: float) -> ObjectState | None:
         """Return the newest sighting not after odometry's `time`, extrapolated to it; None if there is none.
 
-        Messages of two topics arrive in any order, and a busy node gets only the newest of each. If the only
-        recent sighting is a little newer than odometry, it is extrapolated backward.
+        Messages of two topics arrive in any order, and a busy node gets only the newest of each. A sighting
+        that is newer than odometry is extrapolated backward if it is the only recent one.
         """
         # A sighting that arrived before odometry of its stamp counts as received at its stamp.
-        self._received = max([self._received, *(stamp for stamp, _ in self._sights if stamp <= time)])
-        while self._sights and self._sights[0][0] < time - self.timeout:
-            self._sights.popleft()
-        sights = ((time - stamp, there) for stamp, there in reversed(self._sights))
-        recent = [(age, there) for age, there in sights if abs(age) <= self.timeout]
+        self._received = max([self._received, *(stamp for stamp, _ in self._sightings if stamp <= time)])
+        while self._sightings and self._sightings[0][0] < time - self.timeout:
+            self._sightings.popleft()
+        ages = ((time - stamp, sighting) for stamp, sighting in reversed(self._sightings))
+        recent = [(age, sighting) for age, sighting in ages if abs(age) <= self.timeout]
         if not recent:
             return None
-        age, there = min(recent, key=lambda sight: (sight[0] < 0.0, abs(sight[0])))
-        return there.after(age)
+        age, sighting = min(recent, key=lambda item: (item[0] < 0.0, abs(item[0])))
+        return sighting.after(age)

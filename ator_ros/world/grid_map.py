@@ -16,7 +16,7 @@ import yaml
 from ator_ros.files import FileError, atomic_write, read_yaml, write_text
 from ator_ros.geometry import BoolArray, FloatArray, Pose
 from ator_ros.printable import printable
-from ator_ros.schema import SchemaError, Within, require, structured
+from ator_ros.schema import Must, SchemaError, Within, structured
 
 _LARGEST_YAML = 100_000  # bytes; map_server's have 200
 _FREE = 25  # percent up to which a cell of an OccupancyGrid is free, as map_saver writes it
@@ -31,45 +31,25 @@ class _MapFile:
     """The fields of a map_server file that are used here."""
 
     image: str
-    # Cells of 1 mm to 10 m.
-    resolution: Annotated[float, Within(0.001, 10.0)]
-    origin: tuple[float, ...]
+    resolution: Annotated[float, Within(0.001, 10.0)]  # m
+    origin: Annotated[tuple[float, ...], Must("x, y (m) and yaw (rad)", lambda origin: len(origin) == 3)]
     free_thresh: Annotated[float, Within(0.0, 1.0)]
     negate: int | bool = 0
-    mode: str = "trinary"
-
-    def __post_init__(self) -> None:
-        """Check what the annotations do not."""
-        require(len(self.origin) == 3, "origin", "x, y (m) and yaw (rad)", self.origin)
-        require(self.mode == "trinary", "mode", "trinary", self.mode)
+    mode: Annotated[str, Must("trinary", lambda mode: mode == "trinary")] = "trinary"
 
 
 @dataclass(frozen=True, eq=False)
 class GridMap:
-    """A grid of cells: free, or else occupied or unknown. Maps are equal if name and content are.
+    """A grid of cells: free, or else occupied or unknown. Maps are equal if name and content are."""
 
-    Attributes
-    ----------
-    name : str
-        Where it comes from, for messages.
-    free : array of bool, shape (rows, columns)
-        The first row is at the origin.
-    resolution : float
-        Side of a cell in m.
-    origin : Pose
-        The outer corner of the first cell, and the direction of its row.
-    planner : Planner, optional
-        Plans the routes of drives, instead of the product's own search.
-    """
-
-    name: str
-    free: BoolArray
-    resolution: float
-    origin: Pose
-    planner: Planner | None = None
+    name: str  # file or topic, for messages
+    free: BoolArray  # shape (rows, columns), the first row at the origin
+    resolution: float  # m; side of a cell
+    origin: Pose  # outer corner of the first cell, and the direction of its row
+    planner: Planner | None = None  # plans the routes of drives, instead of our own search
 
     def __post_init__(self) -> None:
-        """Check it; raises FileError."""
+        """Raise FileError if the map is not plausible."""
         numbers = (self.resolution, *self.origin)
         if not all(map(math.isfinite, numbers)) or not 0.001 <= self.resolution <= 10.0:
             raise FileError(
@@ -104,7 +84,7 @@ class GridMap:
     @cached_property
     def walls(self) -> list[tuple[Pose, float, float]]:
         """Rectangles that cover all obstacles next to free cells: pose of the middle, length, width (m)."""
-        from scipy import ndimage  # only those who have a map need it
+        from scipy import ndimage  # slow to import, and needed with a map only
 
         free = np.pad(self.free, 2)
         edges = np.diff((ndimage.binary_dilation(free, np.ones((3, 3))) & ~free).astype(np.int8))
@@ -124,7 +104,7 @@ class GridMap:
 def map_of_grid(
     name: str, width: int, height: int, resolution: float, origin: Pose, data: Sequence[int]
 ) -> GridMap:
-    """Return the map in the fields of an OccupancyGrid, row by row: percent, or -1 where unknown.
+    """Return the map of an OccupancyGrid, whose `data` are row by row percent, or -1 where unknown.
 
     Raises
     ------
@@ -150,7 +130,7 @@ def load_map(path: Path | str) -> GridMap:
     file = Path(path)
     try:
         data = read_yaml(file, largest=_LARGEST_YAML)
-        if isinstance(data, dict):  # map_server ignores what it does not know, too
+        if isinstance(data, dict):  # map_server ignores unknown fields, too
             data = {item.name: data[item.name] for item in fields(_MapFile) if item.name in data}
         read = structured(data, _MapFile)
     except SchemaError as error:
@@ -174,7 +154,7 @@ def save_map(grid: GridMap, folder: Path) -> Path:
 
 def _image(file: Path) -> FloatArray:
     """Read an image, such as PGM or PNG: from 0 (black) to 1 (white), shape (height, width)."""
-    from PIL import Image  # only those who have a map need it
+    from PIL import Image  # slow to import, and needed with a map only
 
     try:
         with Image.open(file) as image:

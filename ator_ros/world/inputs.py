@@ -1,4 +1,4 @@
-"""Joins odometry and sightings of objects, which arrive in separate messages, to one state."""
+"""Combines odometry and sightings of objects, which arrive in separate messages, into one state."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from ator_ros.world.state import ObjectState, RobotState, World
 
 _FASTEST = 1000.0  # greatest plausible ratio of simulated to real time; simulations run at a few hundred
 _LONGEST = 1.0  # longest real s without odometry to which that ratio applies
-_PACE_WINDOW, _PACE_STEP = 2.0, 0.1
-"""Real s over which the pace of stamps is measured, and between two messages that are remembered for it."""
+_PACE_WINDOW, _PACE_STEP = 2.0, 0.1  # real s over which the pace of stamps is measured, and between samples
 _PACE_LEAST = 0.5  # least real s to measure it over: messages 0.05 s late then change it by a tenth
 _REAL_TIME = 0.8  # pace below which stamps run slower than real time, as in a slow simulation
-_FASTER_THAN_REAL = 1.5  # pace; that of messages that were held up for a moment is lower
-_SLOWEST = 50.0  # greatest factor of timeouts: with it a simulation at 0.02 times real time keeps them
+_FASTER_THAN_REAL = 1.5  # pace above that of messages which were delayed for a moment
+_SLOWEST = 50.0  # greatest factor of timeouts, for a simulation at 0.02 times real time
 GAP = 1.0
 """Real time in s without odometry after which the base may have been restarted."""
 
@@ -32,13 +31,12 @@ class Inputs:
         self._objects = objects
         self.time: float | None = None
         """Stamp of the newest odometry in s; None before the first."""
-        self._suspect: float | None = None  # stamp of the last message, if it was not used
-        self._older_at = -math.inf
-        self._came = 0.0
+        self._suspect: float | None = None  # stamp of the last message, if it was rejected
+        self._older_at = -math.inf  # real time in s of the last message that was older than the one before
+        self._received = 0.0  # real time in s of the last message
         self.since = -math.inf
-        """Real time in s since which odometry has come without a gap of more than `GAP`."""
-        self._clocks: deque[tuple[float, float]] = deque()
-        """Real time and stamp (s) of messages of the last seconds."""
+        """Real time in s since which odometry has arrived without a gap of more than `GAP`."""
+        self._clocks: deque[tuple[float, float]] = deque()  # real time and stamp (s) of recent messages
         self.pace = 1.0
         """Stamped s that pass in 1 real s, over the last seconds."""
 
@@ -48,26 +46,20 @@ class Inputs:
         now = self.time
         return frozenset(name for name, item in self._objects.items() if now is None or item.overdue(now))
 
-    def take_timeouts(self, settings: Mapping[str, float]) -> None:
-        """Take timeouts of objects as they are in `settings`, as NAME_timeout in s; others stay."""
+    def set_timeouts(self, settings: Mapping[str, float]) -> None:
+        """Set the timeouts of objects that `settings` contains as NAME_timeout in s."""
         for name, sightings in self._objects.items():
             sightings.timeout = settings.get(f"{name}_timeout", sightings.timeout)
 
-    def object(self, name: str, time: float, there: ObjectState, now: float = 0.0) -> str | None:
+    def object(self, name: str, time: float, sighting: ObjectState, now: float = 0.0) -> str | None:
         """Process a sighting of an object, at `now` in real s; see `Sightings.add`."""
-        return self._objects[name].add(time, there, self.time, self.pace, now)
+        return self._objects[name].add(time, sighting, self.time, self.pace, now)
 
     def robot(self, time: float, robot: RobotState, now: float = 0.0) -> World | None:
-        """Process odometry; return the world at its stamp, or None if the stamp has not advanced.
+        """Process odometry with the stamp `time` in s; return the world, None if the stamp has not advanced.
 
-        One message that is older than the last one came late and is ignored; two in a row are a reset.
-
-        Parameters
-        ----------
-        time : float
-            Stamp in s.
-        now : float
-            Real time in s, which limits by how much the stamp may have advanced.
+        The real time `now` (s) limits by how much the stamp may have advanced. One message that is older than
+        the last one was late and is ignored.
 
         Raises
         ------
@@ -76,25 +68,25 @@ class Inputs:
             ignored. The next one may confirm it.
         ClockJumpError
             The second stamp in a row is older than the last one, or confirms a clock far ahead. All objects
-            are forgotten; the new clock counts.
+            are forgotten and the new clock is used.
         """
-        last, most = self.time, JUMP + _FASTEST * min(now - self._came, _LONGEST)
-        if now - self._came > GAP * self.slowdown:
+        last, most = self.time, JUMP + _FASTEST * min(now - self._received, _LONGEST)
+        if now - self._received > GAP * self.slowdown:
             self.since = now
-        self._came = now
+        self._received = now
         if last is not None and not 0.0 <= time - last <= most:
             self._reject(time, last, most, now)
             return None
         if time != last:
             self._measure_pace(time, now)
         self.time, self._suspect = time, None
-        known = {name: sightings.at(time) for name, sightings in self._objects.items()}
-        objects = {name: there for name, there in known.items() if there is not None}
+        states = {name: sightings.at(time) for name, sightings in self._objects.items()}
+        objects = {name: state for name, state in states.items() if state is not None}
         return None if time == last else World(time, robot, objects)
 
     @property
     def slowdown(self) -> float:
-        """How many times longer real timeouts have to be: above 1 where stamps run slower than real time."""
+        """Factor for timeouts in real time: above 1 if stamps run slower than real time."""
         return min(1.0 / self.pace, _SLOWEST) if 0.0 < self.pace < _REAL_TIME else 1.0
 
     @property
@@ -105,7 +97,7 @@ class Inputs:
     def _measure_pace(self, time: float, now: float) -> None:
         clocks = self._clocks
         if clocks and time - clocks[-1][1] < 0.5 * (now - clocks[-1][0]) / _SLOWEST:
-            clocks.clear()  # slower than any simulation: it was paused, and has its former pace again
+            clocks.clear()  # slower than any simulation: it was paused and keeps its pace
         if not clocks or now - clocks[-1][0] >= _PACE_STEP:
             clocks.append((now, time))
         while len(clocks) > 2 and now - clocks[1][0] >= _PACE_WINDOW:
@@ -122,9 +114,9 @@ class Inputs:
             self._clocks.clear()
             for sightings in self._objects.values():
                 sightings.forget()
-            way = f"jumped {time - last:.2f} s ahead" if time > last else f"went back {last - time:.2f} s"
+            jump = f"jumped {time - last:.2f} s ahead" if time > last else f"went back {last - time:.2f} s"
             raise ClockJumpError(
-                f"time {way}: expected odometry soon after {last:.2f} s, got {time:.2f} s: a reset, another "
+                f"time {jump}: expected odometry soon after {last:.2f} s, got {time:.2f} s: a reset, another "
                 "clock, or two nodes that publish it"
             )
         if time > last:
@@ -135,6 +127,6 @@ class Inputs:
         again, self._older_at = now - self._older_at < GAP, now
         if again:
             raise StampError(
-                f"odom.header.stamp: expected after {last:.2f} s, got {time:.2f} s: messages often come out "
-                "of order, or two nodes publish it"
+                f"odom.header.stamp: expected after {last:.2f} s, got {time:.2f} s: messages often arrive "
+                "out of order, or two nodes publish it"
             )

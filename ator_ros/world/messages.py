@@ -1,7 +1,7 @@
-"""Read ROS messages by their fields, checked and repaired: the one reader of nodes and recordings.
+"""Read ROS messages by their fields, checked and repaired, for nodes and recordings.
 
-Every function raises MessageError, whose text names the place, the expected and the actual value. Repairs:
-quaternions of any length are normalized, a leading slash of frames is ignored as tf2 does, and a velocity is
+Every function raises MessageError, which names the place, the expected and the actual value. Repairs:
+quaternions of any length are normalized, a leading slash of frames is ignored as in tf2, and a velocity is
 rotated from the frame that `child_frame_id` names.
 """
 
@@ -22,9 +22,9 @@ from ator_ros.world.state import Command, ObjectState, RobotState, World
 from ator_ros.world.transforms import Placement, Quaternion
 
 Kind = Literal["Odometry", "PoseStamped", "PoseWithCovarianceStamped", "tf"]
-"""Message types of objects, or tf. Where they lack a velocity, it is estimated from the positions."""
+"""Message types of objects, or tf. Those without a velocity have it estimated from the positions."""
 RESERVED = ("robot", "hold", "goal")
-"""What conditions speak of beside objects."""
+"""Names in conditions that are not objects."""
 _FRAME = re.compile(r"/?[A-Za-z0-9_][\w.-]*(/[\w.-]+)*", re.ASCII)
 _TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
@@ -33,28 +33,18 @@ _TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 class ObjectSource:
     """An object, and the topic of its state.
 
-    Attributes
-    ----------
-    name : str
-        As conditions name it.
-    topic : str
-        Relative to the node's namespace, or absolute; empty: the name. None where `type` is tf.
-    type : str
-        Kind of the messages; tf: the transforms on /tf and /tf_static.
-    optional : bool
-        Whether diagnostics are silent where it is not known. A TOP whose conditions name it needs it anyway.
-    frame : str
-        Where `type` is tf: the object's frame there; empty: the name.
+    If an object is `optional`, diagnostics do not report that it is unknown. A TOP whose conditions name it
+    needs it anyway.
     """
 
-    name: str
-    topic: str = ""
+    name: str  # in conditions
+    topic: str = ""  # relative to the node's namespace, or absolute; empty: the name
     type: Kind = "Odometry"
     optional: bool = False
-    frame: str = ""
+    frame: str = ""  # with type tf; empty: the name
 
     def __post_init__(self) -> None:
-        """Check the names."""
+        """Raise SchemaError if a name is not valid."""
         named = is_name(self.name) and self.name not in RESERVED
         require(named, "name", f"a name of letters, digits and _, none of {', '.join(RESERVED)}", self.name)
         right = not self.topic or bool(_TOPIC.fullmatch(self.topic))
@@ -65,8 +55,8 @@ class ObjectSource:
         require(not getattr(self, other), other, f"none with type {self.type}", getattr(self, other))
 
     @property
-    def listened(self) -> str:
-        """The name of the topic, or of the frame, of which tf2 ignores a leading slash."""
+    def topic_or_frame(self) -> str:
+        """The name of the topic, or of the frame without the leading slash that tf2 ignores."""
         return self.topic or self.frame.removeprefix("/") or self.name
 
 
@@ -76,16 +66,14 @@ FARTHEST = 1e8
 FASTEST = 100.0
 """Greatest velocity in m/s or rad/s: far above wheeled robots and what they push; more is a wrong unit."""
 MOST_OBJECTS = 16
-"""Objects that a situation may hold."""
-LONGEST_NAME = 200
-"""Greatest number of characters in the name of a frame: ROS limits topics to 255."""
+"""Greatest number of objects in a situation."""
 _ROUNDING = 1e-3  # m/s or rad/s that count as 0: filters and float32 leave such values
 _NO_DIRECTION = 1e-6  # length of a quaternion without direction: drivers without orientation send zeros
-_MOST_TILTED = math.radians(30.0)  # tilt up to which the floor is a plane; no ramp is steeper
+_MOST_TILTED = math.radians(30.0)  # greatest tilt of a robot; no ramp is steeper
 
 
 class MessageError(ValueError):
-    """A message that cannot be used; the text says which field, what was expected and what came."""
+    """A message that cannot be used; the text names the field, what was expected and the value."""
 
 
 class FrameError(MessageError):
@@ -132,7 +120,7 @@ def count(items: Sized, where: str, *, least: int, most: int) -> None:
 
 
 def names(items: Collection[str], where: str, *, allowed: Collection[str]) -> frozenset[str]:
-    """Return the names as a set, if all are allowed and each comes once."""
+    """Return the names as a set if all are allowed and none is repeated."""
     found = frozenset(items)
     if len(found) < len(items) or not found.issubset(allowed):
         expected = f"names of {sorted(allowed)}, each once"
@@ -157,7 +145,7 @@ def plain_frame(frame_id: str) -> str:
 
 
 def expect_frame(frame_id: str, where: str, *, expected: str) -> None:
-    """Raise FrameError unless a frame is the expected one, or empty, which means the same; empty: any."""
+    """Raise FrameError unless a frame is the expected one or empty; if `expected` is empty, any will do."""
     if expected and plain_frame(frame_id) not in ("", plain_frame(expected)):
         text = f"{where}: expected the frame {quoted(expected)}, got {quoted(frame_id)}"
         raise FrameError(text, got=frame_id)
@@ -196,23 +184,19 @@ def pose_from(pose: Any, where: str) -> Pose:
 def transform_from(message: Any) -> tuple[str, str, float, Placement]:
     """Read a geometry_msgs/TransformStamped: frame, child frame, time in s, and placement of the child."""
     parent, child = plain_frame(message.header.frame_id), plain_frame(message.child_frame_id)
-    if not (parent and child and parent != child and max(len(parent), len(child)) <= LONGEST_NAME):
+    if not (parent and child and parent != child):
         raise MessageError(f"tf: expected two frames, got {quoted(parent)} and {quoted(child)}")
-    where, moved = f"tf: {quoted(child)}", message.transform.translation
-    origin = (
-        position(moved.x, f"{where}: x"),
-        position(moved.y, f"{where}: y"),
-        position(moved.z, f"{where}: z"),
-    )
-    turn = rotation_from(message.transform.rotation, where)
-    return parent, child, seconds_from(message.header.stamp, f"{where}: stamp"), Placement(origin, turn)
+    where, offset = f"tf: {quoted(child)}", message.transform.translation
+    x, y, z = (position(getattr(offset, axis), f"{where}: {axis}") for axis in "xyz")
+    placement = Placement((x, y, z), rotation_from(message.transform.rotation, where))
+    return parent, child, seconds_from(message.header.stamp, f"{where}: stamp"), placement
 
 
 # Commands, robots and objects
 
 
 def command_from(message: Any, where: str) -> Command:
-    """Read a geometry_msgs/Twist or TwistStamped; components but linear.x and angular.z must be 0."""
+    """Read a geometry_msgs/Twist or TwistStamped; all components except linear.x and angular.z must be 0."""
     twist = getattr(message, "twist", message)
     linear, angular = twist.linear, twist.angular
     others = (linear.y, linear.z, angular.x, angular.y)
@@ -232,12 +216,12 @@ def robot_from_placement(
 ) -> tuple[float, RobotState]:
     """Read time in s and state of the robot from its placement in tf; its velocity is estimated.
 
-    Its velocity is that of `moved`, a time and a placement in odometry's frame: a localization that corrects
-    the pose does not move the robot. None: that of `placement`.
+    `moved` is a time and a placement in odometry's frame, from which the velocity is derived: corrections of
+    the pose by localization are no motion. None: the velocity is derived from `placement`.
     """
     pose = pose_from_placement(placement, "robot in tf")
-    then, there = (time, pose) if moved is None else (moved[0], pose_from_placement(moved[1], "robot in tf"))
-    state = estimate.state(then, there)
+    stamp, unmapped = (time, placement) if moved is None else moved
+    state = estimate.state(stamp, pose_from_placement(unmapped, "robot in tf"))
     return time, RobotState(pose, state.v, state.w)
 
 
@@ -251,22 +235,14 @@ def pose_from_placement(placement: Placement, where: str) -> Pose:
 class OdometryReader:
     """Reads the odometry of one robot in the order of arrival.
 
-    Parameters
-    ----------
-    frame : str
-        The frame that poses must be in; empty: that of the first message.
-
-    Attributes
-    ----------
-    frame : str
-        The frame of the poses; empty before the first message, if none was given.
-    remark : str
-        That pose and twist contradict each other, where the message read last showed it; once, else empty.
+    Poses must be in the frame `frame`; empty: in that of the first message. The attribute `frame` is the
+    frame of the poses, once it is known.
     """
 
     def __init__(self, frame: str = "") -> None:
         self.frame = plain_frame(frame)
         self.remark = ""
+        """That pose and twist contradict each other, after the message that showed it; else empty."""
         self._check = TwistCheck()
 
     def read(self, odometry: Any) -> tuple[float, RobotState]:
@@ -293,7 +269,7 @@ class OdometryReader:
 
 
 class ObjectReader:
-    """Reads the messages of one object in the order of arrival; without a velocity, it is estimated.
+    """Reads the messages of one object in the order of arrival; missing velocities are estimated.
 
     Positions must be in the frame `frame`; empty: any.
     """

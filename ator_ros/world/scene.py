@@ -1,4 +1,4 @@
-"""The scene around a robot: the area, the objects that roll in it, and what stands in it."""
+"""The scene around a robot: the area, the objects that roll in it, and its bays."""
 
 from __future__ import annotations
 
@@ -26,22 +26,12 @@ Mass = Annotated[float, Within(0.001, 10_000.0)]
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """A rectangle in the frame of odometry.
+    """A rectangle in the frame of odometry, in m."""
 
-    Attributes
-    ----------
-    length, width : float
-        Along x and along y, in m.
-    margin : float
-        Free floor around it in m.
-    x, y : float
-        Its center in m.
-    """
-
-    length: Extent
-    width: Extent
-    margin: Extent
-    x: Place = 0.0
+    length: Extent  # along x
+    width: Extent  # along y
+    margin: Extent  # free floor around it
+    x: Place = 0.0  # of its center
     y: Place = 0.0
 
     @property
@@ -79,7 +69,7 @@ class RoundObject:
     restitution: Annotated[float, Within(0.0, 1.0)]
 
     def at_rest(self, state: ObjectState) -> ObjectState:
-        """Return the state in which the object comes to rest if nothing stops it before."""
+        """Return the state in which the object comes to rest by itself."""
         if AT_REST.holds(state.speed):
             return state
         seconds = state.speed / (2.0 * self.rolling_deceleration)
@@ -88,38 +78,20 @@ class RoundObject:
 
 @dataclass(frozen=True, slots=True)
 class Bay:
-    """Three walls around an open front, such as a dock or a goal.
+    """Three walls around an open front, such as a dock or a goal."""
 
-    Attributes
-    ----------
-    x, y : float
-        Middle of the front in m.
-    yaw : float
-        Direction into the bay in rad.
-    width, depth : float
-        Inner sizes in m.
-    """
-
-    x: Place
+    x: Place  # m; middle of the front
     y: Place
-    yaw: Annotated[float, Within(-math.tau, math.tau)]  # more is in degrees
-    width: Extent
+    yaw: Annotated[float, Within(-math.tau, math.tau)]  # rad; into the bay. Greater values are degrees
+    width: Extent  # m; inner sizes
     depth: Extent
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What surrounds the robot.
+    """The surroundings of the robot."""
 
-    Attributes
-    ----------
-    area : Area
-        Where it is meant to drive.
-    bays : tuple of Bay
-        The bays, which do not move.
-    """
-
-    area: Area
+    area: Area  # where the robot is meant to drive
     objects: Mapping[Annotated[str, NAME], RoundObject] = field(default_factory=dict, hash=False)
     bays: tuple[Bay, ...] = ()
 
@@ -128,5 +100,5 @@ class Scene:
         return self.objects[name].radius if name in self.objects else 0.0
 
     def at_rest(self, name: str, state: ObjectState) -> ObjectState:
-        """Return where an object comes to rest; one that is not described is taken as standing."""
+        """Return the state in which an object comes to rest; one without a description does not move."""
         return self.objects[name].at_rest(state) if name in self.objects else state

@@ -13,43 +13,24 @@ from ator_ros.geometry import Pose
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A velocity command, the output of actions.
+    """A velocity command, the output of actions."""
 
-    Attributes
-    ----------
-    v : float
-        Translational velocity in m/s, positive forward.
-    w : float
-        Rotational velocity in rad/s, positive counter-clockwise.
-    """
-
-    v: float = 0.0
-    w: float = 0.0
+    v: float = 0.0  # m/s; positive forward
+    w: float = 0.0  # rad/s; positive counter-clockwise
 
 
 STOP = Command()
 
 CONTROL_PERIOD = 0.05
-"""Time in s between two states, and so between two commands: a control tick."""
+"""Time in s between two states and so between two commands: a control tick."""
 
 
 @dataclass(frozen=True, slots=True)
 class Standstill:
-    """Speeds up to which something counts as standing still: the one definition, with a level for each use.
+    """Speeds up to which a robot or an object counts as standing still, with a level for each use."""
 
-    The levels that several modules share are named below. Others are named where they belong, after what
-    they decide.
-
-    Attributes
-    ----------
-    v : float
-        In m/s.
-    w : float
-        In rad/s; infinite where turning does not matter.
-    """
-
-    v: float
-    w: float = math.inf
+    v: float  # m/s
+    w: float = math.inf  # rad/s; infinite if turning does not matter
 
     def holds(self, v: Any, w: Any = 0.0) -> Any:
         """Return whether speeds v (m/s) and w (rad/s), of any sign, are a standstill; elementwise."""
@@ -57,18 +38,18 @@ class Standstill:
 
 
 AT_REST = Standstill(0.001)
-"""What was placed there, or described as resting; measured speeds are rarely 0."""
+"""An object that was placed, or described, at rest; measured speeds are rarely 0."""
 STILL = Standstill(0.003, 0.006)
-"""A robot that stands up to the noise of its odometry: a plan may begin there, and wait."""
+"""A robot that stands, up to the noise of its odometry: a plan may begin there, and wait."""
 STANDING = Standstill(0.02, 0.05)
 """A robot that has stopped: its goal may end, and another program may move it."""
 RESTING = Standstill(0.02)
-"""An object that rolls no farther than its own position is known."""
+"""An object that rolls less far than its position is uncertain."""
 
 
 @dataclass(frozen=True, slots=True)
 class RobotState:
-    """Pose of the middle of the axle in the world frame, with its velocities (m/s, rad/s)."""
+    """Pose of the middle of the axle in the world frame, with velocities (m/s, rad/s)."""
 
     pose: Pose
     v: float = 0.0
@@ -76,12 +57,12 @@ class RobotState:
 
     @property
     def is_still(self) -> bool:
-        """Whether the robot is at rest, see `STILL`; stricter than `is_standing`."""
+        """Whether the robot is still, see `STILL`; stricter than `is_standing`."""
         return bool(STILL.holds(self.v, self.w))
 
     @property
     def is_standing(self) -> bool:
-        """Whether the robot counts as standing, see `STANDING`."""
+        """Whether the robot stands, see `STANDING`."""
         return bool(STANDING.holds(self.v, self.w))
 
 
@@ -96,12 +77,12 @@ class ObjectState:
 
     @property
     def speed(self) -> float:
-        """Speed in m/s."""
+        """In m/s."""
         return math.hypot(self.vx, self.vy)
 
     @property
     def is_resting(self) -> bool:
-        """Whether the object counts as resting: at most 0.02 m/s."""
+        """Whether the object rests, see `RESTING`."""
         return bool(RESTING.holds(self.speed))
 
     def after(self, seconds: float) -> ObjectState:

@@ -66,7 +66,7 @@ def test_the_server_drives_through_doors_in_the_middle() -> None:
     length = np.hypot(*np.diff(path, axis=0).T).sum()
     shortest = ROUTES.between(*np.array([[*start[:2], *goal[:2]]]).T).length[0]
     assert shortest < length + 0.2 < 1.1 * shortest
-    assert ROUTES.room(*path.T).min() > 0.25
+    assert ROUTES.clearance(*path.T).min() > 0.25
     with Simulation(ROBOT) as simulation:
         place(simulation, World(0.0, RobotState(start)))
         done = run_action(simulation, PursueStandIn(ROBOT), Goal(goal), time_limit=90.0)

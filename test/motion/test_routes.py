@@ -1,4 +1,4 @@
-"""Routes on a map: lengths, headings, margins, places that none leads to."""
+"""Routes on a map: lengths, headings, clearances, places that none leads to."""
 
 import dataclasses
 import math
@@ -10,7 +10,7 @@ from maps import hall
 
 from ator_ros.files import FileError
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
-from ator_ros.motion.routes import MARGINS, Routes, RouteSet
+from ator_ros.motion.routes import CLEARANCES, Routes, RouteSet
 from ator_ros.world.grid_map import GridMap
 
 RADIUS = 0.2
@@ -35,7 +35,7 @@ def test_a_free_line_is_the_route() -> None:
 def test_a_route_leads_through_the_door_around_its_corners() -> None:
     found = between((-3.0, 0.0, 3.0, 0.0))
     # It is a tangent to circles around the corners of the wall, at x = 0.1 m and y = 2 m.
-    near = RADIUS + MARGINS[0]
+    near = RADIUS + CLEARANCES[0]
     angle = math.atan2(2.0, 2.9) + math.asin(near / math.hypot(2.0, 2.9))
     length = 2.0 * (math.sqrt(2.0**2 + 2.9**2 - near**2) + near * angle) + 0.2
     assert found.length == pytest.approx(length, abs=0.1)

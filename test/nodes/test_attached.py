@@ -123,7 +123,7 @@ def test_goals_are_in_free_space_and_apart_from_the_robot(tmp_path: Path, given:
         if routes is not None:
             route = routes.between(*(np.array([value]) for value in (*pose[:2], *goal[:2])))
             assert math.isfinite(route.length[0])
-            assert routes.room(np.array([goal.x]), np.array([goal.y]))[0] >= ROBOT.half_width
+            assert routes.clearance(np.array([goal.x]), np.array([goal.y]))[0] >= ROBOT.half_width
             short += goal.distance(pose) < 0.5
         pose = goal
     assert given != "map" or 5 <= short <= 30  # one drive in seven

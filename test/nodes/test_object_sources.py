@@ -54,5 +54,5 @@ def test_the_position_from_tf_is_read_and_the_velocity_estimated() -> None:
 def test_a_source_is_a_topic_or_a_frame(given: dict[str, Any], expected: str) -> None:
     with pytest.raises(ValueError, match=expected):
         ObjectSource("cart", **given)
-    assert ObjectSource("cart", type="tf").listened == "cart"
-    assert ObjectSource("cart", type="tf", frame="/cart_link").listened == "cart_link"
+    assert ObjectSource("cart", type="tf").topic_or_frame == "cart"
+    assert ObjectSource("cart", type="tf", frame="/cart_link").topic_or_frame == "cart_link"

@@ -146,5 +146,5 @@ def test_a_free_place_is_searched_where_the_robot_has_room_on_its_map() -> None:
     routes = routes_of(robot)
     assert routes is not None
     x, y = (np.array([place[axis] for place in places]) for axis in (0, 1))
-    assert (routes.room(x, y) >= robot.reach).tolist() == [True, False]
+    assert (routes.clearance(x, y) >= robot.reach).tolist() == [True, False]
     assert abs(places[0].x) < 1.0
