@@ -22,6 +22,7 @@ STAND_INS = {
     "drive_to": f"{PACKAGE}.domains.stand_ins:DriveToStandIn",
     "pursue": f"{PACKAGE}.domains.stand_ins:PursueStandIn",
 }
+PLANNERS = {"navfn": f"{PACKAGE}.domains.stand_ins:navfn"}
 
 
 def data_files() -> list[tuple[str, list[str]]]:
@@ -56,5 +57,6 @@ setup(
         ],
         f"{PACKAGE}.domains": [f"{name} = {value}" for name, value in DOMAINS.items()],
         f"{PACKAGE}.stand_ins": [f"{name} = {value}" for name, value in STAND_INS.items()],
+        f"{PACKAGE}.planners": [f"{name} = {value}" for name, value in PLANNERS.items()],
     },
 )

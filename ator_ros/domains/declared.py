@@ -332,6 +332,7 @@ class DeclaredDomain:
     chains: tuple[DeclaredChain, ...] = ()
     robot: str | None = None
     map: str | None = None
+    planner: str | None = None  # entry point of `PLANNERS`, whose paths are the routes on the map
     bays: bool = False
     servers: tuple[DeclaredServer, ...] = ()
     time_limit: Duration = TIME_LIMIT

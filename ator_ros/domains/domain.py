@@ -34,14 +34,14 @@ from ator_ros.tops.conditions import Condition, state_variables
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import objects_in
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges, declared_ranges
-from ator_ros.world.grid_map import GridMap, load_map
+from ator_ros.world.grid_map import GridMap, Planner, load_map
 from ator_ros.world.messages import ObjectSource
 from ator_ros.world.scene import Bay, RoundObject, Scene
 from ator_ros.world.state import World
 
 GROUP = "ator_ros.domains"
 """Group of entry points: the installed domains."""
-STAND_INS = "ator_ros.stand_ins"
+STAND_INS, PLANNERS = "ator_ros.stand_ins", "ator_ros.planners"
 """Group of entry points: actions that replace action servers in simulations without ROS."""
 _LONGEST_REASON = 200  # characters
 _LARGEST_FILE = 200_000  # bytes; a file with a dozen TOPs has 5 kB
@@ -99,6 +99,8 @@ class Domain:
         Returns TOPs with the tolerances and regions of a robot and its scene, which replace those in `tops`.
     grid : GridMap or None
         The map of the building; see `on_map`.
+    planner : callable, optional
+        Returns, for a map and a robot, what plans the routes on it; see `GridMap.planner`.
 
     Raises
     ------
@@ -123,6 +125,7 @@ class Domain:
     goals: Callable[[Robot], Mapping[str, Condition]] = lambda _: {}
     fitted: Callable[[Robot], tuple[Top, ...]] | None = None
     grid: GridMap | None = None
+    planner: Callable[[GridMap, Robot], Planner] | None = None
 
     def __post_init__(self) -> None:
         try:
@@ -238,7 +241,10 @@ class Domain:
         known = {**self.bodies, **robot.scene.objects}
         objects = {name: known[name] for name in self.objects if name in known}
         scene = dataclasses.replace(robot.scene, objects=objects, bays=self.bays(robot.scene))
-        equipped = dataclasses.replace(robot, scene=scene, grid=self.grid)
+        grid = self.grid
+        if grid is not None and grid.planner is None and self.planner is not None:
+            grid = dataclasses.replace(grid, planner=self.planner(grid, robot))
+        equipped = dataclasses.replace(robot, scene=scene, grid=grid)
         routes_of(equipped)  # which checks the map
         return equipped
 
@@ -414,6 +420,7 @@ def _made(declared: DeclaredDomain, path: Path) -> Domain:
         servers=tuple(server.beside(path) for server in declared.servers),
         time_limit=limit,
         grid=None if declared.map is None else load_map(path.parent / declared.map),
+        planner=None if declared.planner is None else _loaded(PLANNERS, declared.planner, "planner"),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from functools import lru_cache
 
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
@@ -61,9 +62,14 @@ class PursueStandIn(DriveToStandIn):
     def law(self, goal: tuple[float, float, float]) -> Law:
         """Return the server's law for a goal: x, y (m) and yaw (rad)."""
         grid = self.robot.grid
-        return Pursuit(goal, None if grid is None else _planner(grid, self.robot.half_width))
+        return Pursuit(goal, None if grid is None else navfn(grid, self.robot))
+
+
+def navfn(grid: GridMap, robot: Robot) -> NavFn:
+    """Return the planner of `pursuit_server` for a robot on a map."""
+    return _navfn(dataclasses.replace(grid, planner=None), robot.half_width)
 
 
 @lru_cache(maxsize=4)
-def _planner(grid: GridMap, radius: float) -> NavFn:
+def _navfn(grid: GridMap, radius: float) -> NavFn:
     return NavFn(grid.free, grid.resolution, grid.origin, radius)

@@ -53,7 +53,11 @@ class NavFn:
         self._potentials: OrderedDict[tuple[int, int], Grid] = OrderedDict()  # of the last goals
         _descend(_potential(np.ones((2, 2)), 0, 0), 1 + 1j, 0j)  # loads compiled code
 
-    def path(self, start: tuple[float, float], goal: tuple[float, float]) -> Grid | None:
+    def __str__(self) -> str:
+        """Return the name of the planner."""
+        return "NavFn"
+
+    def __call__(self, start: tuple[float, float], goal: tuple[float, float]) -> Grid | None:
         """Return a path from `start` to `goal`, both x, y in m.
 
         Returns

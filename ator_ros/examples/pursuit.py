@@ -61,7 +61,7 @@ class Pursuit:
         self.distance = math.hypot(self._goal[0] - state.x, self._goal[1] - state.y)
         v = 0.0
         if self._planner is not None and self._path is None and self.phase not in ENDED:
-            points = self._planner.path((state.x, state.y), self._goal[:2])
+            points = self._planner((state.x, state.y), self._goal[:2])
             self._path = None if points is None else _Path(points)
             self.phase = Phase.MISSED if points is None else self.phase
         if self._path is not None:

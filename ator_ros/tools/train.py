@@ -86,8 +86,8 @@ def train(
             "starts": start_ranges(examples, robot),
             "train_command": command,
         }
-        if domain.grid is not None:
-            training["map"] = str(domain.grid)
+        if robot.grid is not None:
+            training["map"] = str(robot.grid)
         metadata = {
             "action_set": action_set,
             "training": training,

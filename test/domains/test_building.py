@@ -41,7 +41,7 @@ def test_places_of_drives_and_tours_are_free_and_stations_in_different_rooms() -
         places = [trial.world.robot.pose, *(call.goal.pose for call in trial.chain.calls)]
         assert 4 <= len(trial.chain) <= 6
         steps = list(itertools.pairwise(places))
-        assert all(PLANNER.path(here[:2], there[:2]) is not None for here, there in steps)
+        assert all(PLANNER(here[:2], there[:2]) is not None for here, there in steps)
         pairs += steps
     x, y, to_x, to_y = np.array([(*here[:2], *there[:2]) for here, there in pairs]).T
     assert np.isfinite(ROUTES.between(x, y, to_x, to_y).length).all()
@@ -61,7 +61,7 @@ def test_walls_stop_the_robot() -> None:
 
 def test_the_server_drives_through_doors_in_the_middle() -> None:
     start, goal = Pose(-7.0, 4.0, math.pi / 2), Pose(7.0, -4.8, 0.0)
-    path = PLANNER.path(start[:2], goal[:2])
+    path = PLANNER(start[:2], goal[:2])
     assert path is not None
     length = np.hypot(*np.diff(path, axis=0).T).sum()
     shortest = ROUTES.between(*np.array([[*start[:2], *goal[:2]]]).T).length[0]
@@ -76,7 +76,7 @@ def test_the_server_drives_through_doors_in_the_middle() -> None:
 
 
 def test_in_free_space_its_path_is_hardly_longer_than_the_line_and_none_leads_into_walls() -> None:
-    path = NavFn(np.ones((100, 100), dtype=bool), 0.1, (-5.0, -5.0, 0.0), 0.2).path((-3.0, -2.0), (3.0, 1.0))
+    path = NavFn(np.ones((100, 100), dtype=bool), 0.1, (-5.0, -5.0, 0.0), 0.2)((-3.0, -2.0), (3.0, 1.0))
     assert path is not None
     assert np.hypot(*np.diff(path, axis=0).T).sum() < 1.03 * math.hypot(6.0, 3.0)
     law = Pursuit((-3.05, 3.0, 0.0), PLANNER)
