@@ -365,7 +365,10 @@ class Backend:
     # Execution
 
     def drive(self, label: str, draft: Draft, *, refine: bool) -> Run:
-        """Execute the chain of a draft to its end; if that is interrupted, cancel it."""
+        """Execute the chain of a draft to its end, or cancel it if this is interrupted.
+
+        Raises NodesError if the chain is lost.
+        """
         run = Run(label)
         try:
             self.execute(run, draft, refine=refine)
@@ -376,6 +379,8 @@ class Backend:
                     self.stop()
             except NodesError as error:
                 raise NodesError(f"the robot may still drive: {error}") from error
+        if run.problem:
+            raise NodesError(run.problem)
         return run
 
     def execute(self, run: Run, draft: Draft, *, refine: bool) -> None:
