@@ -138,7 +138,7 @@ def test_a_robot_on_tf_is_observed(mocked: Mocked) -> None:
     until(lambda: backend.world() is not None, "the robot", lambda: backend.spin(0.02))
     world = backend.world()
     assert world.robot.pose.distance(nodes.robot) < 1e-6
-    assert backend.silence() < 5.0
+    assert backend.state_age() < 5.0
 
 
 # With real nodes

@@ -82,7 +82,7 @@ class InProcessBackend:
     def world(self) -> World | None:
         return self.state
 
-    def silence(self) -> float:
+    def state_age(self) -> float:
         return 0.0
 
     def refine(self, draft: Draft, *, as_given: bool = False) -> Answer:

@@ -163,6 +163,6 @@ def test_the_panel_shows_times_reason_and_rules_of_the_situation() -> None:
 
 def test_the_clock_reports_a_silent_robot() -> None:
     world = World(3.0, RobotState(Pose(0.0, 0.0, 0.0)))
-    assert clock_text(world, paused=False, status="drives", silence=1.0) == "**3.00 s** · drives"
-    assert "no state of the robot for 7 s" in clock_text(world, paused=False, status="drives", silence=7.3)
-    assert clock_text(world, paused=True, status="waits", silence=7.3) == "**3.00 s** (paused) · waits"
+    assert clock_text(world, 1.0, "drives", paused=False) == "**3.00 s** · drives"
+    assert "no state of the robot for 7 s" in clock_text(world, 7.3, "drives", paused=False)
+    assert clock_text(world, 7.3, "waits", paused=True) == "**3.00 s** (paused) · waits"
