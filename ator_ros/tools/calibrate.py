@@ -19,7 +19,6 @@ import rclpy
 import yaml
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
 
 from ator_ros.files import header, portable_command, write_text
 from ator_ros.nodes.commands import CommandPublisher
@@ -31,7 +30,7 @@ from ator_ros.nodes.running import uninterrupted
 from ator_ros.robot.description import KIND, Limits, Robot, least_torque, load_robot
 from ator_ros.robot.identification import BaseEstimate, identify
 from ator_ros.robot.probe_drive import DriveError, ProbeDrive
-from ator_ros.tools.command_line import destination, guarded, number
+from ator_ros.tools.command_line import destination, guarded, number, without_ros_arguments
 from ator_ros.world.messages import plain_frame
 from ator_ros.world.state import STOP, RobotState
 
@@ -202,5 +201,5 @@ def arguments() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    options = arguments().parse_args(remove_ros_args(["calibrate", *words])[1:])
+    options = arguments().parse_args(without_ros_arguments(words)[0])
     return guarded("calibrate", lambda: calibrate(options, words))

@@ -68,18 +68,16 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
         for name in dict.fromkeys(options.robots or [""]):
             remapping = ["--ros-args", "-r", f"__ns:=/{name}"] if name else []
             frame = options.frame or (f"{name}/odom" if name else "odom")
-            backends[name] = Backend(domain, robot, frame=frame, arguments=[*words, *remapping], **started)
-            closing.callback(backends[name].close)
+            backend = Backend(domain, robot, frame=frame, arguments=[*words, *remapping], **started)
+            closing.callback(backend.close)
+            backends[name or "robot"] = backend
         for backend in backends.values():
             backend.ready(simulated=not options.attach)
         editor = Editor(next(iter(backends.values())))
         if options.attach:
             editor.select(editor.backend)  # showing running robots must not move them
-        models = _models(options.models, domain, robot)
-        robots = backends if options.robots else {}
-        page = Page(
-            editor, robot, robot_urdf(robot), models, robots=robots, host=options.host, port=options.port
-        )
+        models, urdf = _models(options.models, domain, robot), robot_urdf(robot)
+        page = Page(editor, robot, urdf, models, robots=backends, host=options.host, port=options.port)
         closing.callback(page.server.stop)
         address = f"http://{options.host}:{page.server.get_port()}"
         print(f"view: open {address} in a browser; Ctrl-C stops the view", flush=True)

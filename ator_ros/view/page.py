@@ -41,7 +41,7 @@ class Page:
     models : mapping
         Performance models by action set and action, whose rules are shown.
     robots : mapping of str to Backend
-        If several robots are shown, all of them by name, including the editor's.
+        All robots by name, including the editor's.
     host, port : str, int
         Address of the page; by default only this machine can reach it.
     """
@@ -63,9 +63,8 @@ class Page:
         area = robot.scene.area
         self._chain = Canvas(server, "/chain", area)
         self._trails = Canvas(server, "/trails", area, 0.03)
-        self._model = RobotModel(server, "/robot", urdf, area)
         self._robots = robots
-        self._others = {name: RobotModel(server, f"/robots/{name}", urdf, area) for name in robots}
+        self._robot_models = {name: RobotModel(server, f"/robots/{name}", urdf, area) for name in robots}
         self._objects = {}
         for name, item in robot.scene.objects.items():
             self._objects[name] = Handle(
@@ -102,8 +101,9 @@ class Page:
     async def _update(self, now: float) -> None:
         world = self._editor.backend.world()
         with self.server.atomic():
+            self._show_robots()
             if world is not None:
-                self._show_world(world)
+                self._show_objects(world)
             if self._edition != self._editor.edition:
                 self._edition = self._editor.edition
                 self._show_chain()
@@ -113,12 +113,12 @@ class Page:
                 self._show_texts(world)
                 self._show_trails()
 
-    def _show_world(self, world: World) -> None:
-        self._model.show(world.robot.pose)
-        for name, model in self._others.items():
-            backend = self._robots[name]
-            other = None if backend is self._editor.backend else backend.world()
-            model.show(None if other is None else other.robot.pose)
+    def _show_robots(self) -> None:
+        for name, model in self._robot_models.items():
+            world = self._robots[name].world()
+            model.show(None if world is None else world.robot.pose)
+
+    def _show_objects(self, world: World) -> None:
         for name, handle in self._objects.items():
             state = world.objects.get(name)
             handle.show(None if state is None else Pose(state.x, state.y, 0.0))

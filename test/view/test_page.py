@@ -64,7 +64,7 @@ def test_two_clients_receive_the_same_and_one_may_vanish(shown: Shown) -> None:
         client.until(lambda client=client: client.scene.get("/objects/ball") == (0.5, -1.0, 0.0), "the ball")
     first.until(lambda: first.scene == second.scene, "the same scene")
     pose = shown.backend.state.robot.pose
-    assert first.scene["/robot"] == pytest.approx((pose.x, pose.y, 0.0), abs=1e-6)
+    assert first.scene["/robots/ann"] == pytest.approx((pose.x, pose.y, 0.0), abs=1e-6)
     assert {"/chain/ring0", "/chain/naive/legs", "/goals/1"} <= set(first.scene)
 
     first.vanish()
@@ -100,10 +100,9 @@ def test_several_robots_are_shown_and_one_is_chosen(shown: Shown) -> None:
     shown.editor.execute(NAIVE)
     shown.page.commands.put(lambda: shown.editor.select(shown.other))
     shown.step()
-    client.until(lambda: client.scene["/robot"] == pytest.approx((-1.0, 1.5, 0.0)), "the choice")
+    client.until(lambda: client.scene["/objects/ball"] == pytest.approx((2.0, -0.5, 0.0)), "the choice")
     start = shown.backend.state.robot.pose
     client.until(lambda: client.scene["/robots/ann"] == pytest.approx((*start[:2], 0.0)), "the first one")
-    assert client.scene["/objects/ball"] == pytest.approx((2.0, -0.5, 0.0))
     refined = shown.other.refined[-1]
     assert refined.world.robot.pose == Pose(-1.0, 1.5, 0.5)
     assert refined.chain.calls[0].goal.pose[:2] == (2.0, -0.5)
