@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 T = TypeVar("T")
-VERSION = 1
-"""Version of all formats."""
+VERSION = 1  # of all formats
 _FORMAT, _VERSION = "format", "schema_version"
 _LARGEST_JSON = 20_000_000  # bytes; the largest model that ships has 40 kB
 _LONGEST_NAME = 100  # characters; file systems allow 255 bytes
@@ -134,13 +133,7 @@ def save(
 
 
 def load(path: Path | str, kind: str, schema: type[T]) -> T:
-    """Read a file of this kind, see `save`.
-
-    Raises
-    ------
-    FileError
-        The file cannot be read, or does not fit the schema.
-    """
+    """Read a file of this kind, see `save`; raises FileError if it does not fit the schema."""
     data = read_json(Path(path))
     try:
         return structured(content_of(data, kind), schema)

@@ -13,19 +13,11 @@ BoolArray = NDArray[np.bool_]
 
 
 class Pose(NamedTuple):
-    """A pose in the plane.
+    """A pose in the plane."""
 
-    Attributes
-    ----------
-    x, y : float
-        Position in m.
-    yaw : float
-        Heading in rad, counter-clockwise from the x axis.
-    """
-
-    x: float
-    y: float
-    yaw: float
+    x: float  # m
+    y: float  # m
+    yaw: float  # heading in rad, counter-clockwise from the x axis
 
     def compose(self, local: Pose) -> Pose:
         """Return the pose `local`, given relative to this pose, in the frame that this pose is given in."""

@@ -73,10 +73,7 @@ NOT_EMPTY = Must("at least one", bool)
 def structured(data: object, schema: type[T]) -> T:
     """Return parsed data as an instance of `schema`, a dataclass or a type that contains dataclasses.
 
-    Raises
-    ------
-    SchemaError
-        The data does not fit; the message names the first wrong field.
+    Raises SchemaError if the data does not fit; the message names the first wrong field.
     """
     try:
         value: T = _read(data, schema, "")

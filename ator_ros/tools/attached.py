@@ -46,12 +46,7 @@ class Destinations:
     Goals are at the places of `file`, a YAML file with a list of places. Without a file they are in the free
     space of the robot's map. Without a map the domain draws them, or they are in the robot's area.
 
-    Raises
-    ------
-    FileError
-        The file cannot be used.
-    NoPlaceError
-        A place is not in free space of the map.
+    Raises FileError if the file cannot be used, and NoPlaceError if a place is not in free space of the map.
     """
 
     def __init__(self, robot: Robot, file: Path | None) -> None:
@@ -94,9 +89,8 @@ class Destinations:
             return self._places[int(rng.integers(len(self._places)))].drawn(rng)
         yaw = float(rng.uniform(-np.pi, np.pi))
         if self._routes is None:
-            low, high = np.split(np.array(self._robot.scene.area.lines), 2)
-            x, y = rng.uniform(low, high).tolist()
-            return Pose(x, y, yaw)
+            x_min, y_min, x_max, y_max = self._robot.scene.area.lines
+            return Pose(float(rng.uniform(x_min, x_max)), float(rng.uniform(y_min, y_max)), yaw)
         grid = self._routes.grid
         x, y = (rng.random(2) * grid.free.shape[::-1] * grid.resolution).tolist()
         return grid.origin.compose(Pose(x, y, yaw))
@@ -125,14 +119,9 @@ def drives(
 ) -> Generator[pd.DataFrame, None, None]:
     """Drive with the running executor; yield the row of each episode. An interruption stops the robot.
 
-    `missing` are the action and the number of each episode.
-
-    Raises
-    ------
-    ExperienceError
-        The user does not confirm, another client controls the robot, or too many drives in a row fail.
-    NodesError
-        The executor or the robot's state is missing.
+    `missing` are the action and the number of each episode. Raises ExperienceError if the user does not
+    confirm, another client controls the robot, or too many drives in a row fail, and NodesError if the
+    executor or the robot's state is missing.
     """
     if not missing:
         return

@@ -13,6 +13,7 @@ import os
 import sys
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import rclpy
@@ -116,10 +117,11 @@ class _Driver:
         self._received: float | None = None  # real s
         self._stamp = -1.0  # s, of the newest odometry
         self._done = False
+        warn = partial(node.get_logger().warning, throttle_duration_sec=_ODOM_TIMEOUT)
         settings = {FRAME.name: options.frame, ROBOT_FRAME.name: "base_link", STATE.name: "odom"}
         subscriptions = Subscriptions(
             node, settings, robot, (),
-            take_robot=self._take_robot, take_object=lambda *_: None, warn=self._warn,
+            take_robot=self._take_robot, take_object=lambda *_: None, warn=warn,
         )  # fmt: skip
         self._diagnosis = Diagnosis(node, subscriptions)
 
@@ -148,9 +150,6 @@ class _Driver:
             raise DriveError(f"odom: expected a newer message every {_ODOM_TIMEOUT:g} s; {cause}")
         if self._node.count_publishers("cmd_vel") > 1:
             raise DriveError("cmd_vel: expected no other publisher; stop the executor and other controllers")
-
-    def _warn(self, text: str) -> None:
-        self._node.get_logger().warning(text, throttle_duration_sec=_ODOM_TIMEOUT)
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
         if stamp <= self._stamp or self._done:

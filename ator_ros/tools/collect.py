@@ -33,8 +33,7 @@ from ator_ros.tools.command_line import (
     without_ros_arguments,
 )
 
-EPISODES = "episodes of the same seed, robot, domain, action set and versions"
-"""Content of a file of partial results."""
+EPISODES = "episodes of the same seed, robot, domain, action set and versions"  # a file of partial results
 
 
 @dataclass(frozen=True)

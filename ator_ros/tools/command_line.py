@@ -28,8 +28,7 @@ from ator_ros.robot.probe_drive import DriveError
 from ator_ros.schema import SchemaError
 from ator_ros.world.messages import MessageError
 
-INTERRUPTED = 130
-"""Exit code after Ctrl-C or SIGTERM."""
+INTERRUPTED = 130  # exit code after Ctrl-C or SIGTERM
 RESUMES = "the same command resumes from here"
 _LONGEST_LINE = 1000
 _EXPECTED_ERRORS: tuple[type[Exception], ...] = (
@@ -141,16 +140,12 @@ def run_tool(
 ) -> int:
     """Parse a command line whose names depend on its domain, run `work`, and return the exit code.
 
-    Names that the domain lacks are errors of the command line.
-
     Parameters
     ----------
     parser : ArgumentParser
         Has the options of `add_setting`.
     work : callable
         Is called with the options, the domain, and the command line for records.
-    argv, interrupted
-        As for `argparse` and for `guarded`.
     needed : bool
         Whether a domain without names for one of the options in `names` is an error.
     **names : callable

@@ -9,7 +9,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -37,14 +36,13 @@ from ator_ros.view.draft import Draft
 from ator_ros.view.runs import Answer, Run, seconds
 from ator_ros.world.state import World
 
-PICTURE = (
+_LEGEND = (
     "the robot's path in each situation, naive (orange) and refined (blue); "
-    "arrows are the robot, dots objects, crosses the goals of the steps, green where nothing is open"
+    "arrows show the start, dots objects, and crosses the goals of steps (green: nothing is open)"
 )
-"""Legend of the picture."""
 _COLUMNS = 3
 _MOST_SITUATIONS = 200  # that fit into one picture
-BLUE, ORANGE, GRAY, GREEN = "#1f5fa8", "#d9791a", "#8a8f98", "#2e7d4f"
+BLUE, ORANGE, GRAY, GREEN, DARK = "#1f5fa8", "#d9791a", "#8a8f98", "#2e7d4f", "#333333"
 
 
 @dataclass(frozen=True)
@@ -101,12 +99,12 @@ def _times(situation: DemoSituation, run: Run) -> dict[str, str]:
     predicted = situation.answer.after if run.record.refined else situation.answer.before
     actual = itertools.chain((a.actual.duration for a in run.record.actions), itertools.repeat(math.nan))
     steps = zip(situation.chain.calls, predicted, actual, strict=False)  # fewer if it failed
-    cells = {f"{number} {call.top.name}": _pair(*times) for number, (call, *times) in enumerate(steps, 1)}
-    return {**cells, "chain": "failed" if math.isnan(run.duration) else _pair(sum(predicted), run.duration)}
-
-
-def _pair(predicted: float, actual: float) -> str:
-    return f"{seconds(predicted)} / {seconds(actual)}"
+    cells = {
+        f"{number} {call.top.name}": f"{seconds(before)} / {seconds(after)}"
+        for number, (call, before, after) in enumerate(steps, 1)
+    }
+    chain = f"{seconds(sum(predicted))} / {seconds(run.duration)}"
+    return {**cells, "chain": "failed" if math.isnan(run.duration) else chain}
 
 
 def _summary(situations: Sequence[DemoSituation]) -> str:
@@ -134,29 +132,24 @@ def save_picture(file: Path, domain: Domain, robot: Robot, situations: Sequence[
     figure = Figure(figsize=(4.6 * _COLUMNS, 3.4 * rows), layout="constrained")
     for number, situation in enumerate(situations, start=1):
         axes = figure.add_subplot(rows, _COLUMNS, number)
-        _panel(axes, domain, robot, situation)
+        for lines in surroundings(domain, robot):
+            axes.add_collection(LineCollection(list(lines.points), colors=GRAY, linewidths=0.8))
+        pose = situation.start.robot.pose
+        axes.quiver(pose.x, pose.y, math.cos(pose.yaw), math.sin(pose.yaw), color=DARK, scale=18.0)
+        for state in situation.start.objects.values():
+            axes.plot(state.x, state.y, "o", color="black", ms=4)
+        for call in situation.chain.calls:
+            axes.plot(*call.goal.pose[:2], "+", color=DARK if call.open else GREEN, ms=7)
+        for (name, run), color in zip(situation.runs.items(), (ORANGE, BLUE), strict=True):
+            time = "failed" if math.isnan(run.duration) else f"{run.duration:.2f} s"
+            path = np.array([pose[:2] for pose in run.poses]).reshape(-1, 2)
+            axes.plot(*path.T, color=color, lw=1.5, label=f"{name}, {time}")
+        axes.set_aspect("equal")
+        axes.axis("off")
+        axes.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.02), ncols=2)
         axes.set_title(f"{number}", fontsize=9, loc="left")
     with atomic_write(file) as temporary:
         figure.savefig(temporary, format="png", dpi=130)
-
-
-def _panel(axes: Any, domain: Domain, robot: Robot, situation: DemoSituation) -> None:
-    for lines in surroundings(domain, robot):
-        axes.add_collection(LineCollection(list(lines.points), colors=GRAY, linewidths=0.8))
-    pose = situation.start.robot.pose
-    axes.quiver(pose.x, pose.y, math.cos(pose.yaw), math.sin(pose.yaw), color="#333333", scale=18.0)
-    for state in situation.start.objects.values():
-        axes.plot(state.x, state.y, "o", color="black", ms=4)
-    for call in situation.chain.calls:
-        color = "#333333" if call.open else GREEN
-        axes.plot(call.goal.pose.x, call.goal.pose.y, "+", color=color, ms=7)
-    for (name, run), color in zip(situation.runs.items(), (ORANGE, BLUE), strict=True):
-        time = "failed" if math.isnan(run.duration) else f"{run.duration:.2f} s"
-        path = np.array([pose[:2] for pose in run.poses]).reshape(-1, 2)
-        axes.plot(path[:, 0], path[:, 1], color=color, lw=1.5, label=f"{name}, {time}")
-    axes.set_aspect("equal")
-    axes.axis("off")
-    axes.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.02), ncols=2)
 
 
 def _demo(options: argparse.Namespace, domain: Domain, _: str) -> None:
@@ -182,7 +175,7 @@ def _demo(options: argparse.Namespace, domain: Domain, _: str) -> None:
         if finished:
             print(f"\n{table(finished)}")
             save_picture(options.out, domain, robot, finished)
-            print(f"\n{options.out.resolve()}: {PICTURE}\nmake view shows chains live, in the browser")
+            print(f"\n{options.out.resolve()}: {_LEGEND}\nmake view shows chains live, in the browser")
 
 
 def _execute(backend: Backend, trial: Trial, action_set: str) -> DemoSituation:

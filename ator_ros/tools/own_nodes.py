@@ -25,6 +25,7 @@ from ator_ros.experience.records import ENDED, episode_of
 from ator_ros.experience.table import ExperienceError, episode_frame
 from ator_ros.nodes.network import RANGE, THIS_MACHINE, NodesError, free_domain, stay_on_this_machine
 from ator_ros.nodes.remote_messages import RemoteError, RemoteInterface
+from ator_ros.nodes.running import uninterrupted
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import top_of
@@ -33,7 +34,6 @@ from ator_ros.view.draft import Draft
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import World
 
-FRAME = "odom"
 _EXECUTOR_TIMEOUT = 2.0  # s, for odometry and refinement; longer than on a robot, for busy machines
 _LONG_DEADLINE = 1.0  # s, of refinement; less than the executor's timeout
 _ATTEMPTS = 3  # drives from one situation: other programs or a busy machine may abort a drive
@@ -93,10 +93,7 @@ class NodeProcesses:
 
     def __exit__(self, *_: object) -> None:
         """Send SIGINT to all nodes in reverse order, and kill those that do not end."""
-        # A second Ctrl-C, a second SIGTERM (`timeout` sends two) or a closing terminal must not leave nodes.
-        numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-        previous = [signal.signal(number, signal.SIG_IGN) for number in numbers]
-        try:
+        with uninterrupted():  # a second signal (`timeout` sends two) must not leave nodes
             running = [process for process in reversed(self._processes.values()) if process.poll() is None]
             for process in running:
                 process.send_signal(signal.SIGINT)
@@ -107,9 +104,6 @@ class NodeProcesses:
                 process.kill()
                 process.wait()
             self._logs.cleanup()
-        finally:
-            for number, handler in zip(numbers, previous, strict=True):
-                signal.signal(number, handler)
 
 
 def _executable(package: str, name: str, where: str = "servers") -> str:
@@ -195,7 +189,7 @@ def drives(
         if spec.remote is None:
             continue
         try:
-            RemoteInterface(spec.remote, FRAME)
+            RemoteInterface(spec.remote, "odom")
         except RemoteError as error:
             raise ExperienceError(f"{spec.name}: action server {spec.remote.server}: {error}") from error
     servers = domain.remote_servers(source.action_set)

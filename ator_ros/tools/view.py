@@ -30,12 +30,11 @@ from ator_ros.tools.command_line import (
     whole,
     without_ros_arguments,
 )
-from ator_ros.tools.own_nodes import NodeProcesses, all_nodes
+from ator_ros.tools.own_nodes import all_nodes
 from ator_ros.view.backend import Backend
 from ator_ros.view.editor import Editor
 from ator_ros.world.messages import plain_frame
 
-_PORTS = (1024, 65535)  # lower ports are for root
 _PERIOD = 1.0 / 25.0  # s
 _SIMULATED = {"lockstep": True}  # a busy machine must not change a chain, whatever the simulation's speed
 _EXECUTED = {"odom_timeout": 60.0}  # real s, the greatest allowed: the longest pause of a chain
@@ -54,7 +53,6 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
         raise DomainError(f"domain: expected one with chains, got {domain.name}, which has none")
     robot = domain.robot(options.robot or None)
     options.domain = options.domain or domain.name
-    nodes: NodeProcesses | None = None
     started: dict[str, Any] = {}
     with contextlib.ExitStack() as closing:
         if options.attach:
@@ -82,8 +80,6 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
         address = f"http://{options.host}:{page.server.get_port()}"
         print(f"view: open {address} in a browser; Ctrl-C stops the view", flush=True)
         while True:
-            if nodes is not None:
-                nodes.check()
             for backend in backends.values():
                 backend.spin(_PERIOD / len(backends))
             editor.step(page.take_commands())
@@ -115,7 +111,7 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="view", description=__doc__, usage="%(prog)s [options] [--ros-args ...]"
     )
-    parser.add_argument("--port", type=whole(*_PORTS), default=8080, help="default: %(default)s")
+    parser.add_argument("--port", type=whole(1024, 65535), default=8080, help="default: %(default)s")
     parser.add_argument(
         "--host", default="127.0.0.1", help="address to serve at (default: %(default)s: this machine only)"
     )

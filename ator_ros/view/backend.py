@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import re
 import time
 import uuid
@@ -17,6 +16,7 @@ import rclpy
 from action_msgs.msg import GoalInfo
 from action_msgs.srv import CancelGoal
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Point, PointStamped, PoseStamped
 from nav_msgs.msg import Path
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
@@ -29,7 +29,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ChainPerformance, Objective, Outcome, SearchCurve
 from ator_interfaces.srv import PlaceObject, PlaceRobot, RefineSubgoal
 from ator_ros.domains.domain import Domain
-from ator_ros.geometry import FloatArray, Pose
+from ator_ros.geometry import Pose
 from ator_ros.nodes.inputs import Subscriptions
 from ator_ros.nodes.messages import action_set_from, chain_from, chain_of, pose_of, situation_of
 from ator_ros.nodes.network import NodesError, UnavailableError
@@ -50,7 +50,6 @@ _DISCOVERY = 2.0  # real s after which a simulation, or a service of the executo
 _PLACEMENT_DELAY = 0.1  # real s after which all nodes have received placed states
 _EXECUTOR_TIMEOUT = 5.0  # real s without an executor after which its chain counts as lost
 _OBJECT_TIMEOUT = 1.0  # s by the stamps after which an object that is not observed is no longer shown
-_WARNING_PERIOD = 2.0  # real s
 _USUAL_SETTINGS = {STATE.name: "odom", "robot_frame": "base_link", "frame": "odom"}  # of the executor
 _LONGEST_REASON = 300  # characters
 _KEPT_RUNS = 10  # messages about a chain may arrive after the start of the next one
@@ -65,25 +64,12 @@ class Backend:
     ----------
     frame : str
         Frame of odometry and of all poses; empty: the executor's.
-    ros_domain : int, optional
-        By default that of the environment.
     arguments : sequence of str
         ROS arguments, such as the namespace of the robot's nodes.
     check : callable
-        Called while waiting; raises an error to stop waiting.
+        Called while messages are processed; raises an error to stop that.
     start_timeout, timeout : float
         Real s for the start of nodes, and for answers of nodes that may end.
-
-    Attributes
-    ----------
-    can_place, paused : bool
-        Whether robot and objects can be placed, as in a simulation, and whether this client paused time.
-    history : History
-        The executed chains of all clients.
-    path : ndarray, shape (n, 2), or None
-        The planned path of the active action: x and y in m.
-    learned, refused : str
-        The learned set of models in use, and why the last placement was refused; or empty.
     """
 
     def __init__(
@@ -101,10 +87,11 @@ class Backend:
         self.domain, self._robot, self._frame, self._check = domain, robot, frame, check
         self._timeout, self._timeout_attached = start_timeout, timeout
         self.libraries = {name: domain.library(robot, name) for name in domain.action_sets}
-        self.can_place = self._is_shared = self.paused = False
-        self.history = History()
-        self.path: FloatArray | None = None
-        self.learned = self.refused = ""
+        self.can_place = self._is_shared = False  # whether there is a simulation, and for several robots
+        self.paused = False  # whether this client paused time
+        self.history = History()  # the executed chains of all clients
+        self.path: list[tuple[float, float]] = []  # planned by the active action: x and y in m
+        self.learned = self.refused = ""  # the learned models in use; why the last placement was refused
         self._newest: tuple[float, RobotState] | None = None
         self._objects: dict[str, tuple[float, ObjectState]] = {}
         self._own_runs: deque[Run] = deque(maxlen=_KEPT_RUNS)
@@ -118,6 +105,7 @@ class Backend:
         except RuntimeError as error:  # rcl's message has several lines
             text = " ".join(str(error).split())
             raise NodesError(f"expected arguments of ROS, got {list(arguments)}: {text}") from error
+        self._warn = partial(self.node.get_logger().warning, throttle_duration_sec=2.0)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._connect()
@@ -191,6 +179,7 @@ class Backend:
 
     def spin(self, seconds: float) -> None:
         """Process messages for some real s; the chain of an executor that ended or restarted is lost."""
+        self._check()
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
             self._spin_once(min(left, _SPIN))
@@ -206,14 +195,13 @@ class Backend:
         with uninterrupted():
             self._executor.spin_once(timeout_sec=seconds)
 
-    def until(self, condition: Callable[[], object], what: str, timeout: float | None = None) -> None:
-        """Process messages until a condition holds, by default for the time that an answer may take."""
-        limit = self._timeout if timeout is None else timeout
-        end = time.monotonic() + limit
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        """Process messages until a condition holds."""
+        end = time.monotonic() + self._timeout
         while not condition():
             self._check()
             if time.monotonic() > end:
-                raise NodesError(f"expected {what} within {limit:g} s, got nothing")
+                raise NodesError(f"expected {what} within {self._timeout:g} s, got nothing")
             self._spin_once(_SPIN)
 
     def _call(self, client: Any, request: Any) -> Any:
@@ -234,14 +222,11 @@ class Backend:
         return answer
 
     def _send(self, client: Any, request: Any) -> Future:
-        """Call a service; do not wait for the answer."""
+        """Call a service without waiting for the answer."""
         if not client.service_is_ready():
             raise UnavailableError(f"expected the service {client.srv_name}, it is not there")
         future: Future = client.call_async(request)
         return future
-
-    def _warn(self, text: str) -> None:
-        self.node.get_logger().warning(text, throttle_duration_sec=_WARNING_PERIOD)
 
     # State
 
@@ -255,7 +240,7 @@ class Backend:
 
     def _take_path(self, message: Path) -> None:
         points = [(pose.pose.position.x, pose.pose.position.y) for pose in message.poses]
-        self.path = np.array(points) if points and np.isfinite(points).all() else None
+        self.path = points if np.isfinite(points).all() else []
 
     def _take_diagnostics(self, node: str, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -372,7 +357,8 @@ class Backend:
         run = Run(label)
         try:
             self.execute(run, draft, refine=refine)
-            self.until(lambda: run.ended, "the record of the chain", math.inf)
+            while not run.ended:
+                self.spin(_SPIN)
         finally:
             try:
                 if self._active is run:  # not the goal of another client
@@ -406,7 +392,7 @@ class Backend:
             self.until(lambda: run.record or _is_rejected(future), "the status of execute_chain")
         except NodesError:
             with contextlib.suppress(NodesError):  # it may have been accepted, and would not be monitored
-                self._send(self._cancel, CancelGoal.Request(goal_info=_goal_info(run.chain_id)))
+                self._send(self._cancel, _cancel_request(run.chain_id))
             raise
         if _is_rejected(future):
             run.problem = "the executor accepts no goal"
@@ -418,7 +404,7 @@ class Backend:
         if run.ended:
             return
         try:
-            self._call(self._cancel, CancelGoal.Request(goal_info=_goal_info(run.chain_id)))
+            self._call(self._cancel, _cancel_request(run.chain_id))
             if self.can_place:
                 self.pause(paused=False)  # the robot can brake only while time passes
             self.until(lambda: run.ended or self._active is not run, "the end of the chain")
@@ -481,17 +467,17 @@ def _goal_info(chain_id: str) -> GoalInfo:
     return info
 
 
+def _cancel_request(chain_id: str) -> CancelGoal.Request:
+    return CancelGoal.Request(goal_info=_goal_info(chain_id))
+
+
 def _is_rejected(future: Future) -> bool:
     return future.done() and not future.result().accepted
 
 
 def _robot_at(pose: Pose) -> PlaceRobot.Request:
-    request = PlaceRobot.Request()
-    request.pose.pose = pose_of(pose)
-    return request
+    return PlaceRobot.Request(pose=PoseStamped(pose=pose_of(pose)))
 
 
 def _object_at(x: float, y: float) -> PlaceObject.Request:
-    request = PlaceObject.Request()
-    request.position.point.x, request.position.point.y = x, y
-    return request
+    return PlaceObject.Request(position=PointStamped(point=Point(x=x, y=y)))

@@ -117,25 +117,16 @@ def _follows(call: TopCall, name: str, state: ObjectState) -> bool:
     return followed(call.top) == name and pose.distance(Pose(state.x, state.y, 0.0)) <= _SAME_PLACE
 
 
-def situation_draft(
-    domain: Domain,
-    libraries: Mapping[str, TopLibrary],
-    chain: str,
-    *,
-    seed: int,
-    index: int,
-    action_set: str = "",
-) -> Draft:
-    """Return a random situation of a chain of the domain; without `action_set`, it has the first one."""
-    library = libraries[action_set or next(iter(libraries))]
+def situation_draft(domain: Domain, library: TopLibrary, chain: str, *, seed: int, index: int) -> Draft:
+    """Return a random situation of a chain of the domain."""
     trial = random_trial(domain, chain, library, seed=seed, index=index)
     return Draft(trial.world, open_speeds(trial.chain), library.action_set)
 
 
-def first_draft(domain: Domain, libraries: Mapping[str, TopLibrary]) -> tuple[str, Draft]:
+def first_draft(domain: Domain, library: TopLibrary) -> tuple[str, Draft]:
     """Return the name of the first chain whose steps all have actions, and its first situation."""
     *others, last = domain.chains
     for name in others:
         with contextlib.suppress(LeftOutError):
-            return name, situation_draft(domain, libraries, name, seed=0, index=0)
-    return last, situation_draft(domain, libraries, last, seed=0, index=0)
+            return name, situation_draft(domain, library, name, seed=0, index=0)
+    return last, situation_draft(domain, library, last, seed=0, index=0)

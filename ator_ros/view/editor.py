@@ -19,32 +19,22 @@ _FOLLOW_PERIOD = 0.2  # s of the robot's clock between two updates of a draft th
 
 
 class Editor:
-    """Edits a draft, keeps refinement's answer up to date, and executes chains; for one thread.
-
-    Attributes
-    ----------
-    answer, problem : Answer or None, str
-        Refinement's answer for the draft, and the last error, or empty.
-    runs : list of Run
-        The executions since the last edit, the newest last; two are a race.
-    edition : int
-        Increases with every change of draft or answer.
-    """
+    """Edits a draft, keeps refinement's answer up to date, and executes chains; for one thread."""
 
     def __init__(self, backend: Backend) -> None:
         self.backend, self.domain, self.libraries = backend, backend.domain, backend.libraries
         self.seed, self.index = 0, 0
-        self.answer: Answer | None = None
-        self.problem = ""
-        self.runs: list[Run] = []
-        self.edition = 0
+        self.answer: Answer | None = None  # for the draft
+        self.problem = ""  # the last error
+        self.runs: list[Run] = []  # executions since the last edit, the newest last; two are a race
+        self.edition = 0  # increases with every change of draft or answer
         self._waiting: list[Run] = []
         self._stale = True  # refinement must be called
         self._displaced = True  # robot and objects may be elsewhere than in the draft
         self._follows, self._followed_at = False, -math.inf  # whether the draft follows the robot; time in s
         self._retry = 0  # steps until refinement is called again
         self._external: tuple[object, ...] = ()  # state of another client's goal in the draft
-        self.chain_name, self.draft = first_draft(self.domain, self.libraries)
+        self.chain_name, self.draft = first_draft(self.domain, next(iter(self.libraries.values())))
 
     # Situations
 
@@ -53,9 +43,8 @@ class Editor:
         name = chain or self.chain_name
         seed = self.seed if seed is None else seed
         index = self.index if index is None else index
-        draft = situation_draft(
-            self.domain, self.libraries, name, seed=seed, index=index, action_set=self.draft.action_set
-        )
+        library = self.libraries[self.draft.action_set]
+        draft = situation_draft(self.domain, library, name, seed=seed, index=index)
         self.chain_name, self.seed, self.index = name, seed, index
         self.draft = dataclasses.replace(draft, weights=self.draft.weights)
         self.reset()
@@ -138,11 +127,6 @@ class Editor:
         self._waiting.clear()
         if self._is_active:
             self.backend.stop()
-
-    @property
-    def run(self) -> Run | None:
-        """The newest execution."""
-        return self.runs[-1] if self.runs else None
 
     @property
     def verdict(self) -> str:

@@ -36,14 +36,8 @@ _TRAIL_WIDTH, _GOAL_RADIUS = 0.025, 0.16  # m
 class Page:
     """Serves a page; the editor's thread calls `update` regularly.
 
-    Parameters
-    ----------
-    models : mapping
-        Performance models by action set and action, whose rules are shown.
-    robots : mapping of str to Backend
-        All robots by name, including the editor's.
-    host, port : str, int
-        Address of the page; by default only this machine can reach it.
+    `models` are performance models by action set and action, whose rules are shown. `robots` are the backends
+    of all robots by name, including the editor's. By default only this machine can reach the page.
     """
 
     def __init__(
@@ -99,28 +93,24 @@ class Page:
         asyncio.run_coroutine_threadsafe(self._update(now), self.server.get_event_loop()).result()
 
     async def _update(self, now: float) -> None:
-        world = self._editor.backend.world()
         with self.server.atomic():
-            self._show_robots()
-            if world is not None:
-                self._show_objects(world)
+            self._show_items()
             if self._edition != self._editor.edition:
                 self._edition = self._editor.edition
                 self._show_chain()
             self._show_handles()
             if now - self._written_at >= _TEXT_PERIOD:
                 self._written_at = now
-                self._show_texts(world)
+                self._show_texts()
                 self._show_trails()
 
-    def _show_robots(self) -> None:
+    def _show_items(self) -> None:
         for name, model in self._robot_models.items():
             world = self._robots[name].world()
             model.show(None if world is None else world.robot.pose)
-
-    def _show_objects(self, world: World) -> None:
+        world = self._editor.backend.world()
         for name, handle in self._objects.items():
-            state = world.objects.get(name)
+            state = None if world is None else world.objects.get(name)
             handle.show(None if state is None else Pose(state.x, state.y, 0.0))
 
     def _show_chain(self) -> None:
@@ -149,8 +139,7 @@ class Page:
             handle.show(movable.get(step))
 
     def _show_trails(self) -> None:
-        path = self._editor.backend.path
-        planned = polyline("planned", [] if path is None else path.tolist(), YELLOW, _TRAIL_WIDTH)
+        planned = polyline("planned", self._editor.backend.path, YELLOW, _TRAIL_WIDTH)
         driven = (
             polyline(run.label, [pose[:2] for pose in run.poses], _TRAILS[run.label], _TRAIL_WIDTH)
             for run in self._editor.runs
@@ -207,9 +196,9 @@ class Page:
 
     def _weights(self) -> None:
         usual = {"duration": 1.0, "success": self._editor.domain.time_limit, "accuracy": 0.0}
-        labels = {"success": "success (s per failure)", "accuracy": "accuracy (s per m)"}
+        units = {"duration": "", "success": " (s per failure)", "accuracy": " (s per m)"}
         for name, weight in usual.items():
-            field = self._gui.add_number(labels.get(name, name), weight, min=0.0, max=MOST_WEIGHT, step=0.1)
+            field = self._gui.add_number(name + units[name], weight, min=0.0, max=MOST_WEIGHT, step=0.1)
             self._on_change(field, partial(self._editor.edit, Draft.with_weight, name))
 
     def _show_draft(self) -> None:
@@ -234,12 +223,12 @@ class Page:
                     self._on_change(box, partial(self._editor.edit, Draft.with_open, step, name))
                     self._boxes.append((step, name, box))
 
-    def _show_texts(self, world: World | None) -> None:
+    def _show_texts(self) -> None:
         editor, backend, answer = self._editor, self._editor.backend, self._editor.answer
-        status = "drag robot, objects or goals" if editor.run is None else editor.run.status
+        status = editor.runs[-1].status if editor.runs else "drag robot, objects or goals"
         if backend.refused:
             status = f"not moved: {backend.refused}"
-        self._clock.content = clock_text(world, backend.state_age(), status, paused=backend.paused)
+        self._clock.content = clock_text(backend.world(), backend.state_age(), status, paused=backend.paused)
         self._times.content = times_text(answer, editor.runs)
         self._gate.content = gate_text(answer, editor.problem)
         self._verdict.content = editor.verdict
@@ -256,9 +245,8 @@ class Page:
         """Queue a command for each value that a client enters."""
 
         def queue(event: Any) -> None:
-            value = field.value
             if event.client is not None:  # else the page itself has set the value
-                self.commands.put(lambda: command(value))
+                self.commands.put(partial(command, field.value))
 
         field.on_update(queue)
 

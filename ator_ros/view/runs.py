@@ -19,8 +19,7 @@ from ator_ros.tops.chain import TopChain
 from ator_ros.view.draft import Draft
 from ator_ros.world.messages import pose_from, world_from
 
-OTHERS = "others"
-"""Label of the executions that other clients started."""
+OTHERS = "others"  # label of the executions that other clients started
 _MOST_CHAINS, _SHOWN, _RECENT = 500, 12, 20  # chains that are kept, in the table, and in the model error
 _LONGEST = 300  # characters
 _SUCCEEDED = Ending.SUCCEEDED.value
@@ -31,55 +30,29 @@ _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>#|~$!])")
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """The answer of refinement: the naive chain, and the chain to execute.
-
-    Attributes
-    ----------
-    reason : str
-        The gate's reason.
-    before, after : tuple of float
-        Predicted durations in s of the steps of `naive`, and of the best chain found; NaN without a model.
-    chosen : int
-        Number of the alternative that was chosen; 0: the chain itself.
-    """
+    """The answer of refinement."""
 
     naive: TopChain
-    chain: TopChain
+    chain: TopChain  # to execute
     refined: bool
-    reason: str
-    before: tuple[float, ...] = ()
-    after: tuple[float, ...] = ()
+    reason: str  # of the gate
+    before: tuple[float, ...] = ()  # predicted durations in s of the steps of `naive`; NaN without a model
+    after: tuple[float, ...] = ()  # the same of the best chain found
     curves: tuple[SubgoalCurve, ...] = ()
-    chosen: int = 0
+    chosen: int = 0  # number of the chosen alternative; 0: the chain itself
 
 
 @dataclass
 class Run:
-    """One execution of a chain.
+    """One execution of a chain."""
 
-    Attributes
-    ----------
-    label : str
-        "naive", "refined" or "others".
-    record : ChainPerformance or None
-        The executor's newest record of it; None before the first one.
-    draft : Draft or None
-        Of a goal of another client: its start and its current chain, with open variables.
-    problem : str
-        Why the executor reports no outcome, such as a failed start; or empty.
-    poses : list of Pose
-        Path of the robot since the start.
-    chain_id : str
-        The goal's id in records; empty before the start.
-    """
-
-    label: str
-    record: Any = None
-    draft: Draft | None = None
-    problem: str = ""
-    poses: list[Pose] = field(default_factory=list)
-    chain_id: str = ""
-    _start: float = math.nan
+    label: str  # "naive", "refined" or "others"
+    record: Any = None  # the executor's newest ChainPerformance; None before the first one
+    draft: Draft | None = None  # of another client's goal: its start and current chain, with open variables
+    problem: str = ""  # why the executor reports no outcome, such as a failed start
+    poses: list[Pose] = field(default_factory=list)  # path of the robot since the start
+    chain_id: str = ""  # id of the goal in records; empty before the start
+    _start: float = math.nan  # s, of the clock of `record_pose`
     _newest: float = math.nan
 
     @property

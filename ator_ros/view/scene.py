@@ -22,10 +22,8 @@ from ator_ros.robot.description import Robot
 from ator_ros.world.scene import Area
 
 LOOPBACK = "127.0.0.1"
-_FLOOR = (72, 122, 84)  # red, green and blue
 _ABOVE_FLOOR = 0.04  # m
 _KNOB_RADIUS, _KNOB_DISTANCE = 0.09, 0.35  # m
-_OPACITY = 0.35
 
 
 class _Server(viser.ViserServer):
@@ -58,7 +56,7 @@ def serve(domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 808
     camera.look_at, camera.fov = (0.0, -0.05 * area.width, 0.0), math.radians(50.0)
     size = (area.length + 2.0 * area.margin, area.width + 2.0 * area.margin, 0.02)
     server.scene.add_box(
-        "/floor", color=_FLOOR, dimensions=size, position=(0.0, 0.0, -0.01), cast_shadow=False
+        "/floor", color=(72, 122, 84), dimensions=size, position=(0.0, 0.0, -0.01), cast_shadow=False
     )
     Canvas(server, "/surroundings", area, 0.02).draw(surroundings(domain, robot))
     return server
@@ -83,8 +81,7 @@ class Canvas:
         for name in set(self._shown) - set(drawn):
             self._shown.pop(name).remove()
         for name, shape in drawn.items():
-            heights = np.full((*shape.points.shape[:2], 1), self._height)
-            points = np.concatenate([shape.points - self._center, heights], axis=2).astype(np.float32)
+            points = np.insert(shape.points - self._center, 2, self._height, axis=2).astype(np.float32)
             colors = np.repeat((255 * shape.colors).astype(np.uint8)[:, None, :], 2, axis=1)
             if name in self._shown:  # changing a shape is much cheaper than a new one
                 handle = self._shown[name]
@@ -144,7 +141,7 @@ class Handle(Movable):
         if sphere:
             scene.add_icosphere(body, radius, color, position=center).on_drag("left")(self._drag)
             return
-        disc = scene.add_cylinder(body, radius, height, color, opacity=_OPACITY, position=center)
+        disc = scene.add_cylinder(body, radius, height, color, opacity=0.35, position=center)
         disc.on_drag("left")(self._drag)
         position = (radius + _KNOB_DISTANCE, 0.0, _KNOB_RADIUS)
         knob = scene.add_icosphere(f"{name}/knob", _KNOB_RADIUS, color, position=position)

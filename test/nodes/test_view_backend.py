@@ -182,7 +182,7 @@ def test_a_goal_of_another_client_is_followed_and_can_be_canceled(
     steps(editor, lambda: not editor.executing, "the end")
 
     editor.execute(NAIVE)
-    steps(editor, lambda: editor.run is not None and editor.run.ended, "our chain")
+    steps(editor, lambda: editor.runs and editor.runs[-1].ended, "our chain")
     assert backend.external is None
     backend.close()
 

@@ -115,7 +115,7 @@ def test_several_robots_are_shown_and_one_is_chosen(shown: Shown) -> None:
 
 def test_a_goal_of_another_client_is_drawn(shown: Shown) -> None:
     client = shown.join()
-    draft = situation_draft(SOCCER, shown.backend.libraries, "dribble", seed=3, index=1)
+    draft = situation_draft(SOCCER, shown.backend.libraries["default"], "dribble", seed=3, index=1)
     record = record_of(2.5, duration=3.0, reason="executing", refined=True, refinement="gain of 1.2 s")
     goal = Run(OTHERS, record, draft)
     shown.backend.external = goal
