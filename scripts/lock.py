@@ -1,11 +1,11 @@
-"""Write requirements/constraints.txt: versions and hashes of the pinned packages and their dependencies.
+"""Write requirements/constraints.txt: version and hashes of all packages that the pins beside it bring along.
 
-    python3 scripts/lock.py              after changing a pin: all other packages keep their versions
-    python3 scripts/lock.py --upgrade    the newest versions of packages that are not pinned
+    python3 scripts/lock.py              after changing a pin: everything else keeps its version
+    python3 scripts/lock.py --upgrade    the newest versions of what is not pinned
 
-The lock is valid for every Python and Linux machine that set-up supports: it has the hashes of all files of a
-version. uv computes it in a temporary virtual environment from the index UV_DEFAULT_INDEX. Needs only the
-standard library.
+The lock holds for every Python and Linux machine that set-up supports: the hashes are those of all files of a
+version. uv works them out, in a temporary virtual environment. It asks the index that UV_DEFAULT_INDEX names.
+Needs only the standard library.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ OLDEST_PYTHON = "3.11"
 
 
 def locked(text: str) -> str:
-    """Return the output of `uv pip compile` without comments and packages for other systems."""
+    """Return what `uv pip compile` wrote without packages for other systems and without its comments."""
     lines = [line for line in text.splitlines() if not line.lstrip().startswith("#")]
     entries = re.split(r"\n(?=\w)", "\n".join(lines).strip())
     return "\n".join(entry for entry in entries if "win32" not in entry.split("\n")[0]) + "\n"

@@ -230,3 +230,8 @@ def destination(text: str) -> Path:
     if path.is_dir() or not folder.is_dir():
         raise argparse.ArgumentTypeError(f"expected a file that can be written, got {text!r}")
     return path
+
+
+def topic(text: str) -> str:
+    """Return the absolute name of a topic or action; an argparse type."""
+    return f"/{text.removeprefix('/')}"

@@ -24,7 +24,7 @@ from ator_ros.performance.model_file import load_model, model_path, save_model
 from ator_ros.performance.training import digest, start_ranges, without_errors, without_routes
 from ator_ros.performance.training import train as train_model
 from ator_ros.robot.description import Robot
-from ator_ros.tools.command_line import add_setting, run_tool
+from ator_ros.tools.command_line import add_setting, run_tool, topic
 
 
 def train(
@@ -146,7 +146,7 @@ def arguments() -> argparse.ArgumentParser:
     for role, what in ((ODOM, "odometry"), (CMD_VEL, "velocity commands")):
         parser.add_argument(
             f"--{role.replace('_', '-')}",
-            type=lambda name: f"/{name.removeprefix('/')}",
+            type=topic,
             metavar="TOPIC",
             help=f"of {what} in recordings (default: {role} in any namespace)",
         )

@@ -11,11 +11,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rclpy.exceptions import InvalidNamespaceException
-from rclpy.validate_namespace import validate_namespace
-
 from ator_ros.domains.domain import Domain, DomainError, domain_for
-from ator_ros.files import FileError
+from ator_ros.files import FileError, is_name
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_models
@@ -97,12 +94,8 @@ def _models(folder: str, domain: Domain, robot: Robot) -> Mapping[str, Mapping[s
 
 def _namespace(text: str) -> str:
     name = text.removeprefix("/")
-    try:
-        validate_namespace(f"/{name}")
-    except InvalidNamespaceException as error:
-        raise argparse.ArgumentTypeError(
-            f"expected a namespace of letters, digits, _ and /, got {text!r}"
-        ) from error
+    if not all(map(is_name, name.split("/"))):
+        raise argparse.ArgumentTypeError(f"expected a namespace of letters, digits, _ and /, got {text!r}")
     return name
 
 
