@@ -154,7 +154,8 @@ def drives(
                     raise ExperienceError(
                         f"{action}: {record.outcome.reason}; the same command resumes from here"
                     )
-                row, reason = episode_row(record, number, domain, robot)
+                row, problem = episode_row(record, number, domain, robot)
+                reason = problem or record.outcome.reason
                 goals += 1
                 failures = 0 if ending is Ending.SUCCEEDED else failures + (ending is not Ending.REFUSED)
             yield row
